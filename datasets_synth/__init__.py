@@ -1,0 +1,1 @@
+"""Rendered stereo street scenes with truth, and part-labelled views for the class model."""

@@ -1,0 +1,119 @@
+"""Cameras and the ground plane.
+
+Conventions, here and everywhere:
+
+- camera frame: x right, y down, z forward, metres; depth is z, never ray length;
+- pixel coordinates ``uv_px`` have integer values at pixel centres (OpenCV), and ``K`` is in that convention;
+- boxes use pixel edges instead (COCO): column ``j`` covers ``[j, j + 1)``. ``uv_px = edge - 0.5``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """An ideal pinhole camera: the 3 x 4 matrix M of eq. 2 is ``[K | 0]`` in its own frame."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: int
+    height_px: int
+
+    def __post_init__(self) -> None:
+        if not (self.fx_px > 0 and self.fy_px > 0 and self.width_px > 0 and self.height_px > 0):
+            raise RescoreError(
+                f"camera: focal lengths and sizes must be positive, got {self}; check the calibration"
+            )
+
+    @property
+    def matrix(self) -> FloatArray:
+        """K, shape (3, 3)."""
+        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], dtype=float)
+
+    def rays(self, uv_px: FloatArray) -> FloatArray:
+        """Viewing rays with z = 1, so that depth times ray is the point; (..., 2) pixels to (..., 3)."""
+        x = (uv_px[..., 0] - self.cx_px) / self.fx_px
+        y = (uv_px[..., 1] - self.cy_px) / self.fy_px
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+    def project(self, xyz_cam_m: FloatArray) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) in front of the camera (eqs. 3 and 4)."""
+        z = xyz_cam_m[..., 2]
+        u = self.fx_px * xyz_cam_m[..., 0] / z + self.cx_px
+        v = self.fy_px * xyz_cam_m[..., 1] / z + self.cy_px
+        return np.stack([u, v], axis=-1)
+
+
+@dataclass(frozen=True)
+class StereoCamera:
+    """A rectified pair; the right eye stands ``baseline_m`` along +x of the left camera."""
+
+    left: PinholeCamera
+    baseline_m: float
+
+    def __post_init__(self) -> None:
+        if not self.baseline_m > 0:
+            raise RescoreError(
+                f"camera: baseline_m must be positive metres, got {self.baseline_m}; left and right may be swapped"
+            )
+
+    def depth_m(self, disparity_px: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Depth in metres; NaN where the disparity is NaN or not positive."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = self.left.fx_px * self.baseline_m / disparity_px
+        return np.where(disparity_px > 0, depth, np.nan).astype(np.float32)
+
+    def disparity_px(self, depth_m: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Disparity in pixels; NaN where the depth is NaN or not positive."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            disparity = self.left.fx_px * self.baseline_m / depth_m
+        return np.where(depth_m > 0, disparity, np.nan).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class GroundPlane:
+    """The ground Qg of eq. 5 as camera height and pitch: ``up . X + height_m = 0`` in the camera frame."""
+
+    height_m: float
+    pitch_rad: float = 0.0
+    """Positive when the camera looks down."""
+
+    def __post_init__(self) -> None:
+        if not self.height_m > 0:
+            raise RescoreError(f"ground plane: the camera must be above the ground, got height_m={self.height_m}")
+
+    @property
+    def up(self) -> FloatArray:
+        """Unit normal (ag, bg, cg), pointing up, in the camera frame, shape (3,)."""
+        return np.array([0.0, -np.cos(self.pitch_rad), -np.sin(self.pitch_rad)])
+
+    def intersect(self, rays: FloatArray) -> FloatArray:
+        """Points (..., 3) where rays (..., 3) meet the ground (eqs. 2 to 5); NaN on or above the horizon."""
+        slope = rays @ self.up
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(slope < -1e-6, -self.height_m / slope, np.nan)
+        return rays * t[..., None]
+
+
+def default_camera(width_px: int, height_px: int) -> PinholeCamera:
+    """The camera assumed where none is known, after Hoiem et al. 2005 (the report, section 6).
+
+    Focal length 1.4 times the picture height (about 40 degrees vertically), principal point in the middle.
+    """
+    focal_px = 1.4 * height_px
+    return PinholeCamera(
+        focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
+    )
+
+
+DEFAULT_GROUND = GroundPlane(height_m=1.5, pitch_rad=0.0)
+"""The ground assumed where none is known: an eye at 1.5 m, horizon in the middle of the picture."""

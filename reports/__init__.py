@@ -1,0 +1,1 @@
+"""What people look at: curves, tables, the HTML report and the Rerun recording."""

@@ -1,0 +1,50 @@
+"""Boxes: ``xyxy_px`` arrays (n, 4) of left, top, right, bottom pixel edges (see recon.camera)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def xyxy_from_xywh(xywh_px: FloatArray) -> FloatArray:
+    """COCO boxes (n, 4) of left, top, width, height to edges (n, 4)."""
+    boxes = np.asarray(xywh_px, dtype=float).reshape(-1, 4)
+    return np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
+
+
+def xywh_from_xyxy(xyxy_px: FloatArray) -> FloatArray:
+    """Edges (n, 4) to COCO boxes (n, 4)."""
+    boxes = np.asarray(xyxy_px, dtype=float).reshape(-1, 4)
+    return np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
+
+
+def iou_matrix(a_xyxy_px: FloatArray, b_xyxy_px: FloatArray) -> FloatArray:
+    """Intersection over union of every a with every b, shape (n, m), in [0, 1]; 0 where both are empty."""
+    a = np.asarray(a_xyxy_px, dtype=float).reshape(-1, 4)
+    b = np.asarray(b_xyxy_px, dtype=float).reshape(-1, 4)
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    inter = np.prod(np.clip(high - low, 0, None), axis=2)
+    area_a = np.prod(a[:, 2:] - a[:, :2], axis=1)
+    area_b = np.prod(b[:, 2:] - b[:, :2], axis=1)
+    union = area_a[:, None] + area_b[None, :] - inter
+    return np.divide(inter, union, out=np.zeros_like(inter), where=union > 0)
+
+
+def suppress(xyxy_px: FloatArray, score: FloatArray, max_iou: float, max_count: int | None = None) -> NDArray[np.intp]:
+    """Indices kept by greedy non-maximum suppression, best first.
+
+    Ties keep the earlier index, so the result does not depend on the sorting algorithm.
+    """
+    order = np.argsort(-score, kind="stable")
+    boxes = np.asarray(xyxy_px, dtype=float).reshape(-1, 4)[order]
+    alive = np.ones(len(order), dtype=bool)
+    keep: list[int] = []
+    for i in range(len(order)):
+        if not alive[i]:
+            continue
+        keep.append(i)
+        if max_count is not None and len(keep) == max_count:
+            break
+        alive[i + 1 :] &= iou_matrix(boxes[i], boxes[i + 1 :])[0] <= max_iou
+    return order[np.array(keep, dtype=np.intp)]

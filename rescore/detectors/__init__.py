@@ -1,0 +1,1 @@
+"""Two sliding-window car detectors: HOG + SVM and boosted image fragments."""

@@ -1,0 +1,142 @@
+"""Data sets: what is known of each frame and its cars, before any pixel is read; and loaded frames."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane, StereoCamera
+from recon.errors import RescoreError
+from recon.stereo import SgbmConfig, compute_disparity, read_disparity
+
+SPLITS = ("train", "calibration", "validation", "test")
+"""train: detectors and class model; calibration: Platt scaling; validation: w; test: the curves."""
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One frame of a data set on disk."""
+
+    image_id: int
+    left_path: Path
+    right_path: Path | None
+    disparity_path: Path | None
+    split: str
+    width_px: int
+    height_px: int
+    camera: StereoCamera | None
+    ground: GroundPlane | None
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The annotated objects of one image."""
+
+    annotation_id: NDArray[np.int64]
+    """Shape (n,)."""
+    xyxy_px: NDArray[np.float64]
+    """Shape (n, 4), pixel edges."""
+    ignore: NDArray[np.bool_]
+    """Shape (n,): neither a hit nor a false alarm when found, not missed when not (iscrowd or ignore)."""
+    visibility: NDArray[np.float64]
+    """Shape (n,): visible share in [0, 1], NaN where unknown."""
+    shape_id: tuple[str, ...]
+    """Length n: name of the car shape on rendered scenes, else empty."""
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+    """Frames with their truth, in the order of the file."""
+
+    root: Path
+    category_id: int
+    category: str
+    frames: tuple[FrameRecord, ...]
+    truth: Mapping[int, Truth]
+    """By image id; every frame has an entry, empty where it holds no car."""
+
+    def split(self, name: str) -> "DataSet":
+        """The frames of one split."""
+        frames = tuple(f for f in self.frames if f.split == name)
+        return DataSet(self.root, self.category_id, self.category, frames, {f.image_id: self.truth[f.image_id] for f in frames})
+
+
+@dataclass(frozen=True, eq=False)
+class Splits:
+    """Disjoint parts of one data set; built only where nothing leaks from one to another."""
+
+    train: DataSet
+    calibration: DataSet
+    validation: DataSet
+    test: DataSet
+
+    def __post_init__(self) -> None:
+        parts = {name: getattr(self, name) for name in SPLITS}
+        _refuse_overlap("image", {k: {f.left_path for f in v.frames} for k, v in parts.items()})
+        shapes = {k: {s for t in v.truth.values() for s in t.shape_id if s} for k, v in parts.items()}
+        _refuse_overlap("car shape", shapes)
+
+    @staticmethod
+    def of(data: DataSet) -> "Splits":
+        """The four splits of a data set."""
+        return Splits(*(data.split(name) for name in SPLITS))
+
+
+def _refuse_overlap(what: str, members: Mapping[str, set[Path] | set[str]]) -> None:
+    names: Sequence[str] = tuple(members)
+    for i, a in enumerate(names):
+        for b in names[i + 1 :]:
+            shared = sorted(str(x) for x in members[a] & members[b])  # type: ignore[operator]
+            if shared:
+                raise RescoreError(
+                    f"splits: {a} and {b} must share no {what}, both hold {shared[0]!r} ({len(shared)} in all); "
+                    "give each to one split"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One loaded frame."""
+
+    image_id: int
+    left_rgb: NDArray[np.uint8]
+    """Shape (h, w, 3)."""
+    disparity_px: NDArray[np.float32]
+    """Measured, shape (h, w); NaN where there is no measurement."""
+    camera: StereoCamera | None
+    ground: GroundPlane | None
+
+
+def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
+    """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
+    # imdecode on bytes, since imread neither takes every path nor says why it failed
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
+    bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise RescoreError(f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG")
+    if bgr.shape[:2] != (height_px, width_px):
+        raise RescoreError(
+            f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}; "
+            "mend width and height in annotations.json or the picture"
+        )
+    return np.ascontiguousarray(bgr[..., ::-1])
+
+
+def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:
+    """Read the left picture and the disparity, which is computed from the pair where no file is given."""
+    left = read_rgb(record.left_path, record.width_px, record.height_px)
+    if record.disparity_path is not None:
+        disparity = read_disparity(record.disparity_path, record.width_px, record.height_px)
+    elif record.right_path is not None:
+        right = read_rgb(record.right_path, record.width_px, record.height_px)
+        disparity = compute_disparity(left, right, stereo)
+    else:
+        raise RescoreError(
+            f"image {record.image_id}: expected right_file_name or disparity_file_name, got neither; "
+            "rescoring needs measured depth"
+        )
+    return Frame(record.image_id, left, disparity, record.camera, record.ground)
