@@ -1,0 +1,32 @@
+# Two commands: `make demo` and `make test`. Both set everything up first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+JOBS ?= 2
+
+.PHONY: demo test setup paper bench clean
+.DELETE_ON_ERROR:
+
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: pyproject.toml .ci/setup
+	PYTHON=$(PYTHON) VENV=$(VENV) sh .ci/setup
+	@touch $@
+
+demo: setup
+	$(BIN)/rescore reproduce --preset demo --out runs/demo --jobs $(JOBS)
+
+paper: setup
+	$(BIN)/rescore reproduce --preset paper --out runs/paper --jobs $(JOBS)
+
+test: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadgroup
+
+bench: setup
+	$(BIN)/python -m reports.bench
+
+clean:
+	rm -rf runs build dist *.egg-info
