@@ -1,31 +1,276 @@
-"""Measured depth: OpenCV's semi-global matching on a rectified pair, and KITTI's disparity files."""
+"""Measured depth: OpenCV's semi-global matching on a rectified pair, KITTI's disparity files, and its error.
 
+The matcher is Hirschmüller's semi-global matching (PAMI 2008) as OpenCV builds it, with 5 paths.
+"""
+
+import io
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
+
+from recon.errors import RescoreError
+
+PNG_SCALE = 256.0
+"""Value of a disparity file for one pixel of disparity (KITTI's convention)."""
 
 
 @dataclass(frozen=True)
 class SgbmConfig:
-    """Settings of StereoSGBM."""
+    """Settings of StereoSGBM. The defaults are the preset for grey 640 x 480 pairs.
+
+    ``p1`` and ``p2`` are 8 and 32 times the block area, as OpenCV's documentation advises for one channel.
+    Blocks of 5 pixels keep the wheels and pillars of far cars; larger ones are smoother and fatten outlines.
+    """
 
     num_disparities: int = 64
+    """Disparities 0 to this less one are searched; a positive multiple of 16."""
+    block_size: int = 5
+    """Side of the matched block in pixels; odd."""
+    p1: int = 200
+    """Penalty of a disparity change of one between neighbours."""
+    p2: int = 800
+    """Penalty of a larger change; above p1."""
+    pre_filter_cap: int = 31
+    """Truncation of the horizontal derivative that is matched."""
+    uniqueness_percent: int = 10
+    """The best cost must beat the second best by this many per cent."""
+    speckle_window: int = 100
+    """Blobs of fewer pixels than this are dropped; 0 keeps all."""
+    speckle_range: int = 2
+    """Largest disparity step within a blob, in pixels."""
+    left_right_max_difference: int = 1
+    """Largest disagreement of the left and the right map in pixels; -1 switches the check off."""
+
+    def __post_init__(self) -> None:
+        if self.num_disparities <= 0 or self.num_disparities % 16:
+            raise RescoreError(
+                f"stereo: num_disparities must be a positive multiple of 16, got {self.num_disparities}; "
+                f"try {max(16, -(-self.num_disparities // 16) * 16)}"
+            )
+        if self.block_size < 1 or self.block_size % 2 == 0:
+            raise RescoreError(f"stereo: block_size must be odd and positive, got {self.block_size}; try 5")
+        if not 0 <= self.p1 < self.p2:
+            raise RescoreError(f"stereo: expected 0 <= p1 < p2, got p1={self.p1}, p2={self.p2}; raise p2")
 
 
 def compute_disparity(
     left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8], config: SgbmConfig
 ) -> NDArray[np.float32]:
-    """Left disparity in pixels, shape (h, w); NaN where there is no measurement."""
-    raise NotImplementedError
+    """Left disparity in pixels, shape (h, w), steps of 1/16; NaN where there is no measurement.
+
+    StereoSGBM leaves the first ``num_disparities`` columns empty, because some of the searched matches fall
+    outside the right picture. Here both pictures are padded on the left by repeating their first column, so
+    that these columns are matched too, with the smaller disparities that still have a match. A winner that
+    lies in the padding is no measurement and becomes NaN. So does a disparity of zero: it is infinitely far,
+    and KITTI's files cannot tell it from a hole.
+
+    Args:
+        left_rgb: Left picture, shape (h, w, 3) uint8.
+        right_rgb: Right picture, rectified, of the same shape.
+        config: Settings of the matcher.
+
+    Raises:
+        RescoreError: Not a pair of equal (h, w, 3) uint8 pictures; or the picture is so narrow for the search
+            that OpenCV's result would depend on the thread timing (half a block wider than the width less
+            the disparities, opencv#25828).
+    """
+    _check_pair(left_rgb, right_rgb)
+    width = left_rgb.shape[1]
+    if config.block_size // 2 > width - config.num_disparities:
+        raise RescoreError(
+            f"stereo: half a block ({config.block_size // 2} px) must fit into the width less the "
+            f"disparities ({width} - {config.num_disparities} px), or the result is not repeatable; "
+            "lower num_disparities or block_size"
+        )
+    pad = config.num_disparities
+    left, right = (
+        cv2.copyMakeBorder(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), 0, 0, pad, 0, cv2.BORDER_REPLICATE)
+        for rgb in (left_rgb, right_rgb)
+    )
+    fixed_point = _matcher(config).compute(left, right)[:, pad:]
+    disparity = fixed_point.astype(np.float32) / 16
+    match_column = np.arange(width, dtype=np.float32) - disparity
+    disparity[(fixed_point <= 0) | (match_column < 0)] = np.nan
+    return np.asarray(disparity, np.float32)
+
+
+def _matcher(config: SgbmConfig) -> cv2.StereoSGBM:
+    return cv2.StereoSGBM.create(
+        minDisparity=0,
+        numDisparities=config.num_disparities,
+        blockSize=config.block_size,
+        P1=config.p1,
+        P2=config.p2,
+        disp12MaxDiff=config.left_right_max_difference,
+        preFilterCap=config.pre_filter_cap,
+        uniquenessRatio=config.uniqueness_percent,
+        speckleWindowSize=config.speckle_window,
+        speckleRange=config.speckle_range,
+        mode=cv2.STEREO_SGBM_MODE_SGBM,
+    )
+
+
+def _check_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> None:
+    for eye, rgb in (("left", left_rgb), ("right", right_rgb)):
+        if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+            raise RescoreError(
+                f"stereo: the {eye} picture must be (h, w, 3) uint8 RGB, "
+                f"got {rgb.shape} {rgb.dtype}; convert it"
+            )
+    if left_rgb.shape != right_rgb.shape:
+        raise RescoreError(
+            f"stereo: left and right must have one size, got {left_rgb.shape[1]} x {left_rgb.shape[0]} and "
+            f"{right_rgb.shape[1]} x {right_rgb.shape[0]} pixels; rectify the pair"
+        )
 
 
 def read_disparity(path: Path, width_px: int, height_px: int) -> NDArray[np.float32]:
-    """Disparity in pixels from a 16-bit PNG, value = 256 x pixels, 0 = none; NaN where there is none."""
-    raise NotImplementedError
+    """Disparity in pixels from a 16-bit PNG, value = 256 x pixels, 0 = none; NaN where there is none.
+
+    Args:
+        path: The file.
+        width_px: Expected width.
+        height_px: Expected height.
+
+    Raises:
+        RescoreError: No such file, not a whole PNG, not 16-bit grey, or of another size.
+    """
+    if not path.is_file():
+        raise RescoreError(
+            f"{path}: expected a disparity PNG, found no file; check disparity_file_name in annotations.json"
+        )
+    try:
+        # Pillow, since OpenCV gives back the first rows of a truncated PNG as if nothing were wrong
+        with Image.open(io.BytesIO(path.read_bytes()), formats=("PNG",)) as picture:
+            picture.load()
+            mode, value = picture.mode, np.asarray(picture)
+    except (OSError, SyntaxError, ValueError) as error:
+        reason = str(error).splitlines()[0] if "BytesIO" not in str(error) else "not a PNG"
+        raise RescoreError(f"{path}: expected a whole disparity PNG, got {reason}; write it again") from error
+    if mode not in ("I;16", "I;16B", "I"):
+        raise RescoreError(
+            f"{path}: expected 16-bit grey with value = 256 x disparity, got a PNG of mode {mode}; "
+            "8-bit files lose the fractions of a pixel: write 16 bits"
+        )
+    if value.shape != (height_px, width_px):
+        raise RescoreError(
+            f"{path}: expected {width_px} x {height_px} pixels, got {value.shape[1]} x {value.shape[0]}; "
+            "the disparity must be that of the left picture"
+        )
+    disparity = value.astype(np.float32) / np.float32(PNG_SCALE)
+    disparity[value == 0] = np.nan
+    return disparity
 
 
 def write_disparity(path: Path, disparity_px: NDArray[np.float32]) -> None:
-    """Write disparity as a 16-bit PNG (KITTI's convention)."""
-    raise NotImplementedError
+    """Write disparity as a 16-bit PNG (KITTI's convention), beside its place and then moved into it.
+
+    NaN is written as 0, no measurement; so is a disparity below 1/512 pixel.
+
+    Raises:
+        RescoreError: Not an (h, w) array of floats, or a value outside [0, 256) pixels.
+    """
+    if disparity_px.ndim != 2 or not np.issubdtype(disparity_px.dtype, np.floating):
+        raise RescoreError(
+            f"{path}: expected an (h, w) float disparity, got {disparity_px.shape} {disparity_px.dtype}"
+        )
+    value = np.rint(np.nan_to_num(disparity_px.astype(np.float64), nan=0.0) * PNG_SCALE)
+    if value.size and (value.min() < 0 or value.max() > np.iinfo(np.uint16).max):
+        raise RescoreError(
+            f"{path}: disparities must lie in [0, 256) pixels, got {np.nanmin(disparity_px):g} to "
+            f"{np.nanmax(disparity_px):g}; mark holes as NaN"
+        )
+    done, encoded = cv2.imencode(".png", value.astype(np.uint16))
+    if not done:
+        raise RescoreError(f"{path}: could not encode a disparity of shape {disparity_px.shape} as PNG")
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        beside.write_bytes(encoded.tobytes())
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class DisparityError:
+    """How far a measured disparity map is from the truth, over the pixels that have truth and are asked for.
+
+    A pixel is wrong as in KITTI 2015 (D1): off by more than 3 pixels and by more than 5 % of the truth.
+    Shares are NaN where they have no pixels.
+    """
+
+    n_truth: int
+    """Pixels with truth inside the mask."""
+    n_measured: int
+    """Of these, pixels with a measurement."""
+    density: float
+    """n_measured / n_truth."""
+    end_point_error_px: float
+    """Mean absolute difference over the measured pixels."""
+    wrong_share_measured: float
+    """Wrong pixels / measured pixels (KITTI's D1-est)."""
+    wrong_share_filled: float
+    """Wrong pixels / all truth pixels after filling holes from the background (KITTI's D1-all).
+
+    This is the number to hold against KITTI's table.
+    """
+
+
+def fill_holes(disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Disparity (h, w) without holes: KITTI's background interpolation.
+
+    Each hole takes the smaller disparity (the farther surface) of its two measured neighbours in the row; at
+    the ends of a row it takes the one there is; empty rows copy the nearest measured row above, else below.
+    Where nothing at all is measured, the result is NaN.
+    """
+    before = _last_measured(disparity_px)
+    after = _last_measured(disparity_px[:, ::-1])[:, ::-1]
+    in_rows = np.fmin(before, after)
+    above = _last_measured(in_rows.T).T
+    below = _last_measured(in_rows.T[:, ::-1])[:, ::-1].T
+    return np.where(np.isnan(above), below, above)
+
+
+def _last_measured(disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The last measured value at or before each column of its row; NaN before the first."""
+    column = np.where(np.isnan(disparity_px), 0, np.arange(disparity_px.shape[1]))
+    return np.take_along_axis(disparity_px, np.maximum.accumulate(column, axis=1), axis=1)
+
+
+def disparity_error(
+    measured_px: NDArray[np.float32], truth_px: NDArray[np.float32], mask: NDArray[np.bool_]
+) -> DisparityError:
+    """Density, end-point error and shares of wrong pixels of a map, all of shape (h, w).
+
+    Args:
+        measured_px: NaN where there is no measurement. Holes are filled from the whole map.
+        truth_px: NaN where there is no truth (sky).
+        mask: The pixels to count.
+
+    Raises:
+        ValueError: The shapes differ.
+    """
+    if not measured_px.shape == truth_px.shape == mask.shape:
+        raise ValueError(f"shapes differ: {measured_px.shape}, {truth_px.shape}, {mask.shape}")
+    counted = mask & ~np.isnan(truth_px)
+    truth = truth_px[counted].astype(np.float64)
+    error = np.abs(measured_px[counted] - truth)
+    # a hole in a map without any measurement stays NaN, which is wrong too
+    filled_error = np.nan_to_num(np.abs(fill_holes(measured_px)[counted] - truth), nan=np.inf)
+    has = ~np.isnan(error)
+    wrong = (error > 3) & (error > 0.05 * truth)
+    wrong_filled = (filled_error > 3) & (filled_error > 0.05 * truth)
+    n_truth, n_measured = len(truth), int(has.sum())
+    return DisparityError(
+        n_truth=n_truth,
+        n_measured=n_measured,
+        density=n_measured / n_truth if n_truth else np.nan,
+        end_point_error_px=float(error[has].mean()) if n_measured else np.nan,
+        wrong_share_measured=float(wrong[has].mean()) if n_measured else np.nan,
+        wrong_share_filled=float(wrong_filled.mean()) if n_truth else np.nan,
+    )
