@@ -1,0 +1,261 @@
+"""Procedural surface textures: asphalt, slabs, grass, bricks, plaster, leaves, planks, metal, glass, print."""
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]
+FloatArray = NDArray[np.float32]
+_SIZE = 512
+
+
+def fractal_noise(rng: np.random.Generator, size_px: int, coarse: int = 4, octaves: int = 6, gain: float = 0.55) -> FloatArray:
+    """Tiling fractal noise, shape (size, size), zero mean and unit standard deviation.
+
+    Args:
+        rng: Source of the noise.
+        size_px: Side of the square.
+        coarse: Cells along a side of the first octave.
+        octaves: How many times the cells are halved.
+        gain: Height of an octave relative to the one before.
+    """
+    total = np.zeros((size_px, size_px), np.float32)
+    for k in range(octaves):
+        cells = min(coarse * 2**k, size_px)
+        grid = rng.normal(size=(cells, cells)).astype(np.float32)
+        # wrap a border so that the enlarged grid tiles
+        padded = np.pad(grid, 2, mode="wrap")
+        scale = size_px / cells
+        big = cv2.resize(padded, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        start = round(2 * scale)
+        total += gain**k * big[start : start + size_px, start : start + size_px]
+    total -= total.mean()
+    return total / max(float(total.std()), 1e-6)
+
+
+def _paint(base: tuple[float, float, float], light: FloatArray, tint: FloatArray | None = None) -> Image:
+    """sRGB picture of a base colour (0..255) times light, with an optional warm-cold tint."""
+    rgb = np.asarray(base, np.float32) * light[..., None]
+    if tint is not None:
+        rgb = rgb + tint[..., None] * np.array([6.0, 1.0, -6.0], np.float32)
+    return np.clip(rgb, 0, 255).astype(np.uint8)
+
+
+def _wander(rng: np.random.Generator, size: int, steps: int, step_px: float) -> NDArray[np.int32]:
+    heading = rng.uniform(0, 6.28) + np.cumsum(rng.normal(0, 0.35, steps))
+    path = rng.uniform(0, size, 2) + np.cumsum(np.stack([np.cos(heading), np.sin(heading)], 1) * step_px, axis=0)
+    return path.astype(np.int32)
+
+
+def _asphalt(rng: np.random.Generator) -> Image:
+    size = 1024
+    grain = rng.normal(size=(size, size)).astype(np.float32)
+    light = 1 + 0.13 * grain + 0.07 * fractal_noise(rng, size, 3) + 0.05 * fractal_noise(rng, size, 48, 3)
+    for _ in range(rng.integers(1, 4)):  # mended patches
+        x, y = rng.integers(60, size - 360, 2)
+        w, h = rng.integers(80, 300, 2)
+        light[y : y + h, x : x + w] *= rng.uniform(0.72, 1.15)
+        cv2.rectangle(light, (int(x), int(y)), (int(x + w), int(y + h)), float(rng.uniform(0.5, 0.7)), 3)
+    for _ in range(rng.integers(2, 7)):  # cracks, some sealed with tar
+        cv2.polylines(light, [_wander(rng, size, 60, 9)], False, float(rng.uniform(0.35, 0.6)), int(rng.integers(1, 4)))
+    for _ in range(rng.integers(3, 12)):  # oil and wear
+        spot = np.zeros((size, size), np.float32)
+        centre = (int(rng.integers(size)), int(rng.integers(size)))
+        cv2.ellipse(spot, centre, (int(rng.integers(8, 50)), int(rng.integers(6, 30))), float(rng.uniform(0, 180)), 0, 360, 1, -1)
+        light *= 1 - rng.uniform(0.05, 0.3) * cv2.GaussianBlur(spot, None, 6)
+    return _paint((108, 107, 106), light, fractal_noise(rng, size, 4, 3) * 0.5)
+
+
+def _slabs(rng: np.random.Generator, across: int = 4, down: int = 6, joint: int = 4) -> Image:
+    tone = np.kron(rng.normal(1, 0.07, (down, across)), np.ones((-(-_SIZE // down), -(-_SIZE // across))))
+    light = tone[:_SIZE, :_SIZE].astype(np.float32)
+    light = light + 0.07 * fractal_noise(rng, _SIZE, 8) + 0.05 * rng.normal(size=light.shape).astype(np.float32)
+    for k in range(across):
+        light[:, k * _SIZE // across : k * _SIZE // across + joint] *= 0.6
+    for k in range(down):
+        light[k * _SIZE // down : k * _SIZE // down + joint] *= 0.6
+    for _ in range(30):  # chewing gum and stains
+        cv2.circle(light, tuple(int(v) for v in rng.integers(0, _SIZE, 2)), int(rng.integers(2, 7)), float(rng.uniform(0.5, 0.8)), -1)
+    return _paint((152, 147, 140), light)
+
+
+def _cobbles(rng: np.random.Generator) -> Image:
+    return _bond(rng, rows=24, columns=20, base=(118, 112, 106), joint=(70, 66, 60), spread=0.14)
+
+
+def _bricks(rng: np.random.Generator) -> Image:
+    base = [(150, 82, 62), (164, 104, 78), (128, 72, 58), (176, 150, 118), (120, 100, 92)][rng.integers(5)]
+    return _bond(rng, rows=26, columns=9, base=base, joint=(168, 160, 150), spread=0.13)
+
+
+def _bond(
+    rng: np.random.Generator, rows: int, columns: int, base: tuple[float, float, float], joint: tuple[float, float, float],
+    spread: float,
+) -> Image:
+    """Courses of stones, every second one shifted by half a stone."""
+    y, x = np.mgrid[0:_SIZE, 0:_SIZE].astype(np.float32) / _SIZE
+    row = np.floor(y * rows).astype(int)
+    shifted = x * columns + 0.5 * (row % 2)
+    column = np.floor(shifted).astype(int) % columns
+    tone = rng.normal(1, spread, (rows, columns))[row, column].astype(np.float32)
+    height_px, width_px = _SIZE / rows, _SIZE / columns
+    edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1) * height_px, np.minimum(shifted % 1, 1 - shifted % 1) * width_px)
+    stone = np.clip(edge / 1.6, 0, 1)[..., None]
+    light = tone + 0.06 * fractal_noise(rng, _SIZE, 8) + 0.05 * rng.normal(size=tone.shape).astype(np.float32)
+    return np.clip(stone * _paint(base, light) + (1 - stone) * _paint(joint, 1 + 0.1 * fractal_noise(rng, _SIZE, 16)), 0, 255).astype(np.uint8)
+
+
+def _plaster(rng: np.random.Generator) -> Image:
+    light = 1 + 0.035 * fractal_noise(rng, _SIZE, 3) + 0.03 * fractal_noise(rng, _SIZE, 64, 3)
+    streak = cv2.GaussianBlur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), None, sigmaX=4, sigmaY=60)
+    light = light - 0.04 * np.abs(streak / streak.std())
+    return _paint((225, 222, 216), light)
+
+
+def _concrete(rng: np.random.Generator) -> Image:
+    light = 1 + 0.07 * fractal_noise(rng, _SIZE, 3) + 0.05 * rng.normal(size=(_SIZE, _SIZE)).astype(np.float32)
+    for k in (0, _SIZE // 2):
+        light[k : k + 4] *= 0.75
+        light[:, k : k + 3] *= 0.8
+    return _paint((160, 158, 152), light)
+
+
+def _grass(rng: np.random.Generator) -> Image:
+    fine = fractal_noise(rng, _SIZE, 64, 4, 0.8)
+    light = 1 + 0.22 * fine + 0.14 * fractal_noise(rng, _SIZE, 4)
+    return _paint((92, 112, 58), light, 2.0 * fractal_noise(rng, _SIZE, 8))
+
+
+def _leaves(rng: np.random.Generator) -> Image:
+    picture = np.zeros((_SIZE, _SIZE, 3), np.uint8) + np.array([16, 24, 10], np.uint8)
+    n = 2600
+    centres = rng.integers(0, _SIZE, (n, 2))
+    for i in range(n):  # later leaves lie in front and catch more light
+        shade = (0.35 + 0.75 * i / n) * rng.uniform(0.7, 1.25)
+        colour = [float(min(255.0, c * shade)) for c in (88 + 30 * rng.random(), 122, 48)]
+        axes = (int(rng.integers(4, 10)), int(rng.integers(2, 5)))
+        for shift in ((0, 0), (_SIZE, 0), (0, _SIZE)):
+            cv2.ellipse(picture, (int(centres[i, 0] - shift[0]), int(centres[i, 1] - shift[1])), axes, float(rng.uniform(0, 180)), 0, 360, colour, -1)
+    return picture
+
+
+def _bark(rng: np.random.Generator) -> Image:
+    ridges = cv2.GaussianBlur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), None, sigmaX=2, sigmaY=18)
+    return _paint((104, 88, 70), 1 + 0.25 * ridges / ridges.std() + 0.1 * fractal_noise(rng, _SIZE, 6))
+
+
+def _planks(rng: np.random.Generator) -> Image:
+    boards = 12
+    grain = cv2.GaussianBlur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), None, sigmaX=1.2, sigmaY=40)
+    tone = np.repeat(rng.normal(1, 0.12, boards), -(-_SIZE // boards))[:_SIZE].astype(np.float32)
+    light = tone[None] + 0.12 * grain / grain.std()
+    for k in range(boards):
+        light[:, k * _SIZE // boards : k * _SIZE // boards + 4] *= 0.35
+    return _paint((150, 118, 82), light)
+
+
+def _corrugated(rng: np.random.Generator) -> Image:
+    x = np.arange(_SIZE) / _SIZE
+    light = np.tile((1 + 0.22 * np.sin(2 * np.pi * 16 * x)).astype(np.float32), (_SIZE, 1))
+    return _paint((190, 192, 194), light + 0.05 * fractal_noise(rng, _SIZE, 4))
+
+
+def _shutter(rng: np.random.Generator) -> Image:
+    return np.ascontiguousarray(_corrugated(rng).transpose(1, 0, 2))
+
+
+def _rust(rng: np.random.Generator) -> Image:
+    noise = fractal_noise(rng, _SIZE, 4)
+    paint = _paint((200, 196, 190), 1 + 0.05 * fractal_noise(rng, _SIZE, 32, 3)).astype(np.float32)
+    rust = _paint((120, 70, 42), 1 + 0.2 * fractal_noise(rng, _SIZE, 16)).astype(np.float32)
+    share = np.clip((noise - 1.1) * 2, 0, 1)[..., None]
+    return (paint * (1 - share) + rust * share).astype(np.uint8)
+
+
+def _roof(rng: np.random.Generator) -> Image:
+    return _bond(rng, rows=14, columns=12, base=(126, 74, 58), joint=(56, 36, 30), spread=0.1)
+
+
+def _curtain(rng: np.random.Generator) -> Image:
+    """What is seen in a window: a dark room, often a curtain, a blind or a lamp."""
+    light = np.full((_SIZE, _SIZE), rng.uniform(0.25, 0.6), np.float32)
+    light += 0.06 * fractal_noise(rng, _SIZE, 3)
+    style = rng.integers(4)
+    x = np.arange(_SIZE, dtype=np.float32)
+    if style == 0:
+        light[:, : int(_SIZE * rng.uniform(0.15, 0.4))] += 1.2 + 0.25 * np.sin(x[: int(_SIZE * 0.4)] / 9)[: light[:, : int(_SIZE * 0.4)].shape[1]][0]
+        light[:, int(_SIZE * rng.uniform(0.65, 0.85)) :] += 1.3
+    elif style == 1:
+        light[: int(_SIZE * rng.uniform(0.2, 0.8))] += (1.3 + 0.15 * np.sin(x / 6))[: _SIZE, None][: int(_SIZE)][0]
+    elif style == 2:
+        for _ in range(8):
+            a, b = rng.integers(0, _SIZE, 2)
+            cv2.rectangle(light, (int(a), int(b)), (int(a + rng.integers(20, 160)), _SIZE), float(rng.uniform(0.3, 1.4)), -1)
+    return _paint((74, 76, 80), light)
+
+
+def _rags(rng: np.random.Generator) -> Image:
+    """Bright goods: boxes, fruit, folded cloth."""
+    picture = np.full((_SIZE, _SIZE, 3), 60, np.uint8)
+    for _ in range(420):
+        x, y = (int(v) for v in rng.integers(-20, _SIZE, 2))
+        w, h = (int(v) for v in rng.integers(14, 60, 2))
+        cv2.rectangle(picture, (x, y), (x + w, y + h), [float(v) for v in rng.integers(40, 230, 3)], -1)
+    return picture
+
+
+_PAINTERS: dict[str, Callable[[np.random.Generator], Image]] = {
+    "asphalt": _asphalt,
+    "slabs": _slabs,
+    "cobbles": _cobbles,
+    "bricks": _bricks,
+    "plaster": _plaster,
+    "concrete": _concrete,
+    "grass": _grass,
+    "leaves": _leaves,
+    "bark": _bark,
+    "planks": _planks,
+    "corrugated": _corrugated,
+    "shutter": _shutter,
+    "rust": _rust,
+    "roof": _roof,
+    "curtain": _curtain,
+    "goods": _rags,
+}
+TEXTURE_KINDS = tuple(_PAINTERS)
+
+
+@lru_cache(maxsize=160)
+def texture(kind: str, variant: int) -> Image:
+    """The sRGB texture (h, w, 3) of a kind in TEXTURE_KINDS; the same variant is always the same picture.
+
+    Kept per process: painting takes longer than rendering with it.
+    """
+    rng = np.random.default_rng([TEXTURE_KINDS.index(kind), variant])
+    picture = _PAINTERS[kind](rng)
+    picture.setflags(write=False)
+    return picture
+
+
+_WORDS = (
+    "AUTOHAUS", "MARKET", "BAKERY", "SALE", "FRESH", "PIZZA", "HOTEL", "CAFE", "TAXI", "BOOKS", "FLOWERS",
+    "NEW", "DRIVE", "0 %", "TRANSPORT", "LOGISTICS", "EXPRESS", "KIOSK", "BANK", "MOTORS", "GARAGE", "SPORT",
+)  # fmt: skip
+
+
+def lettering(rng: np.random.Generator, width_px: int, height_px: int, words: int = 1) -> Image:
+    """A printed strip, shape (height, width, 3): bold words on a plain ground."""
+    ground = rng.integers(20, 245, 3)
+    ink = np.where(ground.mean() > 128, rng.integers(0, 70, 3), rng.integers(190, 255, 3))
+    picture = np.empty((height_px, width_px, 3), np.uint8)
+    picture[:] = ground
+    text = " ".join(rng.choice(_WORDS, words, replace=False))
+    thickness = max(1, height_px // 16)
+    (w, h), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 1.0, thickness)
+    scale = min(0.9 * width_px / w, 0.62 * height_px / h)
+    at = (int((width_px - w * scale) / 2), int((height_px + h * scale) / 2))
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_DUPLEX, scale, [float(v) for v in ink], thickness, cv2.LINE_AA)
+    return picture
