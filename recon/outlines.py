@@ -1,0 +1,48 @@
+"""Closed outlines: from masks to polygons and back, and even resampling."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+
+def mask_rings(mask: NDArray[np.bool_]) -> tuple[IntArray, ...]:
+    """Rings (m, 2) of pixel centres around every region and hole of a mask; ``fill_rings`` undoes it exactly."""
+    rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    return tuple(np.asarray(r, np.int32).reshape(-1, 2) for r in rings)
+
+
+def fill_rings(rings: Sequence[IntArray], height_px: int, width_px: int) -> NDArray[np.bool_]:
+    """The mask (h, w) inside rings by the even-odd rule; the rings' own pixels belong to it."""
+    image = np.zeros((height_px, width_px), np.uint8)
+    if rings:
+        cv2.drawContours(image, [np.ascontiguousarray(r).reshape(-1, 1, 2) for r in rings], -1, 1, cv2.FILLED)
+    return image.astype(bool)
+
+
+def fill_polygon(polygon_px: FloatArray, height_px: int, width_px: int) -> NDArray[np.bool_]:
+    """The mask (h, w) of pixels inside a closed polygon (m, 2) in pixel-centre coordinates, to 1/16 pixel."""
+    image = np.zeros((height_px, width_px), np.uint8)
+    cv2.fillPoly(image, [np.round(polygon_px * 16).astype(np.int32)], 1, shift=4)
+    return image.astype(bool)
+
+
+def largest_outline(mask: NDArray[np.bool_]) -> FloatArray | None:
+    """The outer ring (m, 2) of the largest connected region, pixel-centre coordinates; None for an empty mask."""
+    rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not rings:
+        return None
+    ring = max(rings, key=lambda r: (cv2.contourArea(r), len(r)))
+    return np.asarray(ring, float).reshape(-1, 2)
+
+
+def resample(outline: FloatArray, count: int) -> FloatArray:
+    """``count`` points (count, d) evenly spaced along a closed outline (m, d), from its first point on."""
+    closed = np.concatenate([outline, outline[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0.0, length[-1], count, endpoint=False)
+    return np.stack([np.interp(at, length, closed[:, k]) for k in range(closed.shape[1])], axis=1)

@@ -1,0 +1,110 @@
+"""Part-labelled views: what a class model is learned from (section 3.2), and their files."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+from recon.view_bins import ViewBins
+
+LABELS_FILE = "part_views.json"
+FORMAT = "part-views 1"
+
+
+@dataclass(frozen=True, eq=False)
+class PartView:
+    """A part-labelled image of one instance, seen from one view bin."""
+
+    view_bin: int
+    labels: NDArray[np.uint8]
+    """Shape (h, w): 0 for none, i for part ``part_names[i - 1]``."""
+    instance_id: str
+    """Views with the same id show the same object."""
+
+    def __post_init__(self) -> None:
+        if self.labels.ndim != 2 or self.labels.dtype != np.uint8:
+            raise ValueError(f"labels must be (h, w) uint8, got {self.labels.shape} {self.labels.dtype}")
+        if not self.labels.any():
+            raise RescoreError(
+                f"labelled view of {self.instance_id!r}, bin {self.view_bin}: expected at least one labelled part, "
+                "got an empty image; label it or leave it out"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class PartViews:
+    """Labelled views of one class with the names of its parts."""
+
+    part_names: tuple[str, ...]
+    bins: ViewBins
+    views: tuple[PartView, ...]
+
+    def __post_init__(self) -> None:
+        for view in self.views:
+            self.bins.check(view.view_bin)
+            if view.labels.max() > len(self.part_names):
+                raise RescoreError(
+                    f"labelled view of {view.instance_id!r}, bin {view.view_bin}: expected labels 0 to "
+                    f"{len(self.part_names)}, got {view.labels.max()}; part_names must name every label"
+                )
+
+
+def save_part_views(directory: Path, part_views: PartViews) -> None:
+    """Write each view as a PNG of labels, and ``part_views.json`` that says what they are."""
+    directory.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, object]] = []
+    for i, view in enumerate(part_views.views):
+        name = f"{i:04d}_{view.instance_id}_bin{view.view_bin:02d}.png"
+        _, png = cv2.imencode(".png", view.labels)
+        _write(directory / name, png.tobytes())
+        rows.append({"file_name": name, "view_bin": view.view_bin, "instance_id": view.instance_id})
+    head = {
+        "format": FORMAT,
+        "part_names": list(part_views.part_names),
+        "view_bins": part_views.bins.count,
+        "elevation_rad": part_views.bins.elevation_rad,
+        "views": rows,
+    }
+    _write(directory / LABELS_FILE, (json.dumps(head, indent=1) + "\n").encode())
+
+
+def load_part_views(directory: Path) -> PartViews:
+    """The labelled views of a folder.
+
+    Raises:
+        RescoreError: no such folder, another format, a missing picture.
+    """
+    path = directory / LABELS_FILE
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected labelled views, found no file; write it with save_part_views")
+    try:
+        head = json.loads(path.read_text())
+        if head["format"] != FORMAT:
+            raise RescoreError(f"{path}: expected format {FORMAT!r}, got {head['format']!r}; write the views again")
+        bins = ViewBins(int(head["view_bins"]), float(head["elevation_rad"]))
+        views = tuple(_load_view(directory, row) for row in head["views"])
+        return PartViews(tuple(head["part_names"]), bins, views)
+    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+        raise RescoreError(f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write the views again") from error
+
+
+def _load_view(directory: Path, row: dict[str, str]) -> PartView:
+    path = directory / row["file_name"]
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a PNG of part labels, found no file; check file_name in {LABELS_FILE}")
+    labels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    if labels is None or labels.ndim != 2 or labels.dtype != np.uint8:
+        raise RescoreError(f"{path}: expected an 8-bit PNG of one channel, got something else; write the views again")
+    return PartView(int(row["view_bin"]), np.asarray(labels, np.uint8), str(row["instance_id"]))
+
+
+def _write(path: Path, data: bytes) -> None:
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(data)
+    os.replace(temporary, path)
+

@@ -1,0 +1,70 @@
+"""The view bins of section 3.1: k directions on a circle at a fixed elevation, each with its rotation T_alpha.
+
+Frames: the object frame has x forward (the nose), y left, z up; a view frame has x right, y down,
+z forward, as a camera has. Bin ``b`` is seen from azimuth ``b * 360 / k`` degrees, counter-clockwise seen
+from above, measured from the nose: bin 0 shows the front; of 12 bins, bin 3 shows the left side with the
+nose to the left of the picture.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+
+FloatArray = NDArray[np.float64]
+
+ELEVATION_RAD = float(np.deg2rad(10.0))
+"""Elevation at which views are labelled: low enough to look like a street, high enough to see roof and hood."""
+
+
+@dataclass(frozen=True)
+class ViewBins:
+    """k view bins equally spaced around a circle at a fixed elevation."""
+
+    count: int = 12
+    elevation_rad: float = ELEVATION_RAD
+
+    def __post_init__(self) -> None:
+        if self.count < 1 or not -np.pi / 2 < self.elevation_rad < np.pi / 2:
+            raise RescoreError(
+                f"view bins: expected at least one bin and an elevation within 90 degrees, got {self}; mend the config"
+            )
+
+    def azimuth_rad(self, view_bin: int) -> float:
+        """Azimuth of the centre of a bin in [0, 2 pi)."""
+        self.check(view_bin)
+        return 2 * np.pi * view_bin / self.count
+
+    def check(self, view_bin: int) -> None:
+        """Raises RescoreError where the bin does not exist."""
+        if not 0 <= view_bin < self.count:
+            raise RescoreError(
+                f"view bin: expected 0 to {self.count - 1}, got {view_bin}; "
+                f"bin b is seen from azimuth b * {360 / self.count:g} degrees"
+            )
+
+    def containing(self, azimuth_rad: float) -> int:
+        """The bin whose centre is nearest to an azimuth; any real angle."""
+        return round(azimuth_rad / (2 * np.pi) * self.count) % self.count
+
+    def view_from_object(self, view_bin: int) -> FloatArray:
+        """T_alpha, shape (3, 3): object frame to the view frame of the bin."""
+        return rotation(self.azimuth_rad(view_bin), self.elevation_rad)
+
+    def level_view_from_object(self, view_bin: int) -> FloatArray:
+        """T_alpha for the same azimuth at elevation 0, shape (3, 3): its y axis is the object's down."""
+        return rotation(self.azimuth_rad(view_bin), 0.0)
+
+
+def rotation(azimuth_rad: float, elevation_rad: float) -> FloatArray:
+    """Rotation (3, 3) from the object frame to the frame of a camera that looks at the object's origin.
+
+    The camera stands in the direction (cos e cos a, cos e sin a, sin e); its x axis stays level.
+    """
+    ca, sa = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    ce, se = np.cos(elevation_rad), np.sin(elevation_rad)
+    right = np.array([-sa, ca, 0.0])
+    forward = -np.array([ce * ca, ce * sa, se])
+    return np.stack([right, np.cross(forward, right), forward])
