@@ -1,0 +1,97 @@
+"""Platt scaling: from raw detector scores to likelihoods l_i in [0, 1]."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.calibration import CalibratedClassifierCV
+from sklearn.frozen import FrozenEstimator
+
+from recon.errors import RescoreError
+from rescore.boxes import iou_matrix
+from rescore.detectors.base import Detections
+from rescore.frames import Truth
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlattScaling:
+    """l = 1 / (1 + exp(a score + b)), with a < 0: a better score is a higher likelihood."""
+
+    a: float
+    b: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.a) and np.isfinite(self.b) and self.a < 0):
+            raise RescoreError(
+                f"calibration: expected a finite slope a < 0 (better scores are likelier), got a = {self.a}, "
+                f"b = {self.b}; the detector is no better than chance, train it on more frames"
+            )
+
+    def likelihood(self, score: FloatArray) -> FloatArray:
+        """Likelihoods in [0, 1] of raw scores, same shape."""
+        return np.asarray(expit(-(self.a * np.asarray(score, dtype=float) + self.b)), dtype=float)
+
+
+class _ScoreItself(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+    """A classifier whose decision value is its input, so that scikit-learn calibrates given scores."""
+
+    def fit(self, score: FloatArray, is_car: NDArray[np.bool_]) -> "_ScoreItself":
+        self.classes_ = np.unique(is_car)
+        return self
+
+    def predict(self, score: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(score[:, 0] > 0)
+
+    def decision_function(self, score: FloatArray) -> FloatArray:
+        return score[:, 0]
+
+
+def fit_platt(score: FloatArray, is_car: NDArray[np.bool_]) -> PlattScaling:
+    """The scaling fitted to labelled scores (n,), with Platt's smoothed targets.
+
+    scikit-learn fits it: maximum likelihood for targets (n+ + 1)/(n+ + 2) and 1/(n- + 2) (Platt 1999).
+
+    Raises:
+        RescoreError: scores are not finite, all candidates have one label, or better scores are not likelier.
+    """
+    score, is_car = np.asarray(score, dtype=float), np.asarray(is_car, dtype=bool)
+    if score.shape != is_car.shape or score.ndim != 1 or not np.isfinite(score).all():
+        raise RescoreError(
+            f"calibration: expected as many finite scores as labels, got {score.shape} and {is_car.shape}; "
+            "mend the detections"
+        )
+    n_cars = int(is_car.sum())
+    if not 0 < n_cars < len(score):
+        raise RescoreError(
+            f"calibration: expected candidates that are cars and some that are not, got {n_cars} cars of "
+            f"{len(score)}; add frames to the calibration split"
+        )
+    frozen = FrozenEstimator(_ScoreItself().fit(score[:, None], is_car))
+    # one fold that holds everything: the estimator is frozen, there is nothing to hold out for
+    everything = np.arange(len(score))
+    fold = [(everything, everything)]
+    fitted = CalibratedClassifierCV(frozen, method="sigmoid", cv=fold, ensemble=False).fit(
+        score[:, None], is_car
+    )
+    sigmoid = fitted.calibrated_classifiers_[0].calibrators[0]
+    return PlattScaling(float(sigmoid.a_), float(sigmoid.b_))
+
+
+def label_candidates(
+    found: Detections, truth: Truth, min_iou: float = 0.5
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """For each detection (n,): is it a car, and does it count for calibration.
+
+    A detection is a car when it overlaps an annotated car by at least ``min_iou``. One that overlaps only an
+    ignored car by as much does not count.
+    """
+    if not len(truth.xyxy_px):
+        return np.zeros(len(found), bool), np.ones(len(found), bool)
+    close = iou_matrix(found.xyxy_px, truth.xyxy_px) >= min_iou
+    is_car = np.asarray(close[:, ~truth.ignore].any(axis=1))
+    ignored = np.asarray(close[:, truth.ignore].any(axis=1))
+    return is_car, is_car | ~ignored

@@ -1,0 +1,74 @@
+"""What every detector offers, and what it returns."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rescore.boxes import suppress
+from rescore.detectors.windows import clip_boxes
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """Found boxes of one picture, best score first."""
+
+    xyxy_px: FloatArray
+    """Shape (n, 4), pixel edges inside the picture."""
+    score: FloatArray
+    """Shape (n,), raw: any range, not a probability."""
+
+    def __post_init__(self) -> None:
+        if self.score.ndim != 1 or self.xyxy_px.shape != (len(self.score), 4):
+            raise ValueError(f"detections: {self.xyxy_px.shape} boxes and {self.score.shape} scores")
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+
+@dataclass(frozen=True)
+class SuppressionConfig:
+    """Which windows of a scan become candidates."""
+
+    max_iou: float = 0.3
+    """A window that overlaps a better one by more is dropped."""
+    max_count: int = 15
+    """The report keeps the 15 best of each picture."""
+
+
+class Detector(Protocol):
+    """A trained detector."""
+
+    @property
+    def name(self) -> str:
+        """Short name, used in file names and tables."""
+
+    def detect(self, rgb: NDArray[np.uint8]) -> Detections:
+        """The candidates of an (h, w, 3) uint8 picture after suppression; may be none."""
+
+    def scan(self, rgb: NDArray[np.uint8]) -> Detections:
+        """All windows above the scan's floor, before suppression and clipping; what mining reads."""
+
+    def save(self, path: Path) -> None:
+        """Write the detector to one file (see rescore.detectors.files)."""
+
+
+def ordered(xyxy_px: FloatArray, score: FloatArray) -> Detections:
+    """Detections in an order that depends on nothing but their values: threads deliver them in any order."""
+    order = np.lexsort((*xyxy_px.T[::-1], -score))
+    return Detections(xyxy_px[order], score[order])
+
+
+def best_candidates(
+    found: Detections, config: SuppressionConfig, width_px: int, height_px: int
+) -> Detections:
+    """The highest-scoring detections after clipping to the picture and suppression; raw scores are kept."""
+    boxes = clip_boxes(found.xyxy_px, width_px, height_px)
+    solid = ((boxes[:, 2:] - boxes[:, :2]) > 1.0).all(axis=1)
+    boxes, score = boxes[solid], found.score[solid]
+    keep = suppress(boxes, score, config.max_iou, config.max_count)
+    return Detections(boxes[keep], score[keep])

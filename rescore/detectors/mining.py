@@ -1,0 +1,205 @@
+"""Training examples: crops of cars, crops of street, and street that a detector takes for a car."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+from rescore.boxes import iou_matrix, suppress
+from rescore.detectors.base import Detections, Detector
+from rescore.detectors.windows import FloatArray, GrayImage, WindowGeometry, crop_windows, gray
+from rescore.frames import DataSet, FrameRecord, Truth, read_rgb
+
+
+@dataclass(frozen=True)
+class MiningConfig:
+    """Which crops a detector learns from."""
+
+    min_visibility: float = 0.6
+    """Cars seen less are neither examples of cars nor of street."""
+    min_car_share: float = 0.7
+    """Cars narrower than this share of the smallest car searched for are no examples."""
+    min_inside: float = 0.9
+    """Share of a car's window that must lie inside the picture."""
+    jitter_copies: int = 3
+    """Further crops of each car, shifted and scaled by as much as a scan's steps miss a car."""
+    jitter_shift: float = 0.04
+    """Largest shift of a copy, as a share of the object's width."""
+    jitter_scale: float = 0.05
+    """Largest relative change of size of a copy."""
+    max_car_iou: float = 0.35
+    """A window that overlaps a car by more is no example of street."""
+    random_per_frame: int = 40
+    """Street windows at random from each frame, before the first round."""
+    hard_per_frame: int = 25
+    """False alarms taken from each frame in a round, best scores first."""
+    hard_max_iou: float = 0.6
+    """False alarms that overlap by more count once."""
+    rounds: int = 3
+    """Rounds of mining, each followed by another training."""
+    max_negatives: int = 20_000
+    """Upper limit of street crops in memory; with many frames, each gives fewer."""
+
+
+@dataclass(frozen=True)
+class ScanRange:
+    """Sizes of cars that are searched for."""
+
+    smallest_car_px: float = 58.0
+    """Width of the smallest car."""
+    largest_car_px: float = 350.0
+    """Width of the largest car."""
+    scale_step: float = 1.12
+    """Ratio of sizes from one level of the pyramid to the next."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.smallest_car_px <= self.largest_car_px and self.scale_step > 1):
+            raise RescoreError(
+                f"scan: expected 0 < smallest <= largest car and a step above 1, got {self}; mend the config"
+            )
+
+    def car_widths_px(self) -> FloatArray:
+        """Car widths of all levels, smallest first."""
+        count = 1 + int(
+            np.ceil(np.log(self.largest_car_px / self.smallest_car_px) / np.log(self.scale_step) - 1e-9)
+        )
+        return np.asarray(self.smallest_car_px * self.scale_step ** np.arange(count), dtype=float)
+
+
+@dataclass(frozen=True)
+class CropStyle:
+    """How a detector wants its crops."""
+
+    window: WindowGeometry
+    interpolation: int
+    scan: ScanRange
+    mining: MiningConfig
+
+
+@dataclass(frozen=True, eq=False)
+class _FrameTask:
+    """What the crops of one frame are made from."""
+
+    record: FrameRecord
+    truth: Truth
+    n_frames: int
+    style: CropStyle
+    rng: np.random.Generator
+
+    def picture(self) -> GrayImage:
+        return gray(read_rgb(self.record.left_path, self.record.width_px, self.record.height_px))
+
+    def cut(self, picture: GrayImage, windows_px: FloatArray) -> GrayImage:
+        return crop_windows(picture, windows_px, self.style.window, self.style.interpolation)
+
+
+def car_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: int = 1) -> NDArray[np.uint8]:
+    """Crops (n, height, width) of the cars that are seen well enough.
+
+    Raises:
+        RescoreError: no such car in the data.
+    """
+    found = _over_frames(_car_crops_of, data, style, rng, jobs)
+    if not len(found):
+        raise RescoreError(
+            f"training: expected cars at least {style.mining.min_visibility:.0%} visible in "
+            f"{len(data.frames)} frames, got none; add frames with cars to the train split"
+        )
+    return found
+
+
+def street_crops(
+    data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: int = 1
+) -> NDArray[np.uint8]:
+    """Random crops (n, height, width) without a car, over all sizes of the scan."""
+    return _over_frames(_street_crops_of, data, style, rng, jobs)
+
+
+def hard_crops(
+    detector: Detector, data: DataSet, style: CropStyle, rng: np.random.Generator, *, jobs: int = 1
+) -> NDArray[np.uint8]:
+    """Crops (n, height, width) of the detector's highest-scoring false alarms in each frame."""
+    return _over_frames(partial(_hard_crops_of, detector=detector), data, style, rng, jobs)
+
+
+def hard_negatives(found: Detections, truth: Truth, config: MiningConfig, max_count: int) -> NDArray[np.intp]:
+    """Indices of the false alarms to learn from: away from every car, no near-copies, best first."""
+    away = np.flatnonzero(_car_overlap(found.xyxy_px, truth) <= config.max_car_iou)
+    keep = suppress(found.xyxy_px[away], found.score[away], config.hard_max_iou, max_count)
+    return np.asarray(away[keep], dtype=np.intp)
+
+
+def _car_overlap(boxes_px: FloatArray, truth: Truth) -> FloatArray:
+    # cars that are ignored or hardly seen count here: they must not become examples of street
+    if not len(truth.xyxy_px):
+        return np.zeros(len(boxes_px))
+    return np.asarray(iou_matrix(boxes_px, truth.xyxy_px).max(axis=1))
+
+
+def _over_frames(
+    crops_of: Callable[[_FrameTask], GrayImage],
+    data: DataSet,
+    style: CropStyle,
+    rng: np.random.Generator,
+    jobs: int,
+) -> GrayImage:
+    # one generator a frame: the crops do not depend on which worker takes which frame
+    n_frames = len(data.frames)
+    tasks = (
+        delayed(crops_of)(_FrameTask(record, data.truth[record.image_id], n_frames, style, frame_rng))
+        for record, frame_rng in zip(data.frames, rng.spawn(n_frames), strict=True)
+    )
+    crops = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
+    none = np.empty((0, style.window.height_px, style.window.width_px), np.uint8)
+    return np.concatenate([none, *crops])
+
+
+def _car_crops_of(task: _FrameTask) -> GrayImage:
+    record, truth, style, config = task.record, task.truth, task.style, task.style.mining
+    seen = ~truth.ignore & ~(truth.visibility < config.min_visibility)
+    boxes = truth.xyxy_px[seen]
+    boxes = boxes[(boxes[:, 2] - boxes[:, 0]) >= config.min_car_share * style.scan.smallest_car_px]
+    windows = style.window.windows(boxes)
+    inside = np.clip(windows, 0, [record.width_px, record.height_px] * 2)
+    share = np.prod(inside[:, 2:] - inside[:, :2], axis=1) / np.prod(windows[:, 2:] - windows[:, :2], axis=1)
+    windows = _jittered(windows[share >= config.min_inside], config, task.rng)
+    return task.cut(task.picture(), windows)
+
+
+def _jittered(windows_px: FloatArray, config: MiningConfig, rng: np.random.Generator) -> FloatArray:
+    n = config.jitter_copies * len(windows_px)
+    copies = np.repeat(windows_px, config.jitter_copies, axis=0)
+    size = copies[:, 2:] - copies[:, :2]
+    middle = copies[:, :2] + size / 2
+    middle += size[:, :1] * rng.uniform(-config.jitter_shift, config.jitter_shift, (n, 2))
+    size *= np.exp(rng.uniform(-config.jitter_scale, config.jitter_scale, (n, 1)))
+    return np.concatenate([windows_px, np.concatenate([middle - size / 2, middle + size / 2], axis=1)])
+
+
+def _street_crops_of(task: _FrameTask) -> GrayImage:
+    window, scan, config = task.style.window, task.style.scan, task.style.mining
+    picture_px = np.array([task.record.width_px, task.record.height_px], dtype=float)
+    window_px = np.array([window.width_px, window.height_px], dtype=float)
+    wanted = min(config.random_per_frame, max(1, config.max_negatives // (2 * task.n_frames)))
+    tries = 4 * wanted  # most of a street is no car, so a quarter is left after those near cars are dropped
+    widths = np.exp(task.rng.uniform(np.log(scan.smallest_car_px), np.log(scan.largest_car_px), tries))
+    scale = np.minimum(widths / window.object_width_px, (picture_px / window_px).min())[:, None]
+    corner = task.rng.uniform(size=(tries, 2)) * (picture_px - scale * window_px)
+    away = _car_overlap(window.boxes(corner, scale[:, 0]), task.truth) <= config.max_car_iou
+    windows = np.concatenate([corner, corner + scale * window_px], axis=1)[away][:wanted]
+    return task.cut(task.picture(), windows)
+
+
+def _hard_crops_of(task: _FrameTask, detector: Detector) -> GrayImage:
+    config = task.style.mining
+    picture = task.picture()
+    found = detector.scan(picture)
+    per_frame = min(
+        config.hard_per_frame, max(1, config.max_negatives // (2 * config.rounds * task.n_frames))
+    )
+    boxes = found.xyxy_px[hard_negatives(found, task.truth, config, per_frame)]
+    return task.cut(picture, task.style.window.windows(boxes))
