@@ -1,0 +1,132 @@
+"""Renders scenes by ray casting: a stereo pair as a camera delivers it, with depth and instances as truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datasets_synth.imaging import expose, rectification_shift
+from datasets_synth.mesh import Scene
+from datasets_synth.mip_atlas import srgb_from_linear
+from datasets_synth.scene_rays import MISS, Hits, SceneRays, build_scene_rays
+from datasets_synth.shade import Shader, build_shader
+
+FloatArray = NDArray[np.float32]
+
+SUBSAMPLES_PX = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
+"""Offsets of the rays that smooth an edge: a rotated grid, best for near-level and upright ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class StereoRender:
+    """A rendered pair and its truth, all (h, w, ...)."""
+
+    left_rgb: NDArray[np.uint8]
+    """sRGB picture of the left eye, shape (h, w, 3)."""
+    right_rgb: NDArray[np.uint8]
+    """sRGB picture of the right eye, shape (h, w, 3)."""
+    depth_m: FloatArray
+    """Depth z of the left pixel centres, shape (h, w); NaN for the sky."""
+    instance: NDArray[np.uint16]
+    """What the left pixel centres see, shape (h, w): 0 for the sky, i for ``scene.items[i - 1]``."""
+
+
+def render_pair(scene: Scene, rng: np.random.Generator) -> StereoRender:
+    """The stereo pair of a scene with its truth; the same seed gives the same bytes.
+
+    Args:
+        scene: What to draw.
+        rng: Source of the noise of the camera alone.
+    """
+    shader = _shader(scene)
+    left, hits = _render_eye(scene, shader, eye=0)
+    right, _ = _render_eye(scene, shader, eye=1)
+    shape = left.shape[:2]
+    return StereoRender(
+        left_rgb=expose(left, scene.imaging, 0, rng),
+        right_rgb=expose(right, scene.imaging, 1, rng),
+        depth_m=np.where(np.isfinite(hits.t), hits.t, np.nan).astype(np.float32).reshape(shape),
+        instance=_instances(hits, shader.rays).reshape(shape),
+    )
+
+
+def render_rgb(scene: Scene) -> NDArray[np.uint8]:
+    """The left picture (h, w, 3) sRGB of a perfect camera: exposure and gamma, no blur, no noise."""
+    radiance, _ = _render_eye(scene, _shader(scene), eye=0)
+    return srgb_from_linear(radiance * np.float32(scene.imaging.exposure[0]))
+
+
+def _shader(scene: Scene) -> Shader:
+    return build_shader(build_scene_rays(scene.items), scene.light, scene.camera.left.fx_px)
+
+
+def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[FloatArray, Hits]:
+    """Linear radiance (h, w, 3) of one eye with smooth edges, and the hits of its pixel centres (h * w)."""
+    width, height = scene.camera.left.width_px, scene.camera.left.height_px
+    v, u = np.mgrid[:height, :width].astype(np.float32)
+    uv = np.stack([u.ravel(), v.ravel()], axis=1)
+    rays = eye_rays(scene, uv, eye)
+    hits = shader.rays.cast(rays)
+    colour, sunlit = shader.radiance(rays, hits)
+
+    edge = np.flatnonzero(_edges(hits, sunlit, shader.rays, (height, width)))
+    fine_uv = (uv[edge, None, :] + SUBSAMPLES_PX).reshape(-1, 2)
+    fine_rays = eye_rays(scene, fine_uv, eye)
+    fine, _ = shader.radiance(fine_rays, shader.rays.cast(fine_rays))
+    colour[edge] = fine.reshape(-1, len(SUBSAMPLES_PX), 3).mean(axis=1)
+    return colour.reshape(height, width, 3), hits
+
+
+def eye_rays(scene: Scene, uv_px: FloatArray, eye: int) -> FloatArray:
+    """World rays (n, 6) of pixels (n, 2) of an eye; t along them is depth, since the camera's z is 1.
+
+    Args:
+        scene: Its camera and pose.
+        uv_px: Pixels, whole numbers at pixel centres.
+        eye: 0 for the left, 1 for the right, which carries the rectification error.
+    """
+    camera = scene.camera.left
+    if eye:
+        uv_px = rectification_shift(uv_px, scene.imaging, camera.width_px, camera.height_px)
+    world_from_left = np.linalg.inv(scene.left_from_world)
+    origin = world_from_left[:3, 3] + world_from_left[:3, 0] * (scene.camera.baseline_m * eye)
+    direction = camera.rays(uv_px.astype(np.float64)) @ world_from_left[:3, :3].T
+    rays = np.empty((len(uv_px), 6), np.float32)
+    rays[:, :3] = origin
+    rays[:, 3:] = direction
+    return rays
+
+
+def _instances(hits: Hits, rays: SceneRays) -> NDArray[np.uint16]:
+    instance = np.zeros(len(hits.face), np.uint16)
+    hit = hits.face != MISS
+    instance[hit] = rays.table.item[hits.face[hit]] + 1
+    return instance
+
+
+def _edges(
+    hits: Hits, sunlit: NDArray[np.bool_], rays: SceneRays, shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Pixels (h * w) whose neighbours show another thing, material, slope, depth or side of a shadow."""
+    hit = hits.face != MISS
+    key = (
+        np.where(
+            hit, rays.table.item[hits.face] * len(rays.table.materials) + rays.table.material[hits.face], -1
+        )
+        * 2
+        + sunlit
+    )
+    key = key.reshape(shape)
+    normal = hits.normal.reshape(*shape, 3)
+    # in inverse depth a plane is linear over the picture, so only a real jump or bend shows up
+    with np.errstate(divide="ignore"):
+        inverse = np.where(np.isfinite(hits.t), 1 / hits.t, 0).reshape(shape)
+    edge = np.zeros(shape, np.bool_)
+    for axis in (0, 1):
+        a: tuple[slice, ...] = (slice(None),) * axis + (slice(None, -1),)
+        b: tuple[slice, ...] = (slice(None),) * axis + (slice(1, None),)
+        jump = (key[a] != key[b]) | (np.einsum("ijk,ijk->ij", normal[a], normal[b]) < 0.85)
+        jump |= np.abs(inverse[a] - inverse[b]) > 0.1 * np.maximum(inverse[a], inverse[b])
+        edge[a] |= jump
+        edge[b] |= jump
+    return edge.ravel()
