@@ -22,16 +22,29 @@ def iou_matrix(a_xyxy_px: FloatArray, b_xyxy_px: FloatArray) -> FloatArray:
     """Intersection over union of every a with every b, shape (n, m), in [0, 1]; 0 where both are empty."""
     a = np.asarray(a_xyxy_px, dtype=float).reshape(-1, 4)
     b = np.asarray(b_xyxy_px, dtype=float).reshape(-1, 4)
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    inter = np.prod(np.clip(high - low, 0, None), axis=2)
-    area_a = np.prod(a[:, 2:] - a[:, :2], axis=1)
-    area_b = np.prod(b[:, 2:] - b[:, :2], axis=1)
-    union = area_a[:, None] + area_b[None, :] - inter
-    return np.divide(inter, union, out=np.zeros_like(inter), where=union > 0)
+    return paired_overlap(a[:, None, :], b[None, :, :])[0]
 
 
-def suppress(xyxy_px: FloatArray, score: FloatArray, max_iou: float, max_count: int | None = None) -> NDArray[np.intp]:
+def paired_overlap(a_xyxy_px: FloatArray, b_xyxy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Intersection over union, and intersection over the area of a, of boxes (..., 4) that broadcast.
+
+    Both in [0, 1]; 0 where the area below the line is 0.
+    """
+    low = np.maximum(a_xyxy_px[..., :2], b_xyxy_px[..., :2])
+    high = np.minimum(a_xyxy_px[..., 2:], b_xyxy_px[..., 2:])
+    inter = np.prod(np.clip(high - low, 0, None), axis=-1)
+    area_a = np.prod(a_xyxy_px[..., 2:] - a_xyxy_px[..., :2], axis=-1)
+    area_b = np.prod(b_xyxy_px[..., 2:] - b_xyxy_px[..., :2], axis=-1)
+    union = area_a + area_b - inter
+    area_a = np.broadcast_to(area_a, inter.shape)
+    iou = np.divide(inter, union, out=np.zeros_like(inter), where=union > 0)
+    share = np.divide(inter, area_a, out=np.zeros_like(inter), where=area_a > 0)
+    return iou, share
+
+
+def suppress(
+    xyxy_px: FloatArray, score: FloatArray, max_iou: float, max_count: int | None = None
+) -> NDArray[np.intp]:
     """Indices kept by greedy non-maximum suppression, best first.
 
     Ties keep the earlier index, so the result does not depend on the sorting algorithm.

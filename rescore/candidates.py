@@ -24,11 +24,13 @@ class Candidates:
         n = len(self.score)
         if self.xyxy_px.shape != (n, 4) or self.likelihood.shape != (n,) or self.score.shape != (n,):
             raise ValueError(
-                f"candidates: {self.xyxy_px.shape} boxes, {self.score.shape} scores, {self.likelihood.shape} likelihoods"
+                f"candidates: {self.xyxy_px.shape} boxes, {self.score.shape} scores, "
+                f"{self.likelihood.shape} likelihoods"
             )
         if not (np.isfinite(self.xyxy_px).all() and np.isfinite(self.score).all()):
             raise RescoreError(
-                f"image {self.image_id}: boxes and scores must be finite, got NaN or infinity; mend the detections"
+                f"image {self.image_id}: boxes and scores must be finite, got NaN or infinity; "
+                "mend the detections"
             )
         if n and not ((self.likelihood >= 0) & (self.likelihood <= 1)).all():
             raise RescoreError(

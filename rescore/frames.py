@@ -1,7 +1,7 @@
 """Data sets: what is known of each frame and its cars, before any pixel is read; and loaded frames."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -29,6 +29,10 @@ class FrameRecord:
     height_px: int
     camera: StereoCamera | None
     ground: GroundPlane | None
+    instance_path: Path | None = None
+    """16-bit picture of instance numbers on rendered scenes, 0 where there is none."""
+    instance_kinds: Mapping[int, str] = field(default_factory=dict)
+    """What each instance number is, on rendered scenes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +65,13 @@ class DataSet:
     def split(self, name: str) -> "DataSet":
         """The frames of one split."""
         frames = tuple(f for f in self.frames if f.split == name)
-        return DataSet(self.root, self.category_id, self.category, frames, {f.image_id: self.truth[f.image_id] for f in frames})
+        return DataSet(
+            self.root,
+            self.category_id,
+            self.category,
+            frames,
+            {f.image_id: self.truth[f.image_id] for f in frames},
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,16 +94,44 @@ class Splits:
         """The four splits of a data set."""
         return Splits(*(data.split(name) for name in SPLITS))
 
+    @property
+    def validation_set(self) -> "ValidationSet":
+        """The only thing that a weight can be tuned on."""
+        return ValidationSet(self.validation, _from_splits=_KEY)
+
+
+_KEY = object()
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationSet:
+    """Validation frames of a data set whose splits share nothing; made by ``Splits.validation_set`` alone.
+
+    What is tuned takes this type, so that test frames cannot get there by mistake.
+    """
+
+    data: DataSet
+    _from_splits: object
+
+    def __post_init__(self) -> None:
+        if self._from_splits is not _KEY:
+            raise TypeError("a ValidationSet comes from Splits.of(data).validation_set, nowhere else")
+        strangers = sorted({f.split for f in self.data.frames} - {"validation"})
+        if strangers:
+            raise RescoreError(
+                f"validation set: expected split 'validation' alone, got {strangers[0]!r} too; mend it"
+            )
+
 
 def _refuse_overlap(what: str, members: Mapping[str, set[Path] | set[str]]) -> None:
     names: Sequence[str] = tuple(members)
     for i, a in enumerate(names):
         for b in names[i + 1 :]:
-            shared = sorted(str(x) for x in members[a] & members[b])  # type: ignore[operator]
+            shared = sorted(str(x) for x in members[a] & members[b])
             if shared:
                 raise RescoreError(
-                    f"splits: {a} and {b} must share no {what}, both hold {shared[0]!r} ({len(shared)} in all); "
-                    "give each to one split"
+                    f"splits: {a} and {b} must share no {what}, both hold {shared[0]!r} "
+                    f"({len(shared)} in all); give each to one split"
                 )
 
 
@@ -117,7 +155,9 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
         raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
     bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
     if bgr is None:
-        raise RescoreError(f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG")
+        raise RescoreError(
+            f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
+        )
     if bgr.shape[:2] != (height_px, width_px):
         raise RescoreError(
             f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}; "

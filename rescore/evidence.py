@@ -1,0 +1,110 @@
+"""Depth evidence of candidates: of one frame with its reconstructions, and of many frames as one table."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.outcome import Failure
+from rescore.align_depth import DepthAlignment
+from rescore.candidates import Candidates
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+OK = "ok"
+"""Status of a candidate with depth evidence; else the status is a ``recon.outcome.Reason``."""
+NOT_RESCORED = ""
+"""Status of a candidate that no rescoring has looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateTable:
+    """Candidates of many images, a row a candidate; images in order, best detector score first in each."""
+
+    image_id: IntArray
+    """Shape (n,)."""
+    rank: IntArray
+    """Place by detector score in its image, 0 is best, shape (n,)."""
+    xyxy_px: FloatArray
+    """Shape (n, 4), pixel edges."""
+    score: FloatArray
+    """Raw detector score, shape (n,)."""
+    likelihood: FloatArray
+    """l in [0, 1], shape (n,); NaN where the scores were never calibrated."""
+    depth_difference: FloatArray
+    """D of eq. 6 in [0, 1], shape (n,); this and the next five are NaN where ``status`` is not "ok"."""
+    scale: FloatArray
+    """a1, shape (n,)."""
+    offset: FloatArray
+    """a2, shape (n,)."""
+    valid_share: FloatArray
+    """Measured share of the predicted depth region, shape (n,)."""
+    stereo_low: FloatArray
+    """Measured depth that was normalised to 0, shape (n,)."""
+    stereo_span: FloatArray
+    """Measured depth that was normalised to 1, less ``stereo_low``, shape (n,)."""
+    status: NDArray[np.object_]
+    """"ok", a reason, or "" where nothing was rescored; strings, shape (n,)."""
+    reason_detail: NDArray[np.object_]
+    """What was expected and what came, "" where status is "ok"; strings, shape (n,)."""
+
+    def __len__(self) -> int:
+        return len(self.image_id)
+
+    def take(self, rows: NDArray[Any]) -> "CandidateTable":
+        """The rows of a mask or an index."""
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @staticmethod
+    def of_candidates(frames: Iterable[Candidates]) -> "CandidateTable":
+        """Candidates that nothing has rescored yet."""
+        return CandidateTable.concatenate(
+            [_rows(c, [NOT_RESCORED] * len(c), [None] * len(c)) for c in frames]
+        )
+
+    @staticmethod
+    def concatenate(tables: Sequence["CandidateTable"]) -> "CandidateTable":
+        """One table below the other."""
+        empty = _rows(Candidates(0, np.zeros((0, 4)), np.zeros(0), np.zeros(0)), [], [])
+        parts = [empty, *tables]
+        return CandidateTable(
+            **{f.name: np.concatenate([getattr(t, f.name) for t in parts]) for f in fields(CandidateTable)}
+        )
+
+    @staticmethod
+    def of_alignments(
+        candidates: Candidates, alignments: Sequence[DepthAlignment | Failure]
+    ) -> "CandidateTable":
+        """The candidates of one image with the outcome of eq. 6 for each."""
+        status = [a.reason.value if isinstance(a, Failure) else OK for a in alignments]
+        return _rows(candidates, status, alignments)
+
+
+def _rows(
+    candidates: Candidates, status: list[str], outcome: Sequence[DepthAlignment | Failure | None]
+) -> "CandidateTable":
+    n = len(candidates)
+    solved = {
+        name: np.array([getattr(o, source, np.nan) for o in outcome], dtype=float)
+        for name, source in (
+            ("depth_difference", "difference"),
+            ("scale", "scale"),
+            ("offset", "offset"),
+            ("valid_share", "valid_share"),
+            ("stereo_low", "stereo_low"),
+            ("stereo_span", "stereo_span"),
+        )
+    }
+    return CandidateTable(
+        image_id=np.full(n, candidates.image_id, np.int64),
+        rank=np.arange(n, dtype=np.int64),
+        xyxy_px=candidates.xyxy_px,
+        score=candidates.score,
+        likelihood=candidates.likelihood,
+        status=np.array(status, dtype=object),
+        reason_detail=np.array([o.detail if isinstance(o, Failure) else "" for o in outcome], dtype=object),
+        **solved,
+    )

@@ -1,0 +1,381 @@
+"""Data sets and detections as COCO JSON files."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
+
+from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.errors import RescoreError
+from rescore.boxes import xywh_from_xyxy, xyxy_from_xywh
+from rescore.candidates import Candidates
+from rescore.evidence import NOT_RESCORED, CandidateTable
+from rescore.formats.checked_json import read_checked
+from rescore.frames import SPLITS, DataSet, FrameRecord, Truth
+from rescore.store import atomic_path
+
+FloatArray = NDArray[np.float64]
+Box = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+
+MAX_CANDIDATES = 15
+"""The report keeps the 15 highest-scoring candidates of an image."""
+
+
+class _Camera(BaseModel):
+    fx: FiniteFloat
+    fy: FiniteFloat
+    cx: FiniteFloat
+    cy: FiniteFloat
+    baseline_m: FiniteFloat
+    height_m: FiniteFloat | None = None
+    pitch_rad: FiniteFloat | None = None
+
+
+class _Instance(BaseModel):
+    id: int
+    kind: str
+
+
+class _Image(BaseModel):
+    id: int
+    file_name: str
+    width: PositiveInt
+    height: PositiveInt
+    right_file_name: str | None = None
+    disparity_file_name: str | None = None
+    instance_file_name: str | None = None
+    instances: list[_Instance] = []
+    split: str = "test"
+    camera: _Camera | None = None
+
+
+class _Annotation(BaseModel):
+    id: int
+    image_id: int
+    category_id: int
+    bbox: Box
+    iscrowd: bool = False
+    ignore: bool = False
+    visibility: FiniteFloat | None = None
+    shape_id: str | None = None
+
+
+class _Category(BaseModel):
+    id: int
+    name: str
+
+
+class _DataSet(BaseModel):
+    images: list[_Image]
+    annotations: list[_Annotation]
+    categories: list[_Category]
+
+
+class _Detection(BaseModel):
+    image_id: int
+    bbox: Box
+    score: FiniteFloat
+    category_id: int | None = None
+    detector: str | None = None
+    detector_score: FiniteFloat | None = None
+    likelihood: FiniteFloat | None = None
+    depth_difference: FiniteFloat | None = None
+    scale: FiniteFloat | None = None
+    offset: FiniteFloat | None = None
+    valid_share: FiniteFloat | None = None
+    stereo_low: FiniteFloat | None = None
+    stereo_span: FiniteFloat | None = None
+    status: str | None = None
+    reason_detail: str | None = None
+    w: FiniteFloat | None = None
+
+
+_DATA_SET = TypeAdapter(_DataSet)
+_DETECTIONS = TypeAdapter(list[_Detection])
+
+
+def read_dataset(path: Path, category: str = "car") -> DataSet:
+    """The data set of a folder with ``annotations.json`` (or of that file itself); no picture is opened yet.
+
+    The class is the one named ``category``, or the only one of the file. Annotations of other classes are
+    left out. An image without ``split`` is in split "test".
+
+    Raises:
+        RescoreError: the file is missing, has another shape, or contradicts itself.
+    """
+    file = path / "annotations.json" if path.is_dir() or not path.suffix else path
+    parsed = read_checked(file, _DATA_SET, "a data set in COCO's form")
+    chosen = _category(file, parsed.categories, category)
+    _refuse_twice(file, "image id", [i.id for i in parsed.images])
+    _refuse_twice(file, "annotation id", [a.id for a in parsed.annotations])
+    cars: dict[int, list[_Annotation]] = {image.id: [] for image in parsed.images}
+    for a in parsed.annotations:
+        if a.image_id not in cars:
+            raise RescoreError(
+                f"{file}: annotation {a.id}: expected the id of a listed image, got {a.image_id}; mend image_id"
+            )
+        if not (a.bbox[2] > 0 and a.bbox[3] > 0):
+            raise RescoreError(
+                f"{file}: annotation {a.id}: expected bbox [x, y, w, h] with positive sizes, got {list(a.bbox)}; "
+                "mend the box"
+            )
+        if a.category_id == chosen.id:
+            cars[a.image_id].append(a)
+    return DataSet(
+        root=file.parent,
+        category_id=chosen.id,
+        category=chosen.name,
+        frames=tuple(_frame(file, image) for image in parsed.images),
+        truth={image_id: _truth(annotations) for image_id, annotations in cars.items()},
+    )
+
+
+def _category(file: Path, categories: list[_Category], name: str) -> _Category:
+    named = [c for c in categories if c.name == name]
+    if not named and len(categories) != 1:
+        raise RescoreError(
+            f"{file}: expected a category named {name!r}, got {sorted(c.name for c in categories)}; add or rename it"
+        )
+    return (named or categories)[0]
+
+
+def _refuse_twice(file: Path, what: str, ids: list[int]) -> None:
+    twice = [i for i, count in Counter(ids).items() if count > 1]
+    if twice:
+        raise RescoreError(
+            f"{file}: expected each {what} once, got {twice[0]} twice or more; number them anew"
+        )
+
+
+def _frame(file: Path, image: _Image) -> FrameRecord:
+    if image.split not in SPLITS:
+        raise RescoreError(
+            f"{file}: image {image.id}: expected split {', '.join(SPLITS)}, got {image.split!r}; mend the split"
+        )
+
+    def place(name: str | None) -> Path | None:
+        return file.parent / name if name else None
+
+    camera, ground = None, None
+    if image.camera is not None:
+        c = image.camera
+        try:
+            left = PinholeCamera(c.fx, c.fy, c.cx, c.cy, image.width, image.height)
+            camera = StereoCamera(left, c.baseline_m)
+            ground = GroundPlane(c.height_m, c.pitch_rad or 0.0) if c.height_m is not None else None
+        except RescoreError as error:
+            raise RescoreError(f"{file}: image {image.id}: {error}") from error
+    return FrameRecord(
+        image_id=image.id,
+        left_path=file.parent / image.file_name,
+        right_path=place(image.right_file_name),
+        disparity_path=place(image.disparity_file_name),
+        split=image.split,
+        width_px=image.width,
+        height_px=image.height,
+        camera=camera,
+        ground=ground,
+        instance_path=place(image.instance_file_name),
+        instance_kinds={i.id: i.kind for i in image.instances},
+    )
+
+
+def _truth(annotations: list[_Annotation]) -> Truth:
+    boxes = np.array([a.bbox for a in annotations], dtype=float).reshape(-1, 4)
+    return Truth(
+        annotation_id=np.array([a.id for a in annotations], dtype=np.int64),
+        xyxy_px=xyxy_from_xywh(boxes),
+        ignore=np.array([a.iscrowd or a.ignore for a in annotations], dtype=bool),
+        visibility=np.array(
+            [np.nan if a.visibility is None else a.visibility for a in annotations], dtype=float
+        ),
+        shape_id=tuple(a.shape_id or "" for a in annotations),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class DetectionFile:
+    """The detections of one detector on the images of a data set, rescored or not."""
+
+    detector: str
+    """Name for tables: the key ``detector`` of the file, or its file name."""
+    table: CandidateTable
+    posterior: FloatArray | None
+    """The file's ``score`` where it was rescored, shape (n,); None where it was not."""
+    w: float | None
+    """Weight of eq. 7 that made the posterior."""
+    n_other_class: int
+    """Detections left out because their category is another."""
+    n_beyond_max: int
+    """Detections left out because their image has ``max_candidates`` better ones."""
+
+    def candidates(self, data: DataSet) -> dict[int, Candidates]:
+        """Candidates of every image, empty where none was found.
+
+        Raises:
+            RescoreError: likelihoods are unknown.
+        """
+        if np.isnan(self.table.likelihood).any():
+            low, high = self.table.score.min(), self.table.score.max()
+            raise RescoreError(
+                f"detections of {self.detector}: expected likelihoods, or scores in [0, 1] to be taken as such, got "
+                f"scores from {low:g} to {high:g}; calibrate them (`rescore train` fits Platt scaling) or write a "
+                "'likelihood' for each"
+            )
+        rows: dict[int, list[int]] = {f.image_id: [] for f in data.frames}
+        for row, image_id in enumerate(self.table.image_id.tolist()):
+            rows[image_id].append(row)
+        t = self.table
+        return {i: Candidates(i, t.xyxy_px[r], t.score[r], t.likelihood[r]) for i, r in rows.items()}
+
+
+def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_CANDIDATES) -> DetectionFile:
+    """The detections of a COCO results file, best raw score first in each image (ties in the file's order).
+
+    The raw score is ``detector_score`` where there is one (a rescored file), else ``score``. Where no
+    likelihood is given, scores that all lie in [0, 1] are taken as likelihoods; other scores leave them NaN.
+
+    Raises:
+        RescoreError: the file is missing, has another shape, names an unknown image, or holds no usable
+        number.
+    """
+    found = read_checked(path, _DETECTIONS, "detections as a list in COCO's results form")
+    known = {f.image_id for f in data.frames}
+    for number, d in enumerate(found):
+        _check_detection(path, number, d, known)
+    ours = [d for d in found if d.category_id in (None, data.category_id)]
+    if found and not ours:
+        raise RescoreError(
+            f"{path}: expected detections of category_id {data.category_id} ({data.category!r}), got only "
+            f"{found[0].category_id}; map the classes"
+        )
+    kept = _best_of_each_image(ours, data, max_candidates)
+    rescored = bool(kept) and all(d.status for d, _ in kept)
+    weights = {d.w for d, _ in kept}
+    return DetectionFile(
+        detector=(kept[0][0].detector if kept else None) or path.stem,
+        table=_table(kept),
+        posterior=np.array([d.score for d, _ in kept]) if rescored else None,
+        w=weights.pop() if rescored and len(weights) == 1 else None,
+        n_other_class=len(found) - len(ours),
+        n_beyond_max=len(ours) - len(kept),
+    )
+
+
+def _check_detection(path: Path, number: int, d: _Detection, known: set[int]) -> None:
+    if d.image_id not in known:
+        raise RescoreError(
+            f"{path}: detection {number}: expected an image of the data set, got image_id {d.image_id}; "
+            "use the detections of this data set and split"
+        )
+    if not (d.bbox[2] > 0 and d.bbox[3] > 0):
+        raise RescoreError(
+            f"{path}: detection {number}: expected bbox [x, y, w, h] with positive sizes, got {list(d.bbox)}; "
+            "mend the box"
+        )
+    if d.likelihood is not None and not 0 <= d.likelihood <= 1:
+        raise RescoreError(
+            f"{path}: detection {number}: expected a likelihood in [0, 1], got {d.likelihood}; calibrate the scores"
+        )
+
+
+def _raw_score(d: _Detection) -> float:
+    return d.score if d.detector_score is None else d.detector_score
+
+
+def _best_of_each_image(
+    found: list[_Detection], data: DataSet, max_candidates: int | None
+) -> list[tuple[_Detection, int]]:
+    """Detections with their rank, images in the order of the data set."""
+    by_image: dict[int, list[_Detection]] = {f.image_id: [] for f in data.frames}
+    for d in found:
+        by_image[d.image_id].append(d)
+    return [
+        (d, rank)
+        for detections in by_image.values()
+        for rank, d in enumerate(sorted(detections, key=lambda d: -_raw_score(d))[:max_candidates])
+    ]
+
+
+def _table(kept: list[tuple[_Detection, int]]) -> CandidateTable:
+    def column(name: str) -> FloatArray:
+        values = [getattr(d, name) for d, _ in kept]
+        return np.array([np.nan if v is None else v for v in values], dtype=float)
+
+    score = np.array([_raw_score(d) for d, _ in kept], dtype=float)
+    likelihood = column("likelihood")
+    if np.isnan(likelihood).all() and ((score >= 0) & (score <= 1)).all():
+        likelihood = score
+    return CandidateTable(
+        image_id=np.array([d.image_id for d, _ in kept], dtype=np.int64),
+        rank=np.array([rank for _, rank in kept], dtype=np.int64),
+        xyxy_px=xyxy_from_xywh(np.array([d.bbox for d, _ in kept], dtype=float).reshape(-1, 4)),
+        score=score,
+        likelihood=likelihood,
+        depth_difference=column("depth_difference"),
+        scale=column("scale"),
+        offset=column("offset"),
+        valid_share=column("valid_share"),
+        stereo_low=column("stereo_low"),
+        stereo_span=column("stereo_span"),
+        status=np.array([d.status or NOT_RESCORED for d, _ in kept], dtype=object),
+        reason_detail=np.array([d.reason_detail or "" for d, _ in kept], dtype=object),
+    )
+
+
+def write_detections(path: Path, detector: str, table: CandidateTable, data: DataSet) -> None:
+    """Write raw detections: COCO results whose ``score`` is the raw one, with ``likelihood`` where it is known."""
+    rows = [
+        {**base, "score": float(s), "detector": detector} | ({} if np.isnan(l) else {"likelihood": float(l)})
+        for base, s, l in zip(_boxes(table, data), table.score, table.likelihood, strict=True)
+    ]
+    _write_rows(path, rows)
+
+
+def write_rescored(
+    path: Path, detector: str, table: CandidateTable, posterior: FloatArray, *, w: float, data: DataSet
+) -> None:
+    """Write rescored detections: ``score`` is the posterior, and what led to it lies beside it.
+
+    Numbers of a candidate without depth evidence are null; its ``status`` says why.
+    """
+    numbers = (
+        "likelihood",
+        "depth_difference",
+        "scale",
+        "offset",
+        "valid_share",
+        "stereo_low",
+        "stereo_span",
+    )
+    columns: Mapping[str, FloatArray] = {name: getattr(table, name) for name in numbers}
+    rows = []
+    for i, base in enumerate(_boxes(table, data)):
+        values = {name: float(column[i]) for name, column in columns.items()}
+        rows.append(
+            base
+            | {"score": float(posterior[i]), "detector": detector, "detector_score": float(table.score[i])}
+            | {name: None if np.isnan(v) else v for name, v in values.items()}
+            | {"status": table.status[i], "reason_detail": table.reason_detail[i], "w": w}
+        )
+    _write_rows(path, rows)
+
+
+def _boxes(table: CandidateTable, data: DataSet) -> list[dict[str, object]]:
+    boxes = xywh_from_xyxy(table.xyxy_px).tolist()
+    return [
+        {"image_id": int(i), "category_id": data.category_id, "bbox": box}
+        for i, box in zip(table.image_id, boxes, strict=True)
+    ]
+
+
+def _write_rows(path: Path, rows: list[dict[str, object]]) -> None:
+    """One detection a line, so that files can be read and compared by eye."""
+    lines = ",\n".join(json.dumps(row, allow_nan=False) for row in rows)
+    with atomic_path(path) as beside:
+        beside.write_text(f"[\n{lines}\n]\n" if rows else "[]\n", encoding="utf-8")
