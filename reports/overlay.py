@@ -1,0 +1,122 @@
+"""Where a registered prediction lies: in the picture and in the world, over the measured points.
+
+The world frame of pictures in 3D stands on the ground under the left eye: x right, y forward, z up, metres.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane, PinholeCamera
+from recon.depth_map import DepthMap
+from rescore.align_depth import DepthAlignment
+
+FloatArray = NDArray[np.float64]
+
+_MAX_TEAR = 0.08
+"""A mesh is torn where neighbouring depths differ by more than this share of the depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartMesh:
+    """A surface of labelled points."""
+
+    xyz_m: FloatArray
+    """Vertices (n, 3)."""
+    triangles: NDArray[np.uint32]
+    """Vertex indices (m, 3)."""
+    label: NDArray[np.uint8]
+    """Part label of each vertex, shape (n,)."""
+
+
+def world_from_camera(ground: GroundPlane) -> FloatArray:
+    """The 4 x 4 transform from the camera frame (x right, y down, z forward) to the world frame."""
+    up = ground.up
+    forward = np.array([0.0, 0.0, 1.0]) - up[2] * up
+    forward /= np.linalg.norm(forward)
+    transform = np.eye(4)
+    transform[:3, :3] = [np.cross(forward, up), forward, up]
+    transform[2, 3] = ground.height_m
+    return transform
+
+
+def apply_transform(transform: FloatArray, xyz: FloatArray) -> FloatArray:
+    """Points (..., 3) moved by a 4 x 4 transform."""
+    return xyz @ transform[:3, :3].T + transform[:3, 3]
+
+
+def registered_depth(predicted: DepthMap, alignment: DepthAlignment) -> NDArray[np.float32]:
+    """Predicted depth (h, w) in the unit of the measured one: a1 and a2 of eq. 6, normalisation undone."""
+    normalised = alignment.scale * predicted.depth.astype(float) + alignment.offset
+    return (normalised * alignment.stereo_span + alignment.stereo_low).astype(np.float32)
+
+
+def points_of_depth(
+    depth: NDArray[np.floating], camera: PinholeCamera, x0_px: int = 0, y0_px: int = 0
+) -> FloatArray:
+    """Camera-frame points (h, w, 3) of a depth window with first pixel ``(x0_px, y0_px)``; NaN in holes."""
+    h, w = depth.shape
+    v, u = np.mgrid[y0_px : y0_px + h, x0_px : x0_px + w].astype(float)
+    return camera.rays(np.stack([u, v], axis=-1)) * depth[..., None]
+
+
+def part_mesh(
+    depth: NDArray[np.floating],
+    labels: NDArray[np.uint8],
+    camera: PinholeCamera,
+    corner_px: tuple[int, int] = (0, 0),
+    max_vertices: int = 600,
+) -> PartMesh:
+    """The registered prediction as a surface in the camera frame, thinned to about ``max_vertices`` vertices.
+
+    Args:
+        depth: registered depth (h, w), NaN outside the object.
+        labels: part labels (h, w) of the same pixels.
+        camera: the left eye.
+        corner_px: column and row of the first pixel.
+        max_vertices: the picture is thinned by whole rows and columns until it has no more pixels than this.
+    """
+    seen = np.isfinite(depth) & (depth > 0)
+    step = max(1, int(np.ceil(np.sqrt(seen.sum() / max_vertices))))
+    points = points_of_depth(depth, camera, *corner_px)[::step, ::step]
+    seen, thin = seen[::step, ::step], np.where(seen, depth, np.nan)[::step, ::step]
+    index = np.cumsum(seen.ravel()).reshape(seen.shape) - 1
+    corners = [(slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))]
+    corners += [(slice(1, None), slice(1, None)), (slice(1, None), slice(None, -1))]
+    quad_depth = np.stack([thin[c] for c in corners])
+    # NaN in any corner makes the comparison False
+    whole = np.ptp(quad_depth, axis=0) <= _MAX_TEAR * quad_depth[0]
+    a, b, c, d = (index[corner][whole] for corner in corners)
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.uint32)
+    return PartMesh(points[seen], triangles, labels[::step, ::step][seen])
+
+
+def merge_meshes(meshes: list[PartMesh]) -> PartMesh:
+    """One mesh of several; empty where there is none."""
+    first = np.cumsum([0, *(len(m.xyz_m) for m in meshes)])
+    return PartMesh(
+        np.concatenate([np.zeros((0, 3)), *(m.xyz_m for m in meshes)]),
+        np.concatenate(
+            [
+                np.zeros((0, 3), np.uint32),
+                *(m.triangles + np.uint32(f) for m, f in zip(meshes, first[:-1], strict=True)),
+            ]
+        ),
+        np.concatenate([np.zeros(0, np.uint8), *(m.label for m in meshes)]),
+    )
+
+
+def stereo_points(
+    depth_m: NDArray[np.floating],
+    rgb: NDArray[np.uint8],
+    camera: PinholeCamera,
+    max_points: int = 14_000,
+    max_depth_m: float = 60.0,
+) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Measured points (n, 3) in the camera frame and their colours (n, 3), thinned on a pixel grid."""
+    step = max(1, int(np.ceil(np.sqrt(depth_m.size / max_points))))
+    points = points_of_depth(depth_m, camera)[::step, ::step].reshape(-1, 3)
+    colours = rgb[::step, ::step].reshape(-1, 3)
+    near = np.isfinite(points[:, 2]) & (points[:, 2] < max_depth_m)
+    return points[near], colours[near]

@@ -1,0 +1,111 @@
+"""A run folder read for looking: its match table, numbers, config and data set. Nothing is computed anew."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+
+Columns = Mapping[str, NDArray[Any]]
+"""A table as arrays of one length, by column name."""
+
+_NEEDED = (
+    *("detector", "image_id", "rank", "x0", "y0", "x1", "y1", "detector_score", "likelihood", "status"),
+    *("depth_difference", "scale", "offset", "outcome_detector"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run folder in memory, without its pictures."""
+
+    root: Path
+    config: Mapping[str, Any]
+    metrics: Mapping[str, Any]
+    candidates: Columns
+    """candidates.parquet, a row a candidate."""
+
+    @property
+    def detectors(self) -> tuple[str, ...]:
+        """Detectors in the order of metrics.json."""
+        return tuple(dict.fromkeys(str(row["detector"]) for row in self.metrics["rows"]))
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Ways of scoring in the order of metrics.json; "detector" is the detector alone."""
+        return tuple(dict.fromkeys(str(row["mode"]) for row in self.metrics["rows"]))
+
+    @property
+    def data_dir(self) -> Path:
+        """The folder of the data set: ``data`` of the run folder, or the one that config.json names."""
+        named = self.config.get("data")
+        return Path(named) if isinstance(named, str) else self.root / "data"
+
+    def tuning(self) -> Mapping[str, Mapping[str, Any]]:
+        """The choice of w by detector: ``w``, ``w_grid``, ``objective``, ``objective_name``; may be empty."""
+        return dict(self.metrics.get("tuning", {}))
+
+    def row(self, detector: str, mode: str) -> Mapping[str, Any]:
+        """The row of metrics.json of one detector and mode."""
+        for row in self.metrics["rows"]:
+            if row["detector"] == detector and row["mode"] == mode:
+                return dict(row)
+        raise RescoreError(
+            f"{self.root / 'metrics.json'}: expected a row {detector}/{mode}, got none; evaluate again"
+        )
+
+    def of(self, detector: str) -> Columns:
+        """The rows of candidates.parquet of one detector."""
+        keep = self.candidates["detector"] == detector
+        return {name: column[keep] for name, column in self.candidates.items()}
+
+
+def score_column(mode: str) -> str:
+    """Name of the column that ranks candidates in this mode."""
+    return "detector_score" if mode == "detector" else f"posterior_{mode}"
+
+
+def load_run(run_dir: Path) -> Run:
+    """Read config.json, metrics.json and candidates.parquet of a run folder.
+
+    Raises:
+        RescoreError: a file is missing or lacks a column.
+    """
+    root = Path(run_dir)
+    for name in ("config.json", "metrics.json", "candidates.parquet"):
+        if not (root / name).is_file():
+            raise RescoreError(
+                f"{root}: expected a run folder with {name}, found none; run `rescore evaluate` first"
+            )
+    table = pq.read_table(root / "candidates.parquet")
+    missing = [name for name in _NEEDED if name not in table.column_names]
+    if missing:
+        raise RescoreError(
+            f"{root / 'candidates.parquet'}: expected column {missing[0]!r}, got "
+            f"{', '.join(table.column_names)}; write it again with `rescore evaluate`"
+        )
+    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+    return Run(root, _read_json(root / "config.json"), _read_json(root / "metrics.json"), columns)
+
+
+def boxes_px(rows: Columns) -> NDArray[np.float64]:
+    """Boxes (n, 4) of table rows: left, top, right, bottom pixel edges."""
+    return np.stack([rows[k] for k in ("x0", "y0", "x1", "y1")], axis=1).astype(float)
+
+
+def _read_json(path: Path) -> Mapping[str, Any]:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise RescoreError(
+            f"{path}: expected JSON, got {error}; write it again with `rescore evaluate`"
+        ) from None
+    if not isinstance(value, dict):
+        raise RescoreError(f"{path}: expected a JSON object, got {type(value).__name__}; write it again")
+    return value

@@ -1,0 +1,125 @@
+"""The tables of a run: for the terminal, for HTML and for Markdown."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rich.table import Table as RichTable
+
+from reports.palette import detector_name, mode_name
+
+RECALLS = ("0.5", "0.6", "0.7", "0.8")
+
+REASON_TEXT = {
+    "ok": "depth compared",
+    "no_outline": "no outline found",
+    "registration_failed": "parts could not be registered",
+    "no_ground_contact": "no part touches the ground",
+    "above_horizon": "ground line above the horizon",
+    "parts_not_placed": "too few parts placed",
+    "no_stereo": "too little measured depth",
+    "box_outside_image": "box outside the image",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as text: what is shown, ready for any medium."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    text_columns: int = 1
+    """The first so many columns hold text; the others hold numbers and are aligned to the right."""
+
+    def markdown(self) -> str:
+        """The table in GitHub's Markdown, without its title."""
+        rule = ["---"] * self.text_columns + ["---:"] * (len(self.head) - self.text_columns)
+        lines = [self.head, rule, *self.rows]
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+    def rich(self, caption: str | None = None) -> RichTable:
+        """The table for the terminal."""
+        table = RichTable(title=self.title, title_justify="left", caption=caption, caption_justify="left")
+        for i, name in enumerate(self.head):
+            table.add_column(name, justify="left" if i < self.text_columns else "right", no_wrap=True)
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+
+def result_table(metrics: Mapping[str, Any]) -> Table:
+    """A row a detector and mode: w, areas, average precision, false positives per image, ceiling."""
+    head = ("detector", "scores", "w", "area (ROC)", "average precision")
+    head += (*(f"FP/image at {float(r):.0%}" for r in RECALLS), "recall ceiling")
+    rows = tuple(
+        (
+            detector_name(row["detector"]),
+            mode_name(row["mode"]),
+            number(row["w"], 2),
+            number(row["auc"]),
+            number(row["average_precision"]),
+            *(number(row["fppi_at_recall"].get(r), 2) for r in RECALLS),
+            number(row["recall_ceiling"]),
+        )
+        for row in metrics["rows"]
+    )
+    return Table("Results on the test set", head, rows, text_columns=2)
+
+
+def terminal_table(metrics: Mapping[str, Any]) -> RichTable:
+    """The result table with short names, for a terminal of 80 columns."""
+    full = result_table(metrics)
+    names = [
+        (detector_name(row["detector"], short=True), mode_name(row["mode"]), *cells[2:])
+        for row, cells in zip(metrics["rows"], full.rows, strict=True)
+    ]
+    head = ("detector", "scores", "w", "area", "AP", *(f"{float(r):.0%}" for r in RECALLS), "ceiling")
+    return Table(full.title, head, tuple(names), text_columns=2).rich(
+        f"{metrics['n_cars']} cars in {metrics['n_images']} images. area: under the candidate ROC. AP: average "
+        "precision. 50% to 80%: false positives per image where this share of all cars is found (– never). "
+        "ceiling: share of the cars found by all candidates."
+    )
+
+
+def reason_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table:
+    """How many candidates of each detector had depth evidence, and why the others had none."""
+    counts = {d: _counts([str(s) for s in columns["status"][columns["detector"] == d]]) for d in detectors}
+    statuses = sorted({s for c in counts.values() for s in c}, key=lambda s: (s != "ok", s))
+    totals = {d: max(sum(counts[d].values()), 1) for d in detectors}
+    rows = tuple(
+        (
+            REASON_TEXT.get(status, status.replace("_", " ")),
+            *(f"{counts[d].get(status, 0)} ({counts[d].get(status, 0) / totals[d]:.0%})" for d in detectors),
+        )
+        for status in statuses
+    )
+    return Table(
+        "Depth evidence of the candidates", ("outcome", *(detector_name(d) for d in detectors)), rows
+    )
+
+
+def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], modes: Sequence[str]) -> Table | None:
+    """What the false alarms show, by kind of rendered thing; None where the kinds are unknown."""
+    if "kind" not in columns or not any(str(k) for k in columns["kind"]):
+        return None
+    false = columns["outcome_detector"] == "false_alarm"
+    per = {
+        d: _counts([str(k) or "unknown" for k in columns["kind"][false & (columns["detector"] == d)]])
+        for d in detectors
+    }
+    kinds = sorted(
+        {k for c in per.values() for k in c}, key=lambda k: (-sum(c.get(k, 0) for c in per.values()), k)
+    )
+    rows = tuple((kind.replace("_", " "), *(str(per[d].get(kind, 0)) for d in detectors)) for kind in kinds)
+    return Table("False alarms by what they show", ("kind", *(detector_name(d) for d in detectors)), rows)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A figure for people; a dash where there is none."""
+    return "–" if value is None or math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _counts(values: Sequence[str]) -> dict[str, int]:
+    return {v: values.count(v) for v in dict.fromkeys(values)}
