@@ -57,9 +57,12 @@ class Detector(Protocol):
         """Write the detector to one file (see rescore.detectors.files)."""
 
 
-def ordered(xyxy_px: FloatArray, score: FloatArray) -> Detections:
-    """Detections in an order that depends on nothing but their values: threads deliver them in any order."""
-    order = np.lexsort((*xyxy_px.T[::-1], -score))
+def ordered(xyxy_px: FloatArray, score: FloatArray, max_count: int = 2000) -> Detections:
+    """The best detections in an order that depends on nothing but their values: threads deliver them in any."""
+    if len(score) > max_count:
+        best = score >= np.partition(score, -max_count)[-max_count]
+        xyxy_px, score = xyxy_px[best], score[best]
+    order = np.lexsort((*xyxy_px.T[::-1], -score))[:max_count]
     return Detections(xyxy_px[order], score[order])
 
 

@@ -3,7 +3,7 @@
 import json
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -76,10 +76,14 @@ def load_detector(path: Path) -> Detector:
         RescoreError: no such file, not a detector, an unknown kind, or damaged content.
     """
     # imported here: each detector module imports this one to write itself
+    from rescore.detectors.boosted import BoostedDetector  # noqa: PLC0415
     from rescore.detectors.hog_svm import HogDetector  # noqa: PLC0415
 
     header, arrays = read_detector_file(path)
-    kinds = {HogDetector.kind: HogDetector.from_parts}
+    kinds: dict[str, Callable[..., Detector]] = {
+        HogDetector.kind: HogDetector.from_parts,
+        BoostedDetector.kind: BoostedDetector.from_parts,
+    }
     if header.get("kind") not in kinds:
         raise RescoreError(
             f"{path}: expected a detector of kind {' or '.join(sorted(kinds))}, got {header.get('kind')!r}; "

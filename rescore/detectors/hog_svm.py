@@ -50,7 +50,7 @@ class HogConfig:
     """Mirrored border of each level (x, y): cars cut by the picture's edge."""
     svm_c: float = 0.01
     """Soft margin of the SVM, as in the paper of Dalal and Triggs."""
-    floor: float = -1.5
+    floor: float = -1.2
     """Windows that score less are not reported by the scan."""
     mining: MiningConfig = field(default_factory=MiningConfig)
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)

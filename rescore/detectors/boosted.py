@@ -1,0 +1,203 @@
+"""Murphy, Torralba and Freeman: boosted image fragments (NIPS 2003), shared by all windows of a scan."""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
+
+from recon.errors import RescoreError
+from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
+from rescore.detectors.boosting import BoostConfig, Stumps, gentle_boost
+from rescore.detectors.files import write_detector
+from rescore.detectors.fragments import (
+    Dictionary,
+    FragmentConfig,
+    crop_features,
+    cut_dictionary,
+    level_features,
+)
+from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, car_crops, hard_crops, street_crops
+from rescore.detectors.windows import FloatArray, GrayImage, WindowGeometry, gray
+from rescore.frames import DataSet
+
+# the pyramid shrinks by area means, which do not alias
+INTERPOLATION = cv2.INTER_AREA
+
+
+@dataclass(frozen=True)
+class BoostedConfig:
+    """Fragments, boosting and scan of the Murphy-Torralba-Freeman detector."""
+
+    window: WindowGeometry = field(default_factory=lambda: WindowGeometry(64, 24, 8, 8))
+    """Object size and margin."""
+    scan: ScanRange = field(default_factory=lambda: ScanRange(scale_step=1.15))
+    stride: int = 2
+    """Step of the window in grid steps of the fragments."""
+    padding_px: tuple[int, int] = (24, 12)
+    """Mirrored border of each level (x, y): cars cut by the picture's edge."""
+    floor: float = -3.0
+    """Windows that score less are not reported by the scan."""
+    fragments: FragmentConfig = field(default_factory=FragmentConfig)
+    boosting: BoostConfig = field(default_factory=BoostConfig)
+    mining: MiningConfig = field(default_factory=MiningConfig)
+    suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
+
+    @property
+    def crop_style(self) -> CropStyle:
+        """How training crops are cut."""
+        return CropStyle(self.window, INTERPOLATION, self.scan, self.mining)
+
+
+@dataclass(frozen=True, eq=False)
+class BoostedDetector:
+    """A trained Murphy-Torralba-Freeman detector: score of a window = sum of stumps on fragment features."""
+
+    kind: ClassVar[str] = "boosted_fragments"
+    dictionary: Dictionary
+    """Only the fragments that stumps read."""
+    stumps: Stumps
+    config: BoostedConfig
+    name: str = "boosted"
+
+    def __post_init__(self) -> None:
+        if len(self.stumps) and self.stumps.feature.max() >= len(self.dictionary):
+            raise ValueError(
+                f"boosted: stump of feature {self.stumps.feature.max()} of {len(self.dictionary)}"
+            )
+
+    def detect(self, rgb: NDArray[np.uint8]) -> Detections:
+        """The candidates of an (h, w, 3) uint8 picture after suppression; may be none."""
+        return best_candidates(self.scan(rgb), self.config.suppression, rgb.shape[1], rgb.shape[0])
+
+    def scan(self, rgb: NDArray[np.uint8]) -> Detections:
+        """All windows above the floor, before suppression and clipping."""
+        picture = gray(rgb)
+        widths = self.config.scan.car_widths_px()
+        # threads over levels, largest first; BLAS alone would idle between its small products
+        with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(cv2.getNumThreads()) as pool:
+            levels = list(pool.map(lambda width: self._scan_level(picture, width), widths))
+        return ordered(np.concatenate([b for b, _ in levels]), np.concatenate([s for _, s in levels]))
+
+    def _scan_level(self, picture: GrayImage, car_width_px: float) -> tuple[FloatArray, FloatArray]:
+        config, window = self.config, self.config.window
+        scale = car_width_px / window.object_width_px
+        size = max(1, round(picture.shape[1] / scale)), max(1, round(picture.shape[0] / scale))
+        level = cv2.resize(picture, size, interpolation=INTERPOLATION if scale > 1 else cv2.INTER_LINEAR)
+        px, py = config.padding_px
+        padded = np.asarray(cv2.copyMakeBorder(level, py, py, px, px, cv2.BORDER_REFLECT_101), np.uint8)
+        features = level_features(padded, self.dictionary, window, config.stride)
+        score = self.stumps.score(features)
+        row, column = np.nonzero(score > config.floor)
+        step = config.stride * config.fragments.grid_px
+        corner = np.stack([column * step - px, row * step - py], axis=1).astype(float) * scale
+        return window.boxes(corner, scale), score[row, column].astype(float)
+
+    def save(self, path: Path) -> None:
+        """Write the detector to one file."""
+        arrays: dict[str, NDArray[Any]] = {
+            f"stump_{key}": getattr(self.stumps, key) for key in ("feature", "threshold", "below", "above")
+        }
+        d = self.dictionary
+        for i, (patches, filters, places) in enumerate(zip(d.patches, d.filter_index, d.place, strict=True)):
+            arrays |= {f"patches_{i}": patches, f"filter_index_{i}": filters, f"place_{i}": places}
+        write_detector(path, self.kind, self.name, asdict(self.config), arrays)
+
+    @staticmethod
+    def from_parts(
+        name: str, config: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+    ) -> "BoostedDetector":
+        """A detector from the header and the arrays of its file."""
+        nested = dict(config)
+        fragments = dict(nested["fragments"])
+        fragments["sizes_px"] = tuple(fragments["sizes_px"])
+        nested["fragments"] = FragmentConfig(**fragments)
+        nested["window"] = WindowGeometry(**nested["window"])
+        nested["scan"] = ScanRange(**nested["scan"])
+        nested["boosting"] = BoostConfig(**nested["boosting"])
+        nested["mining"] = MiningConfig(**nested["mining"])
+        nested["suppression"] = SuppressionConfig(**nested["suppression"])
+        nested["padding_px"] = tuple(nested["padding_px"])
+        whole = BoostedConfig(**nested)
+        groups = range(len(whole.fragments.sizes_px))
+        dictionary = Dictionary(
+            tuple(arrays[f"patches_{i}"] for i in groups),
+            tuple(arrays[f"filter_index_{i}"] for i in groups),
+            tuple(arrays[f"place_{i}"] for i in groups),
+            whole.fragments,
+        )
+        stumps = Stumps(*(arrays[f"stump_{key}"] for key in ("feature", "threshold", "below", "above")))
+        return BoostedDetector(dictionary, stumps, whole, name)
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()  # finding the libraries takes milliseconds, so once
+
+
+def train_boosted(
+    data: DataSet, config: BoostedConfig, rng: np.random.Generator, jobs: int = 1
+) -> BoostedDetector:
+    """A detector trained on all frames of ``data``, with rounds of hard-negative mining.
+
+    Raises:
+        RescoreError: no car in the frames is seen well enough.
+    """
+    style = config.crop_style
+    cars = car_crops(data, style, rng, jobs)
+    dictionary = cut_dictionary(cars, config.window, config.fragments, rng)
+    car_features = _features(cars, dictionary, jobs)
+    street_features = _features(street_crops(data, style, rng, jobs), dictionary, jobs)
+    detector = _fit(dictionary, car_features, street_features, config, rng)
+    for _ in range(config.mining.rounds):
+        hard = hard_crops(detector, data, style, rng, jobs=jobs)
+        street_features = np.concatenate([street_features, _features(hard, dictionary, jobs)], axis=1)
+        detector = _fit(dictionary, car_features, street_features, config, rng)
+    return detector
+
+
+def train_boosted_on_crops(
+    cars: NDArray[np.uint8],
+    street: NDArray[np.uint8],
+    config: BoostedConfig,
+    rng: np.random.Generator,
+    jobs: int = 1,
+) -> BoostedDetector:
+    """A detector trained on canonical crops (n, height, width) of cars and of street."""
+    if not len(cars):
+        raise RescoreError("training: expected crops of cars, got none; add training frames")
+    dictionary = cut_dictionary(cars, config.window, config.fragments, rng)
+    return _fit(
+        dictionary, _features(cars, dictionary, jobs), _features(street, dictionary, jobs), config, rng
+    )
+
+
+def _fit(
+    dictionary: Dictionary,
+    cars: NDArray[np.float32],
+    street: NDArray[np.float32],
+    config: BoostedConfig,
+    rng: np.random.Generator,
+) -> BoostedDetector:
+    is_car = np.repeat([True, False], [cars.shape[1], street.shape[1]])
+    stumps = gentle_boost(np.concatenate([cars, street], axis=1), is_car, config.boosting, rng)
+    used = stumps.used()
+    return BoostedDetector(dictionary.chosen(used), stumps.renumbered(used), config)
+
+
+def _features(crops: NDArray[np.uint8], dictionary: Dictionary, jobs: int) -> NDArray[np.float32]:
+    chunks = [crops[i : i + 128] for i in range(0, len(crops), 128)]
+    parts = Parallel(n_jobs=jobs)(delayed(_chunk_features)(chunk, dictionary) for chunk in chunks)
+    return np.concatenate([np.empty((len(dictionary), 0), np.float32), *parts], axis=1)
+
+
+def _chunk_features(crops: NDArray[np.uint8], dictionary: Dictionary) -> NDArray[np.float32]:
+    with _blas().limit(limits=1, user_api="blas"):
+        return crop_features(crops, dictionary)

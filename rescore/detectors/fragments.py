@@ -1,0 +1,244 @@
+"""Image fragments and their features (Murphy, Torralba and Freeman, NIPS 2003; Torralba et al., PAMI 2007).
+
+A fragment is a small patch cut from a filtered training crop, with the place where it was cut. Its feature
+in a window is the greatest normalised correlation of the patch with the filtered picture near that place.
+Correlations are taken on a grid of pixels, once for all windows of a level.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+from rescore.detectors.windows import GrayImage, WindowGeometry
+
+FloatImage = NDArray[np.float32]
+
+FILTERS = ("identity", "x_derivative", "y_derivative", "laplacian")
+"""The filter bank. The last three are rectified: a dark car on light ground has the edges of a light one."""
+FILTER_RADIUS_PX = 1
+
+
+@dataclass(frozen=True)
+class FragmentConfig:
+    """The dictionary of fragments."""
+
+    count: int = 600
+    """Fragments in the dictionary, before boosting picks some."""
+    sizes_px: tuple[int, ...] = (7, 11)
+    """Sides of the square patches."""
+    grid_px: int = 2
+    """Correlations are taken at every so many pixels."""
+    mask_radius: int = 2
+    """How far from its place a fragment may be found, in grid steps."""
+    noise_floor: float = 3.0
+    """Contrast in grey levels below which a patch counts as noise: its correlation goes to zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """Fragments of one patch size stay apart: ``patches[i]`` holds those of ``config.sizes_px[i]``."""
+
+    patches: tuple[FloatImage, ...]
+    """One (count, size, size) array a size; each patch has mean 0 and norm 1."""
+    filter_index: tuple[NDArray[np.int64], ...]
+    """One (count,) array a size: which filter the patch was cut from."""
+    place: tuple[NDArray[np.int64], ...]
+    """One (count, 2) array a size: grid (x, y) of the patch's corner in the window."""
+    config: FragmentConfig
+
+    def __post_init__(self) -> None:
+        if not len(self.patches) == len(self.filter_index) == len(self.place) == len(self.config.sizes_px):
+            raise ValueError("dictionary: one group of fragments a size")
+        for patch, which, place, size in zip(
+            self.patches, self.filter_index, self.place, self.config.sizes_px, strict=True
+        ):
+            if (
+                patch.shape[1:] != (size, size)
+                or which.shape != (len(patch),)
+                or place.shape != (len(patch), 2)
+            ):
+                raise ValueError(
+                    f"dictionary: {patch.shape}, {which.shape}, {place.shape} do not fit size {size}"
+                )
+
+    def __len__(self) -> int:
+        return sum(len(p) for p in self.patches)
+
+    def chosen(self, index: NDArray[np.int64]) -> "Dictionary":
+        """The fragments of these ascending indices; groups are kept, some may be empty."""
+        ends = np.cumsum([0, *(len(p) for p in self.patches)])
+        parts = [index[(index >= a) & (index < b)] - a for a, b in pairwise(ends)]
+        return Dictionary(
+            tuple(p[i] for p, i in zip(self.patches, parts, strict=True)),
+            tuple(p[i] for p, i in zip(self.filter_index, parts, strict=True)),
+            tuple(p[i] for p, i in zip(self.place, parts, strict=True)),
+            self.config,
+        )
+
+
+def filter_responses(picture: GrayImage) -> FloatImage:
+    """Responses (4, h - 2, w - 2) of the filter bank; the border that would need outside pixels is left off.
+
+    All kernels are integers, so that responses are exact and a crop has those of the picture it is cut from.
+    """
+    x = cv2.Sobel(picture, cv2.CV_32F, 1, 0, ksize=3)
+    y = cv2.Sobel(picture, cv2.CV_32F, 0, 1, ksize=3)
+    laplacian = cv2.Laplacian(picture, cv2.CV_32F, ksize=3)
+    # gains bring noise in all responses near that of the picture
+    bank = np.stack([picture.astype(np.float32), np.abs(x) / 4, np.abs(y) / 4, np.abs(laplacian) / 8])
+    r = FILTER_RADIUS_PX
+    return bank[:, r:-r, r:-r]
+
+
+def grid_size(height_px: int, width_px: int, size_px: int, grid_px: int) -> tuple[int, int]:
+    """Rows and columns of correlations of a patch in a picture of that size."""
+    reach = size_px + 2 * FILTER_RADIUS_PX
+    return max(0, (height_px - reach) // grid_px + 1), max(0, (width_px - reach) // grid_px + 1)
+
+
+def cut_dictionary(
+    crops: NDArray[np.uint8], window: WindowGeometry, config: FragmentConfig, rng: np.random.Generator
+) -> Dictionary:
+    """Fragments cut at random from canonical crops (n, height, width) of cars.
+
+    A fragment lies where its mask stays inside the window, so that a crop tells all of its features.
+    Patches without contrast are drawn again.
+
+    Raises:
+        RescoreError: the window is too small for the patches, or the crops have no contrast.
+    """
+    quota = np.diff(np.linspace(0, config.count, len(config.sizes_px) + 1).astype(int))
+    groups = [
+        _cut_group(crops, window, config, size, n, rng)
+        for size, n in zip(config.sizes_px, quota, strict=True)
+    ]
+    patches, filters, places = zip(*groups, strict=True)
+    return Dictionary(patches, filters, places, config)
+
+
+def _cut_group(  # noqa: PLR0917
+    crops: NDArray[np.uint8],
+    window: WindowGeometry,
+    config: FragmentConfig,
+    size: int,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[FloatImage, NDArray[np.int64], NDArray[np.int64]]:
+    rows, columns = grid_size(window.height_px, window.width_px, size, config.grid_px)
+    r = config.mask_radius
+    if rows <= 2 * r or columns <= 2 * r:
+        raise RescoreError(
+            f"fragments: a window of {window.width_px} x {window.height_px} px has no room for "
+            f"patches of {size} px that move by {r * config.grid_px} px; take smaller patches"
+        )
+    patches = np.empty((count, size, size), np.float32)
+    filters, places = np.empty(count, np.int64), np.empty((count, 2), np.int64)
+    done = 0
+    for _ in range(50 * count):
+        if done == count:
+            return patches, filters, places
+        responses = filter_responses(crops[rng.integers(len(crops))])
+        which = int(rng.integers(len(FILTERS)))
+        gx, gy = int(rng.integers(r, columns - r)), int(rng.integers(r, rows - r))
+        x, y = gx * config.grid_px, gy * config.grid_px
+        patch = responses[which, y : y + size, x : x + size]
+        patch = patch - patch.mean()
+        norm = float(np.linalg.norm(patch))
+        if norm > 2 * config.noise_floor * size:
+            patches[done], filters[done], places[done] = patch / norm, which, (gx, gy)
+            done += 1
+    raise RescoreError(
+        "fragments: the crops of cars have hardly any contrast; check the pictures of the train split"
+    )
+
+
+def correlations(
+    responses: FloatImage, patches: FloatImage, grid_px: int, noise_floor: float
+) -> Iterator[tuple[slice, FloatImage]]:
+    """Absolute normalised correlations of patches (k, s, s) with responses (h, w), some grid rows at a time.
+
+    Yields (rows, (k, rows, columns)), values in [0, 1]. The norm of a picture patch is raised by that of
+    noise, so that flat ground correlates with nothing. Without it, these are cv2.TM_CCOEFF_NORMED, absolute.
+    """
+    size = patches.shape[1]
+    templates = patches.reshape(len(patches), -1)
+    views = sliding_window_view(responses, (size, size))[::grid_px, ::grid_px]
+    step = max(
+        1, 200_000 // max(1, views.shape[1] * size * size)
+    )  # patches that fit in the processor's cache
+    for start in range(0, views.shape[0], step):
+        rows = slice(start, min(start + step, views.shape[0]))
+        part = views[rows].reshape(-1, size * size)
+        part = part - part.mean(axis=1, keepdims=True)
+        norm = np.sqrt(np.einsum("ij,ij->i", part, part)) + np.float32(noise_floor * size + 1e-6)
+        found = np.abs(templates @ part.T)
+        found /= norm
+        yield rows, found.reshape(len(patches), rows.stop - rows.start, views.shape[1])
+
+
+def level_features(
+    picture: GrayImage, dictionary: Dictionary, window: WindowGeometry, stride: int
+) -> FloatImage:
+    """Features (f, rows, columns) of all windows of a picture, ``stride`` grid steps apart.
+
+    Each fragment is correlated once; its mask is a maximum filter, and the place in the window a shift.
+    """
+    config = dictionary.config
+    g = config.grid_px
+    n_rows = max(0, (picture.shape[0] - window.height_px) // (g * stride) + 1)
+    n_columns = max(0, (picture.shape[1] - window.width_px) // (g * stride) + 1)
+    out = np.empty((len(dictionary), n_rows, n_columns), np.float32)
+    if not out.size:
+        return out
+    responses = filter_responses(picture)
+    mask = np.ones((2 * config.mask_radius + 1,) * 2, np.uint8)
+    first = 0
+    for patches, filters, places in zip(
+        dictionary.patches, dictionary.filter_index, dictionary.place, strict=True
+    ):
+        for which in np.unique(filters):
+            members = np.flatnonzero(filters == which)
+            maps = _maps(responses[which], patches[members], config)
+            for k, found in zip(members, maps, strict=True):
+                near = cv2.dilate(found, mask)
+                gx, gy = places[k]
+                out[first + k] = near[gy::stride, gx::stride][:n_rows, :n_columns]
+        first += len(patches)
+    return out
+
+
+def _maps(responses: FloatImage, patches: FloatImage, config: FragmentConfig) -> FloatImage:
+    size = patches.shape[1]
+    r = FILTER_RADIUS_PX
+    rows, columns = grid_size(responses.shape[0] + 2 * r, responses.shape[1] + 2 * r, size, config.grid_px)
+    maps = np.empty((len(patches), rows, columns), np.float32)
+    for part, found in correlations(responses, patches, config.grid_px, config.noise_floor):
+        maps[:, part] = found
+    return maps
+
+
+def crop_features(crops: NDArray[np.uint8], dictionary: Dictionary) -> FloatImage:
+    """Features (f, n) of canonical crops (n, height, width): those that a scan finds in such a window."""
+    config = dictionary.config
+    r = config.mask_radius
+    out = np.empty((len(dictionary), len(crops)), np.float32)
+    for i, crop in enumerate(crops):
+        responses = filter_responses(crop)
+        first = 0
+        for patches, filters, places in zip(
+            dictionary.patches, dictionary.filter_index, dictionary.place, strict=True
+        ):
+            for which in np.unique(filters):
+                members = np.flatnonzero(filters == which)
+                maps = _maps(responses[which], patches[members], config)
+                near = sliding_window_view(maps, (2 * r + 1, 2 * r + 1), axis=(1, 2))
+                gx, gy = (places[members] - r).T
+                out[first + members, i] = near[np.arange(len(members)), gy, gx].max(axis=(1, 2))
+            first += len(patches)
+    return out
