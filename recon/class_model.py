@@ -112,7 +112,14 @@ class ClassModel:
             raise RescoreError(f"{path}: expected a class model, found no file; learn one first")
         try:
             return _parse(json.loads(path.read_text()), path)
-        except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, ValueError, IndexError) as error:
+        except (
+            UnicodeDecodeError,
+            json.JSONDecodeError,
+            KeyError,
+            TypeError,
+            ValueError,
+            IndexError,
+        ) as error:
             raise RescoreError(
                 f"{path}: expected {FORMAT!r} JSON, could not read it ({error!r}); learn the model again"
             ) from error
@@ -164,7 +171,9 @@ def _view_row(view: PartView) -> dict[str, Any]:
 def _parse(data: dict[str, Any], path: Path) -> ClassModel:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise RescoreError(f"{path}: expected a file of format {FORMAT!r}, got {found!r}; learn the model again")
+        raise RescoreError(
+            f"{path}: expected a file of format {FORMAT!r}, got {found!r}; learn the model again"
+        )
     bins = ViewBins(int(data["view_bins"]["count"]), float(data["view_bins"]["elevation_rad"]))
     parts = tuple(
         ClassPart(

@@ -85,21 +85,29 @@ def load_part_views(directory: Path) -> PartViews:
     try:
         head = json.loads(path.read_text())
         if head["format"] != FORMAT:
-            raise RescoreError(f"{path}: expected format {FORMAT!r}, got {head['format']!r}; write the views again")
+            raise RescoreError(
+                f"{path}: expected format {FORMAT!r}, got {head['format']!r}; write the views again"
+            )
         bins = ViewBins(int(head["view_bins"]), float(head["elevation_rad"]))
         views = tuple(_load_view(directory, row) for row in head["views"])
         return PartViews(tuple(head["part_names"]), bins, views)
     except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        raise RescoreError(f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write the views again") from error
+        raise RescoreError(
+            f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write the views again"
+        ) from error
 
 
 def _load_view(directory: Path, row: dict[str, str]) -> PartView:
     path = directory / row["file_name"]
     if not path.is_file():
-        raise RescoreError(f"{path}: expected a PNG of part labels, found no file; check file_name in {LABELS_FILE}")
+        raise RescoreError(
+            f"{path}: expected a PNG of part labels, found no file; check file_name in {LABELS_FILE}"
+        )
     labels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
     if labels is None or labels.ndim != 2 or labels.dtype != np.uint8:
-        raise RescoreError(f"{path}: expected an 8-bit PNG of one channel, got something else; write the views again")
+        raise RescoreError(
+            f"{path}: expected an 8-bit PNG of one channel, got something else; write the views again"
+        )
     return PartView(int(row["view_bin"]), np.asarray(labels, np.uint8), str(row["instance_id"]))
 
 
@@ -107,4 +115,3 @@ def _write(path: Path, data: bytes) -> None:
     temporary = path.with_name(path.name + ".part")
     temporary.write_bytes(data)
     os.replace(temporary, path)
-

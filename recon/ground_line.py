@@ -1,0 +1,121 @@
+"""The ground line (section 4.3): where the object touches the ground in the image, and its points in 3D."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane, PinholeCamera
+from recon.outcome import Failure, Reason
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GroundLineConfig:
+    """Settings of the ground line."""
+
+    contact_height: float = 0.06
+    """Columns of a part whose lowest pixel is within this share of the object's height of the part's lowest
+    are its contact; at least one pixel."""
+    line_tolerance: float = 0.08
+    """Parts whose contact is within this share of the object's height of the line stand on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundLine:
+    """The line l_g and the parts that stand on it."""
+
+    line_px: FloatArray
+    """Its two ends, shape (2, 2), left one first, pixel centres."""
+    points_m: dict[int, FloatArray]
+    """For each part that stands on the line the 3D point of its contact, shape (3,), camera frame."""
+
+
+def ground_line(
+    labels: NDArray[np.uint8],
+    x0_px: int,
+    y0_px: int,
+    ground_labels: Sequence[int],
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: GroundLineConfig,
+) -> GroundLine | Failure:
+    """Line through the lower ends of the parts that touch the ground, and its points by eqs. 2 to 5.
+
+    Args:
+        labels: part labels of a window, shape (h, w), 0 for none.
+        x0_px: image column of the window's first column.
+        y0_px: image row of the window's first row.
+        ground_labels: labels of the parts that may touch the ground.
+        camera: the camera M.
+        ground: the ground plane Q_g.
+        config: settings.
+    """
+    contacts = _contacts(labels, ground_labels, config)
+    if not contacts:
+        return Failure(
+            Reason.NO_GROUND_CONTACT,
+            f"one of the parts {list(ground_labels)} expected in the image, found none",
+        )
+    at = np.array(list(contacts.values())) + np.array([x0_px, y0_px])
+    height = float(np.ptp(np.nonzero(labels)[0]) + 1)
+    slope, offset, on_line = _fit(at, config.line_tolerance * height)
+    labels_on_line = [label for label, use in zip(contacts, on_line, strict=True) if use]
+    feet = np.stack([at[on_line, 0], slope * at[on_line, 0] + offset], axis=1)
+    points = ground.intersect(camera.rays(feet))
+    if not np.isfinite(points).all():
+        return Failure(
+            Reason.ABOVE_HORIZON,
+            f"ground contact below the horizon expected, got rows {np.round(feet[:, 1], 1).tolist()}",
+        )
+    columns = np.nonzero(labels.any(axis=0))[0][[0, -1]] + float(x0_px)
+    line = np.stack([columns, slope * columns + offset], axis=1)
+    return GroundLine(line, dict(zip(labels_on_line, points, strict=True)))
+
+
+def _contacts(
+    labels: NDArray[np.uint8], ground_labels: Sequence[int], config: GroundLineConfig
+) -> dict[int, tuple[float, float]]:
+    """For each ground part in the window its contact: middle column and lower edge, window coordinates."""
+    rows = np.nonzero(labels.any(axis=1))[0]
+    if not len(rows):
+        return {}
+    tolerance = max(1.0, config.contact_height * (rows[-1] - rows[0] + 1))
+    found: dict[int, tuple[float, float]] = {}
+    for label in ground_labels:
+        mask = labels == label
+        columns = np.nonzero(mask.any(axis=0))[0]
+        if not len(columns):
+            continue
+        lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0)
+        touching = columns[lowest >= lowest.max() - tolerance]
+        # + 0.5: the object ends at the lower edge of its lowest pixel
+        found[label] = (float(touching.mean()), float(lowest.max()) + 0.5)
+    return found
+
+
+def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, NDArray[np.bool_]]:
+    """Slope and offset of v = slope u + offset, and which contacts (n, 2) it is fitted to.
+
+    A corner view has contacts on two lines. The line is the one that most contacts agree with, the longer where
+    several do; steep lines are no ground lines. A single contact gives a level line.
+    """
+    best: tuple[int, float] = (0, 0.0)
+    on_line = np.zeros(len(at), bool)
+    for i, j in combinations(range(len(at)), 2):
+        du, dv = at[j] - at[i]
+        if abs(dv) >= abs(du):
+            continue
+        residual = np.abs(at[i, 1] + (at[:, 0] - at[i, 0]) * dv / du - at[:, 1])
+        use = residual <= tolerance_px
+        key = (int(use.sum()), abs(float(du)))
+        if key > best:
+            best, on_line = key, use
+    if best[0] < 2:
+        on_line[np.argmax(at[:, 1])] = True
+        return 0.0, float(at[:, 1].max()), on_line
+    slope, offset = np.polyfit(at[on_line, 0], at[on_line, 1], 1)
+    return float(slope), float(offset), on_line

@@ -1,0 +1,335 @@
+"""Reconstruction of candidates (section 4): segment, register parts, find the ground line, place planes, predict depth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane, PinholeCamera
+from recon.class_model import ClassModel
+from recon.depth_map import DepthMap
+from recon.errors import RescoreError
+from recon.ground_line import GroundLine, GroundLineConfig, ground_line
+from recon.outcome import Failure, Reason
+from recon.outlines import fill_polygon, largest_outline
+from recon.part_registration import (
+    CanonicalGrid,
+    PreparedView,
+    RegisteredParts,
+    RegistrationConfig,
+    prepare_view,
+    register_parts,
+)
+from recon.predict_depth import PlacedParts, PlacingConfig, place_parts
+from recon.segment import Float32Array, SegmentConfig, edge_indicator, evolve
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReconstructConfig:
+    """Settings of all stages."""
+
+    min_inside: float = 0.5
+    """Smallest share of the box that must lie inside the image."""
+    min_outline_iou: float = 0.4
+    """Smallest intersection over union of the outline with the one it started from."""
+    segment: SegmentConfig = field(default_factory=SegmentConfig)
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    ground_line: GroundLineConfig = field(default_factory=GroundLineConfig)
+    placing: PlacingConfig = field(default_factory=PlacingConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """The 3D instance of one candidate, and how it came about."""
+
+    outline_px: FloatArray
+    """Outline after the evolution, shape (m, 2), pixel centres of the image."""
+    initial_outline_px: FloatArray
+    """The labelled outline of the view bin scaled to the box, where the evolution started, shape (k, 2)."""
+    x0_px: int
+    """Image column of the first column of part_labels and depth."""
+    y0_px: int
+    """Image row of their first row."""
+    part_labels: NDArray[np.uint8]
+    """Registered parts, shape (h, w): 0 for none."""
+    part_planes: dict[int, FloatArray]
+    """Plane (a, b, c, d) of each placed part by label, camera frame, metres; in the order of placing."""
+    unplaced_parts: dict[int, str]
+    """Why each other part of the image has no plane."""
+    depth: DepthMap
+    """Predicted z-depth of the same window; NaN outside placed parts."""
+    ground_line_px: FloatArray
+    """Left and right end of the ground line, shape (2, 2)."""
+    cam_from_object: FloatArray
+    """Rotation (3, 3) of the view bin at this place of the image."""
+    registration_cost: float
+    """Mean chi-squared cost of the outline match, in [0, 1]."""
+    placed_share: float
+    """Share of the labelled pixels that have a depth, in [0, 1]."""
+
+
+def reconstruct(
+    rgb: NDArray[np.uint8],
+    xyxy_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig | None = None,
+) -> tuple[Reconstruction | Failure, ...]:
+    """The 3D instance in each box, or why there is none; one result a box, in order.
+
+    Args:
+        rgb: the picture, shape (h, w, 3).
+        xyxy_px: boxes, shape (n, 4), pixel edges.
+        view_bin: the bin that all boxes are seen from.
+        model: the class model.
+        camera: M; ``default_camera`` where none is known.
+        ground: Q_g; ``DEFAULT_GROUND`` where none is known.
+        config: settings; None for the defaults.
+
+    Raises:
+        RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
+    """
+    config = config or ReconstructConfig()
+    if rgb.shape != (camera.height_px, camera.width_px, 3):
+        raise RescoreError(
+            f"picture: expected {camera.width_px} x {camera.height_px} pixels as the camera says, "
+            f"got shape {rgb.shape}; calibrate for this picture size"
+        )
+    boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
+    view = prepare_view(model, view_bin, config.registration)
+    results: list[Reconstruction | Failure | None] = [_check_box(box, camera, config) for box in boxes]
+    todo = [i for i, result in enumerate(results) if result is None]
+    for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
+        results[i] = (
+            outline
+            if isinstance(outline, Failure)
+            else _instance(boxes[i], outline, view, view_bin, model, camera, ground, config)
+        )
+    return tuple(r for r in results if r is not None)
+
+
+def segment(
+    rgb: NDArray[np.uint8], xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
+) -> tuple[FloatArray | Failure, ...]:
+    """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
+    if not len(xyxy_px):
+        return ()
+    windows = _canonical_windows(rgb, xyxy_px, view.grid)
+    start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
+    start = start - np.float32(config.segment.initial_grow * view.grid.box_height_px)
+    phi = evolve(start, edge_indicator(windows, config.segment), config.segment)
+    return tuple(_zero_level(p, view.phi, config) for p in phi)
+
+
+def _instance(
+    box_px: FloatArray,
+    outline: FloatArray,
+    view: PreparedView,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+) -> Reconstruction | Failure:
+    """From the outline on: register parts, find the ground line, place the planes."""
+    parts = register_parts(outline, view, config.registration)
+    if isinstance(parts, Failure):
+        return parts
+    to_image = _grid_to_image(view.grid, box_px)
+    outline_px = to_image(outline)
+    labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
+    line = ground_line(labels, x0_px, y0_px, ground_labels(model), camera, ground, config.ground_line)
+    if isinstance(line, Failure):
+        return line
+    cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
+    placed = _place(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
+    if placed.placed_share < config.placing.min_placed:
+        why = "; ".join(f"{model.part_names[k - 1]}: {text}" for k, text in placed.unplaced.items())
+        return Failure(
+            Reason.PARTS_NOT_PLACED,
+            f"at least {config.placing.min_placed:.0%} of the object placed expected, "
+            f"got {placed.placed_share:.0%} ({why or 'depth limits'})",
+        )
+    return Reconstruction(
+        outline_px=outline_px,
+        initial_outline_px=to_image(view.outline),
+        x0_px=x0_px,
+        y0_px=y0_px,
+        part_labels=labels,
+        part_planes=placed.planes,
+        unplaced_parts=placed.unplaced,
+        depth=DepthMap(x0_px, y0_px, placed.depth),
+        ground_line_px=line.line_px,
+        cam_from_object=cam_from_object,
+        registration_cost=parts.cost,
+        placed_share=placed.placed_share,
+    )
+
+
+def view_rotation(
+    model: ClassModel, view_bin: int, box_px: FloatArray, camera: PinholeCamera, ground: GroundPlane
+) -> FloatArray:
+    """Rotation (3, 3) from the object frame to the camera frame for an object in a box.
+
+    T_alpha says how the object is turned towards the ray on which it is seen. Under perspective that ray is
+    not the optical axis, so the view frame is turned about the vertical onto the ray through the middle of the
+    box; and the vertical is that of the ground plane, which replaces the elevation at which the model was labelled.
+    """
+    centre = (box_px[:2] + box_px[2:]) / 2 - 0.5
+    ray = camera.rays(centre)
+    forward = ray - (ray @ ground.up) * ground.up
+    forward /= np.linalg.norm(forward)
+    cam_from_view = np.stack([np.cross(-ground.up, forward), -ground.up, forward], axis=1)
+    return np.asarray(cam_from_view @ model.bins.level_view_from_object(view_bin))
+
+
+def ground_labels(model: ClassModel) -> tuple[int, ...]:
+    """Labels of the parts whose outline reaches the lowest tenth of the model: they stand on the ground."""
+    low = {p.label: float(p.outline[:, 2].min()) for p in model.parts}
+    limit = min(low.values()) + 0.1 * model.extents[2]
+    return tuple(label for label, z in low.items() if z <= limit)
+
+
+def _check_box(box_px: FloatArray, camera: PinholeCamera, config: ReconstructConfig) -> Failure | None:
+    size = box_px[2:] - box_px[:2]
+    if not (np.isfinite(box_px).all() and (size >= 4).all()):
+        return Failure(
+            Reason.BOX_OUTSIDE_IMAGE,
+            f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
+        )
+    clipped = np.clip(box_px, 0, [camera.width_px, camera.height_px] * 2)
+    inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
+    if inside < config.min_inside:
+        return Failure(
+            Reason.BOX_OUTSIDE_IMAGE,
+            f"at least {config.min_inside:.0%} of the box inside the image expected, got {inside:.0%}",
+        )
+    return None
+
+
+def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
+    """Each box with its margin on the canonical grid in CIE Lab, shape (n, h, w, 3), borders repeated."""
+    scales, shifts = grid.image_from_grid(xyxy_px)
+    out = np.empty((len(xyxy_px), grid.height_px, grid.width_px, 3), np.float32)
+    for i, (scale, shift) in enumerate(zip(scales, shifts, strict=True)):
+        reach = np.array([grid.width_px, grid.height_px]) * scale
+        low = np.clip(np.floor(shift) - 8, 0, np.array(rgb.shape[1::-1]) - 1).astype(int)
+        high = np.clip(np.ceil(shift + reach) + 8, low + 1, rgb.shape[1::-1]).astype(int)
+        crop = rgb[low[1] : high[1], low[0] : high[0]]
+        if (scale > 1).any():
+            # shrinking needs a blur first, or edges alias; a box filter of one grid pixel is enough
+            crop = cv2.blur(crop, (max(1, round(scale[0])), max(1, round(scale[1]))))
+        affine = np.array([[scale[0], 0, shift[0] - low[0]], [0, scale[1], shift[1] - low[1]]])
+        window = cv2.warpAffine(
+            crop,
+            affine,
+            (grid.width_px, grid.height_px),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        out[i] = cv2.cvtColor(window.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2Lab)
+    return out
+
+
+def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
+    """The outline of the largest region, to a quarter of a canonical pixel."""
+    fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
+    ring = largest_outline(fine < 0)
+    if ring is None:
+        return Failure(Reason.NO_OUTLINE, "an outline expected, the level set vanished")
+    outline = (ring + 0.5) / 4 - 0.5
+    inside, before = phi < 0, start < 0
+    iou = float((inside & before).sum() / max((inside | before).sum(), 1))
+    if iou < config.min_outline_iou:
+        return Failure(
+            Reason.NO_OUTLINE,
+            f"an outline that overlaps its start by at least {config.min_outline_iou:g} expected, got {iou:.2f}",
+        )
+    return outline
+
+
+class _GridToImage:
+    """Canonical to image coordinates for one box."""
+
+    def __init__(self, scale: FloatArray, shift: FloatArray) -> None:
+        self.scale, self.shift = scale, shift
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        return points * self.scale + self.shift
+
+
+def _grid_to_image(grid: CanonicalGrid, box_px: FloatArray) -> _GridToImage:
+    scale, shift = grid.image_from_grid(box_px[None])
+    return _GridToImage(scale[0], shift[0])
+
+
+def _part_labels(
+    parts: RegisteredParts, outline_px: FloatArray, to_image: _GridToImage, camera: PinholeCamera
+) -> tuple[NDArray[np.uint8], int, int]:
+    """Labels of the pixels inside the outline, in the outline's window, and the window's place (x0, y0)."""
+    size = np.array([camera.width_px, camera.height_px])
+    low = np.clip(np.floor(outline_px.min(axis=0)), 0, size - 1).astype(int)
+    high = np.clip(np.ceil(outline_px.max(axis=0)) + 1, low + 1, size).astype(int)
+    width, height = (high - low).tolist()
+    labels = np.zeros((height, width), np.uint8)
+    for label, polygon in parts.regions:
+        points = np.round((to_image(polygon) - low) * 16).astype(np.int32)
+        cv2.fillPoly(labels, [points], label, shift=4)
+    inside = fill_polygon(outline_px - low, height, width)
+    return _fill_gaps(labels, inside), int(low[0]), int(low[1])
+
+
+def _fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Labels inside the outline; pixels that no region covers get the nearest region's label."""
+    known = (labels > 0) & inside
+    if not known.any():
+        return np.zeros_like(labels)
+    if not (inside & ~known).any():
+        return np.where(inside, labels, 0).astype(np.uint8)
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    label_of = np.zeros(int(nearest.max()) + 1, np.uint8)
+    label_of[nearest[known]] = labels[known]
+    return np.where(inside, label_of[nearest], 0).astype(np.uint8)
+
+
+def _place(
+    labels: NDArray[np.uint8],
+    x0_px: int,
+    y0_px: int,
+    line: GroundLine,
+    cam_from_object: FloatArray,
+    model: ClassModel,
+    camera: PinholeCamera,
+    config: PlacingConfig,
+) -> PlacedParts:
+    """Part planes and depth of one instance, within the depth limits of an object of this size."""
+    v, u = np.mgrid[y0_px : y0_px + labels.shape[0], x0_px : x0_px + labels.shape[1]]
+    rays = camera.rays(np.stack([u, v], axis=-1).astype(float))
+    normals = {p.label: cam_from_object @ p.plane[:3] for p in model.parts}
+    feet = list(line.points_m.values())
+    depth = float(np.mean([p[2] for p in feet]))
+    reach = config.max_depth_range * _object_size_m(labels, depth, cam_from_object, model, camera)
+    limits = (max(depth - reach, 1e-3), depth + reach)
+    return place_parts(labels, rays, normals, line.points_m, limits, config)
+
+
+def _object_size_m(
+    labels: NDArray[np.uint8],
+    depth_m: float,
+    cam_from_object: FloatArray,
+    model: ClassModel,
+    camera: PinholeCamera,
+) -> float:
+    """Diagonal of the object in metres: that of the model's extents, scaled by the width in the image."""
+    shown: Sequence[FloatArray] = [p.outline @ cam_from_object[0] for p in model.parts]
+    columns = np.nonzero(labels.any(axis=0))[0]
+    width_m = (columns[-1] - columns[0] + 1) * depth_m / camera.fx_px
+    return float(width_m / np.ptp(np.concatenate(shown)) * np.linalg.norm(model.extents))
