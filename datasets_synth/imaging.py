@@ -37,7 +37,7 @@ def expose(radiance: FloatArray, imaging: Imaging, eye: int, rng: np.random.Gene
 
 
 def vignette(height_px: int, width_px: int, loss: float) -> FloatArray:
-    """Share of light (h, w) that arrives: 1 in the middle, 1 - loss in the corners, quadratic in the radius."""
+    """Share of light (h, w) that arrives: 1 in the middle, 1 - loss in the corners, quadratic."""
     y = np.linspace(-1, 1, height_px, dtype=np.float32)[:, None]
     x = np.linspace(-1, 1, width_px, dtype=np.float32)[None, :]
     aspect = width_px / height_px

@@ -52,7 +52,7 @@ class MipAtlas:
         return fine + coarse_share[:, None] * (coarse - fine)
 
     def _bilinear(self, box: NDArray[np.int32], fraction: FloatArray) -> FloatArray:
-        """Linear colours at fractions (n, 2) of level boxes (n, 4); texel centres lie at (i + 0.5) / width."""
+        """Linear colours at fractions (n, 2) of level boxes (n, 4), from 0 at the edge of the first texel."""
         n, columns = len(box), 1024  # remap refuses rows of 32,767 pixels or more
         xy = np.zeros((-(-n // columns) * columns, 2), np.float32)
         xy[:n] = box[:, :2] + fraction * box[:, 2:] - 0.5
@@ -86,7 +86,8 @@ def linear_from_srgb(srgb: NDArray[np.uint8]) -> FloatArray:
 @lru_cache(maxsize=1)
 def _srgb_table() -> NDArray[np.uint8]:
     x = np.arange(65536) / 65535
-    return np.rint(255 * np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)).astype(np.uint8)
+    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255 * encoded), np.uint8)
 
 
 def srgb_from_linear(linear: FloatArray) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from datasets_synth.imaging import expose, rectification_shift
 from datasets_synth.mesh import Scene
 from datasets_synth.mip_atlas import srgb_from_linear
-from datasets_synth.scene_rays import MISS, Hits, SceneRays, build_scene_rays
+from datasets_synth.scene_rays import MISS, Hits, SceneRays
 from datasets_synth.shade import Shader, build_shader
 
 FloatArray = NDArray[np.float32]
@@ -57,7 +57,7 @@ def render_rgb(scene: Scene) -> NDArray[np.uint8]:
 
 
 def _shader(scene: Scene) -> Shader:
-    return build_shader(build_scene_rays(scene.items), scene.light, scene.camera.left.fx_px)
+    return build_shader(scene.items, scene.light, scene.camera.left.fx_px)
 
 
 def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[FloatArray, Hits]:
@@ -90,10 +90,13 @@ def eye_rays(scene: Scene, uv_px: FloatArray, eye: int) -> FloatArray:
         uv_px = rectification_shift(uv_px, scene.imaging, camera.width_px, camera.height_px)
     world_from_left = np.linalg.inv(scene.left_from_world)
     origin = world_from_left[:3, 3] + world_from_left[:3, 0] * (scene.camera.baseline_m * eye)
-    direction = camera.rays(uv_px.astype(np.float64)) @ world_from_left[:3, :3].T
+    world_from_pixel = (world_from_left[:3, :3] @ np.linalg.inv(camera.matrix)).astype(np.float32)
     rays = np.empty((len(uv_px), 6), np.float32)
     rays[:, :3] = origin
-    rays[:, 3:] = direction
+    # written out, since a matrix product with so few columns is slow and its bits may depend on the threads
+    for axis in range(3):
+        per_u, per_v, constant = world_from_pixel[axis]
+        rays[:, 3 + axis] = uv_px[:, 0] * per_u + uv_px[:, 1] * per_v + constant
     return rays
 
 

@@ -11,6 +11,9 @@ from datasets_synth.mesh import Material, Mesh, Placed
 FloatArray = NDArray[np.float32]
 
 MISS = -1
+FLAT_M = 0.3
+"""Things that stay below this height, like roads, share the tree of those that cast a shadow: one cast
+serves both, and a sheet on the ground shades nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,8 @@ class RayTree:
         self._scene = o3d.t.geometry.RaycastingScene()
         if self.n_faces:
             self._scene.add_triangles(
-                np.ascontiguousarray(vertices_m, np.float32), np.ascontiguousarray(faces, np.uint32)
+                o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_m, np.float32)),
+                o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)),
             )
 
     def cast(self, rays: FloatArray) -> Hits:
@@ -111,9 +115,9 @@ class SceneRays:
 
 def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
     """The ray trees and the table of faces of placed meshes."""
-    order = [i for i, p in enumerate(items) if p.casts_shadow] + [
-        i for i, p in enumerate(items) if not p.casts_shadow
-    ]
+    world = [world_vertices(p) for p in items]
+    casts = [p.casts_shadow or float(v[:, 2].max()) <= FLAT_M for p, v in zip(items, world, strict=True)]
+    order = [i for i, c in enumerate(casts) if c] + [i for i, c in enumerate(casts) if not c]
     materials: list[Material] = []
     first_material: dict[int, int] = {}
     trees: dict[bool, list[tuple[FloatArray, NDArray[np.int32]]]] = {True: [], False: []}
@@ -126,8 +130,7 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
         if id(mesh) not in first_material:
             first_material[id(mesh)] = len(materials)
             materials.extend(mesh.materials)
-        vertices = world_vertices(placed)
-        trees[placed.casts_shadow].append((vertices, mesh.faces))
+        trees[casts[i]].append((world[i], mesh.faces))
         scale = float(np.cbrt(np.linalg.det(placed.world_from_object[:3, :3])))
         rotation = (placed.world_from_object[:3, :3] / scale).astype(np.float32)
         columns.append(
@@ -135,7 +138,7 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
                 np.full(len(mesh.faces), i, np.int32),
                 mesh.face_material + np.int32(first_material[id(mesh)]),
                 mesh.face_part,
-                mesh.corner_normals @ rotation.T,
+                np.einsum("mcj,ij->mci", mesh.corner_normals, rotation),
                 mesh.corner_uv,
                 _uv_per_m(mesh) / np.float32(scale),
             )
@@ -155,8 +158,9 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
 
 def world_vertices(placed: Placed) -> FloatArray:
     """Vertices (n, 3) of a placed mesh in the world frame."""
-    pose = placed.world_from_object
-    return np.asarray(placed.mesh.vertices_m @ pose[:3, :3].T + pose[:3, 3], np.float32)
+    pose = placed.world_from_object.astype(np.float32)
+    # einsum, since the bits of a BLAS product may depend on the number of threads
+    return np.asarray(np.einsum("nj,ij->ni", placed.mesh.vertices_m, pose[:3, :3]) + pose[:3, 3], np.float32)
 
 
 def _tree(meshes: list[tuple[FloatArray, NDArray[np.int32]]]) -> RayTree:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets_synth.mesh import Light
+from datasets_synth.contact import ContactShade, contact_shade
+from datasets_synth.mesh import Light, Placed
 from datasets_synth.mip_atlas import MipAtlas, build_atlas
-from datasets_synth.scene_rays import MISS, FaceTable, Hits, SceneRays
+from datasets_synth.scene_rays import MISS, FaceTable, Hits, SceneRays, build_scene_rays
 from datasets_synth.sky import environment_radiance, ground_radiance, mean_sky, sky_radiance
 
 FloatArray = NDArray[np.float32]
@@ -37,6 +38,7 @@ class Shader:
     rays: SceneRays
     materials: MaterialTable
     atlas: MipAtlas
+    contact: ContactShade
     light: Light
     focal_px: float
 
@@ -66,6 +68,7 @@ class Shader:
 
         sky_share = 0.5 + 0.5 * normal[:, 2:3]
         fill = light.ambient * mean_sky(light) * sky_share + ground_radiance(light) * (1 - sky_share)
+        fill *= self.contact.sky_share(point, normal)[:, None]
         sun = np.array(light.sun_rgb, np.float32)
         colour = albedo * (fill + sun * sun_cos[:, None])
         self._add_gloss(colour, material, view, normal, sun_cos)
@@ -96,7 +99,7 @@ class Shader:
     ) -> tuple[NDArray[np.bool_], FloatArray]:
         """Where the sun reaches (n,), and the cosine of its angle there (n,), 0 in the shade."""
         to_sun = np.array(self.light.sun_direction, np.float32)
-        cosine = np.clip(normal @ to_sun, 0, 1)
+        cosine = np.clip(np.einsum("ij,j->i", normal, to_sun), 0, 1)
         facing = np.flatnonzero(cosine > 0)
         start = point[facing] + flat[facing] * SHADOW_OFFSET_M
         rays = np.concatenate([start, np.broadcast_to(to_sun, start.shape)], axis=1)
@@ -131,15 +134,18 @@ class Shader:
         colour[at] += share * (environment_radiance(mirrored, self.light) - colour[at])
 
 
-def build_shader(rays: SceneRays, light: Light, focal_px: float) -> Shader:
-    """The shader of a scene; reads every texture once."""
+def build_shader(items: tuple[Placed, ...], light: Light, focal_px: float) -> Shader:
+    """The shader of placed meshes; builds the ray trees and reads every texture once."""
+    rays = build_scene_rays(items)
     textures: list[NDArray[np.uint8]] = []
     index: dict[int, int] = {}
     for material in rays.table.materials:
         if material.texture is not None and id(material.texture) not in index:
             index[id(material.texture)] = len(textures)
             textures.append(material.texture)
-    return Shader(rays, _material_table(rays.table, index), build_atlas(textures), light, focal_px)
+    return Shader(
+        rays, _material_table(rays.table, index), build_atlas(textures), contact_shade(items), light, focal_px
+    )
 
 
 def _material_table(table: FaceTable, index: dict[int, int]) -> MaterialTable:

@@ -22,7 +22,7 @@ def sky_radiance(direction: FloatArray, light: Light) -> FloatArray:
     cover = _cloud_cover(direction, light)[:, None]
     # clouds take their white from the sun and fade into the haze of the horizon
     white = 0.55 * horizon + 0.35 * np.array(light.sun_rgb, np.float32)
-    return clear + cover * (white - clear) * 0.7
+    return np.asarray(clear + cover * (white - clear) * 0.7, np.float32)
 
 
 def environment_radiance(direction: FloatArray, light: Light) -> FloatArray:
@@ -31,7 +31,7 @@ def environment_radiance(direction: FloatArray, light: Light) -> FloatArray:
     street = ground_radiance(light)
     # a soft band of houses and trees stands between the two, up to some 12 degrees
     share = np.clip((direction[:, 2:3] - 0.02) / 0.2, 0, 1)
-    return street + (sky - street) * share * share * (3 - 2 * share)
+    return np.asarray(street + (sky - street) * share * share * (3 - 2 * share), np.float32)
 
 
 def mean_sky(light: Light) -> FloatArray:
@@ -58,7 +58,11 @@ def _cloud_cover(direction: FloatArray, light: Light) -> FloatArray:
     grid = np.zeros((-(-n // 1024) * 1024, 2), np.float32)
     grid[:n] = xy
     noise = cv2.remap(
-        _cloud_noise(), grid.reshape(-1, 1024, 2), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+        _cloud_noise(),
+        grid[:, 0].reshape(-1, 1024),
+        grid[:, 1].reshape(-1, 1024),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_WRAP,
     )
     cover = np.clip((noise.reshape(-1)[:n] - 0.45) * 3, 0, 1)
     return np.asarray(cover * np.clip((direction[:, 2] - 0.05) * 6, 0, 1), np.float32)
@@ -74,4 +78,4 @@ def _cloud_noise() -> FloatArray:
     spectrum = np.fft.fft2(rng.standard_normal((_CLOUD_PX, _CLOUD_PX))) / radius**1.7
     spectrum[0, 0] = 0
     noise = np.fft.ifft2(spectrum).real
-    return np.clip(0.5 + noise / (5 * noise.std()), 0, 1).astype(np.float32)
+    return np.asarray(np.clip(0.5 + noise / (5 * noise.std()), 0, 1), np.float32)

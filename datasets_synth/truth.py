@@ -96,7 +96,7 @@ def yaw_rad(cam_from_object: NDArray[np.float64]) -> float:
 
 
 def projected_box(placed: Placed, scene: Scene) -> NDArray[np.float64] | None:
-    """Pixel edges (4,) of the extent of a projected mesh, not clipped to the picture; None behind the camera."""
+    """Pixel edges (4,) of the extent of a projected mesh, not clipped; None behind the camera."""
     pose = scene.left_from_world
     xyz = world_vertices(placed) @ pose[:3, :3].T + pose[:3, 3]
     front = xyz[:, 2] >= NEAR_M
