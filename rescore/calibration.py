@@ -10,11 +10,14 @@ from sklearn.calibration import CalibratedClassifierCV
 from sklearn.frozen import FrozenEstimator
 
 from recon.errors import RescoreError
-from rescore.boxes import iou_matrix
+from rescore.boxes import iou_matrix, paired_overlap
 from rescore.detectors.base import Detections
 from rescore.frames import Truth
 
 FloatArray = NDArray[np.float64]
+
+MIN_IOU = 0.5
+"""Overlap from which a detection is the car."""
 
 
 @dataclass(frozen=True)
@@ -81,17 +84,18 @@ def fit_platt(score: FloatArray, is_car: NDArray[np.bool_]) -> PlattScaling:
     return PlattScaling(float(sigmoid.a_), float(sigmoid.b_))
 
 
-def label_candidates(
-    found: Detections, truth: Truth, min_iou: float = 0.5
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def label_candidates(found: Detections, truth: Truth) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """For each detection (n,): is it a car, and does it count for calibration.
 
-    A detection is a car when it overlaps an annotated car by at least ``min_iou``. One that overlaps only an
-    ignored car by as much does not count.
+    A detection is a car when it overlaps an annotated car by an IoU of at least 0.5, whether or not another
+    one has found that car too. One that is no car and overlaps an ignored one so far, or lies in it by half of
+    its own area, does not count.
     """
-    if not len(truth.xyxy_px):
-        return np.zeros(len(found), bool), np.ones(len(found), bool)
-    close = iou_matrix(found.xyxy_px, truth.xyxy_px) >= min_iou
-    is_car = np.asarray(close[:, ~truth.ignore].any(axis=1))
-    ignored = np.asarray(close[:, truth.ignore].any(axis=1))
+    car = iou_matrix(found.xyxy_px, truth.xyxy_px[~truth.ignore])
+    is_car = np.asarray((car >= MIN_IOU).any(axis=1))
+    regions = truth.xyxy_px[truth.ignore]
+    n, m = len(found), len(regions)
+    pairs = np.repeat(found.xyxy_px, m, axis=0), np.tile(regions, (n, 1))
+    overlap, of_own_area = (x.reshape(n, m) for x in paired_overlap(*pairs))
+    ignored = np.asarray(((overlap >= MIN_IOU) | (of_own_area >= 0.5)).any(axis=1))
     return is_car, is_car | ~ignored

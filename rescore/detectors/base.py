@@ -58,7 +58,7 @@ class Detector(Protocol):
 
 
 def ordered(xyxy_px: FloatArray, score: FloatArray, max_count: int = 2000) -> Detections:
-    """The best detections in an order that depends on nothing but their values: threads deliver them in any."""
+    """The best detections, ordered by their values alone: threads deliver them in any order."""
     if len(score) > max_count:
         best = score >= np.partition(score, -max_count)[-max_count]
         xyxy_px, score = xyxy_px[best], score[best]

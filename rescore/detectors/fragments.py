@@ -91,7 +91,7 @@ def filter_responses(picture: GrayImage) -> FloatImage:
     y = cv2.Sobel(picture, cv2.CV_32F, 0, 1, ksize=3)
     laplacian = cv2.Laplacian(picture, cv2.CV_32F, ksize=3)
     # gains bring noise in all responses near that of the picture
-    bank = np.stack([picture.astype(np.float32), np.abs(x) / 4, np.abs(y) / 4, np.abs(laplacian) / 8])
+    bank = np.stack([picture.astype(np.float32) - 128, np.abs(x) / 4, np.abs(y) / 4, np.abs(laplacian) / 8])
     r = FILTER_RADIUS_PX
     return bank[:, r:-r, r:-r]
 
@@ -167,18 +167,18 @@ def correlations(
     noise, so that flat ground correlates with nothing. Without it, these are cv2.TM_CCOEFF_NORMED, absolute.
     """
     size = patches.shape[1]
-    templates = patches.reshape(len(patches), -1)
+    n = size * size
+    # a patch of ones brings the sums along; the others have mean 0, so pictures need not be centred for them
+    templates = np.concatenate([patches.reshape(-1, n), np.ones((1, n), np.float32)])
     views = sliding_window_view(responses, (size, size))[::grid_px, ::grid_px]
-    step = max(
-        1, 200_000 // max(1, views.shape[1] * size * size)
-    )  # patches that fit in the processor's cache
+    step = max(1, 200_000 // max(1, views.shape[1] * n))  # patches that fit in the processor's cache
     for start in range(0, views.shape[0], step):
         rows = slice(start, min(start + step, views.shape[0]))
-        part = views[rows].reshape(-1, size * size)
-        part = part - part.mean(axis=1, keepdims=True)
-        norm = np.sqrt(np.einsum("ij,ij->i", part, part)) + np.float32(noise_floor * size + 1e-6)
-        found = np.abs(templates @ part.T)
-        found /= norm
+        part = views[rows].reshape(-1, n)
+        found = templates @ part.T
+        squares = np.einsum("ij,ij->i", part, part) - found[-1] ** 2 / n
+        norm = np.sqrt(np.maximum(squares, 0)) + np.float32(noise_floor * size + 1e-6)
+        found = np.abs(found[:-1]) / norm
         yield rows, found.reshape(len(patches), rows.stop - rows.start, views.shape[1])
 
 

@@ -44,8 +44,8 @@ class HogConfig:
     window: WindowGeometry = field(default_factory=WindowGeometry)
     """Whole window: a multiple of the cell size."""
     scan: ScanRange = field(default_factory=ScanRange)
-    stride_px: int = 8
-    """Step of the window on a level of the pyramid; a multiple of the cell size keeps blocks shared."""
+    stride_px: int = 4
+    """Step of the window on a level of the pyramid; half a cell places boxes better than a whole one."""
     padding_px: tuple[int, int] = (32, 16)
     """Mirrored border of each level (x, y): cars cut by the picture's edge."""
     svm_c: float = 0.01
