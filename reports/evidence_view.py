@@ -2,34 +2,23 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
-from recon.depth_map import DepthMap
+from recon.outcome import Failure
+from recon.reconstruct import Reconstruction
 from recon.stereo import SgbmConfig
 from reports.curves import scores
 from reports.overlay import registered_depth
 from reports.run_folder import Run, boxes_px
 from rescore.align_depth import DepthAlignment, measured_depth
+from rescore.evidence_files import evidence_path, read_evidence
 from rescore.formats.coco import read_dataset
 from rescore.frames import DataSet, Truth, load_frame
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """The reconstruction of one candidate, as stored in the run folder."""
-
-    outline_px: FloatArray
-    """Shape (m, 2), pixel centres."""
-    part_labels: NDArray[np.uint8]
-    """Registered parts of the window of ``depth``, shape (h, w)."""
-    depth: DepthMap
-    """Predicted depth, before registration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +42,8 @@ class CandidateView:
     annotation_id: int
     """The car it is matched with in the mode shown, -1 for none."""
     kind: str
-    evidence: Evidence | None
+    instance: Reconstruction | None
+    """The 3D instance before registration; None where there is none."""
     registered: NDArray[np.float32] | None
     """Predicted depth of the window after eq. 6, in the unit of the measured depth; None without evidence."""
 
@@ -107,7 +97,8 @@ class _Table:
     def __init__(self, run: Run, detector: str, mode: str) -> None:
         self._rows = run.of(detector)
         self._posterior = scores(run, detector, mode)
-        self._folder = run.root / "evidence" / detector
+        self._folder = run.root / "evidence"
+        self._detector = detector
         self._mode = mode
 
     def frame(self, image_id: int) -> tuple[CandidateView, ...]:
@@ -118,16 +109,19 @@ class _Table:
         order = np.lexsort((rows["rank"][index], -rows["detector_score"][index], -self._posterior[index]))
         new_rank = np.empty(len(index), int)
         new_rank[order] = np.arange(len(index))
-        evidence = read_evidence(self._folder / f"{image_id}.npz")
+        path = evidence_path(self._folder, self._detector, image_id)
+        instances = read_evidence(path) if path.is_file() else ()
         return tuple(
-            self._view(i, int(new), evidence.get(int(rows["rank"][i])))
+            self._view(i, int(new), _instance(instances, int(rows["rank"][i])))
             for i, new in zip(index, new_rank, strict=True)
         )
 
-    def _view(self, i: int, new_rank: int, evidence: Evidence | None) -> CandidateView:
+    def _view(self, i: int, new_rank: int, instance: Reconstruction | None) -> CandidateView:
         rows = self._rows
         suffix = self._mode if f"outcome_{self._mode}" in rows else "detector"
-        aligned = evidence is not None and np.isfinite(rows["scale"][i])
+        registered = None
+        if instance is not None and np.isfinite(rows["scale"][i]):
+            registered = registered_depth(instance.depth, self._alignment(i))
         return CandidateView(
             rank=int(rows["rank"][i]),
             new_rank=new_rank,
@@ -141,8 +135,8 @@ class _Table:
             outcome_detector=str(rows["outcome_detector"][i]),
             annotation_id=int(rows[f"annotation_id_{suffix}"][i]),
             kind=str(rows["kind"][i]) if "kind" in rows else "",
-            evidence=evidence,
-            registered=registered_depth(evidence.depth, self._alignment(i)) if evidence and aligned else None,
+            instance=instance,
+            registered=registered,
         )
 
     def _alignment(self, i: int) -> DepthAlignment:
@@ -150,17 +144,6 @@ class _Table:
         return DepthAlignment(*(float(self._rows[name][i]) for name in names))
 
 
-def read_evidence(path: Path) -> dict[int, Evidence]:
-    """The reconstructions of one frame by rank; empty where there is no file."""
-    if not path.is_file():
-        return {}
-    with np.load(path) as file:
-        ranks = [int(name.split("_")[0]) for name in file.files if name.endswith("_depth")]
-        return {
-            r: Evidence(
-                file[f"{r}_outline_px"],
-                file[f"{r}_labels"],
-                DepthMap(*(int(v) for v in file[f"{r}_window"]), file[f"{r}_depth"]),
-            )
-            for r in ranks
-        }
+def _instance(instances: tuple[Reconstruction | Failure, ...], rank: int) -> Reconstruction | None:
+    one = instances[rank] if rank < len(instances) else None
+    return None if isinstance(one, Failure) else one

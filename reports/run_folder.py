@@ -51,6 +51,14 @@ class Run:
         """The choice of w by detector: ``w``, ``w_grid``, ``objective``, ``objective_name``; may be empty."""
         return dict(self.metrics.get("tuning", {}))
 
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the parts of the class model, label 1 first; empty where the run folder holds no model."""
+        for path in sorted((self.root / "models").glob("*.json")):
+            names = _read_json(path).get("part_names")
+            if names:
+                return tuple(str(n) for n in names)
+        return ()
+
     def row(self, detector: str, mode: str) -> Mapping[str, Any]:
         """The row of metrics.json of one detector and mode."""
         for row in self.metrics["rows"]:

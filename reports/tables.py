@@ -5,11 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 
 from reports.palette import detector_name, mode_name
 
 RECALLS = ("0.5", "0.6", "0.7", "0.8")
+
+_SHORT_MODE = {"detector": "alone", "paper": "with depth"}
 
 REASON_TEXT = {
     "ok": "depth compared",
@@ -41,7 +44,14 @@ class Table:
 
     def rich(self, caption: str | None = None) -> RichTable:
         """The table for the terminal."""
-        table = RichTable(title=self.title, title_justify="left", caption=caption, caption_justify="left")
+        table = RichTable(
+            title=self.title,
+            title_justify="left",
+            box=SIMPLE_HEAD,
+            pad_edge=False,
+            caption=caption,
+            caption_justify="left",
+        )
         for i, name in enumerate(self.head):
             table.add_column(name, justify="left" if i < self.text_columns else "right", no_wrap=True)
         for row in self.rows:
@@ -72,11 +82,14 @@ def terminal_table(metrics: Mapping[str, Any]) -> RichTable:
     """The result table with short names, for a terminal of 80 columns."""
     full = result_table(metrics)
     names = [
-        (detector_name(row["detector"], short=True), mode_name(row["mode"]), *cells[2:])
+        (
+            f"{detector_name(row['detector'], short=True)}, {_SHORT_MODE.get(row['mode'], row['mode'])}",
+            *cells[2:],
+        )
         for row, cells in zip(metrics["rows"], full.rows, strict=True)
     ]
-    head = ("detector", "scores", "w", "area", "AP", *(f"{float(r):.0%}" for r in RECALLS), "ceiling")
-    return Table(full.title, head, tuple(names), text_columns=2).rich(
+    head = ("detector, scores", "w", "area", "AP", *(f"{float(r):.0%}" for r in RECALLS), "ceiling")
+    return Table(full.title, head, tuple(names)).rich(
         f"{metrics['n_cars']} cars in {metrics['n_images']} images. area: under the candidate ROC. AP: average "
         "precision. 50% to 80%: false positives per image where this share of all cars is found (– never). "
         "ceiling: share of the cars found by all candidates."

@@ -11,9 +11,11 @@ import pyarrow.parquet as pq
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.depth_map import DepthMap
 from recon.outcome import Failure
+from recon.reconstruct import Reconstruction
 from recon.stereo import SgbmConfig, write_disparity
 from rescore.align_depth import AlignConfig, align_depth, measured_depth
 from rescore.boxes import xywh_from_xyxy
+from rescore.evidence_files import evidence_path, write_evidence
 from rescore.formats.coco import read_dataset
 from rescore.frames import DataSet, load_frame
 from rescore.fuse import fuse
@@ -183,22 +185,13 @@ def _detector_rows(
         boxes += [b + 3 for b in cars[record.image_id][:1]]
         score = np.sort(rng.normal(0, 1.5, len(boxes)))[::-1]
         order = rng.permutation(len(boxes))
-        evidence: dict[str, np.ndarray] = {}
+        found: list[Reconstruction | Failure] = []
         for rank, (s, which) in enumerate(zip(score, order, strict=True)):
             box = boxes[which]
             depth, labels = predicted(box)
             solved = align_depth(depth, measured, box, AlignConfig())
             failed = isinstance(solved, Failure)
-            if not failed:
-                outline = np.array(
-                    [[box[0], box[1]], [box[2] - 1, box[1]], [box[2] - 1, box[3] - 1], [box[0], box[3] - 1]]
-                )
-                evidence |= {
-                    f"{rank}_depth": depth.depth,
-                    f"{rank}_labels": labels,
-                    f"{rank}_outline_px": outline,
-                }
-                evidence[f"{rank}_window"] = np.array([depth.x0_px, depth.y0_px])
+            found.append(_instance(box, depth, labels))
             row = {
                 "detector": detector,
                 "image_id": record.image_id,
@@ -218,10 +211,28 @@ def _detector_rows(
                 row[name] = np.nan if failed else getattr(solved, name)
             for name, value in row.items():
                 columns.setdefault(name, []).append(value)
-        folder = root / "evidence" / detector
-        folder.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(folder / f"{record.image_id}.npz", **evidence)
+        write_evidence(evidence_path(root / "evidence", detector, record.image_id), found)
     return {
         name: np.array(values, object if isinstance(values[0], str) else None)
         for name, values in columns.items()
     }
+
+
+def _instance(box: np.ndarray, depth: DepthMap, labels: np.ndarray) -> Reconstruction:
+    x0, y0, x1, y1 = box
+    outline = np.array([[x0, y0], [x1 - 1, y0], [x1 - 1, y1 - 1], [x0, y1 - 1]])
+    planes = {int(i): np.array([0.0, 0.0, 1.0, -3.0]) for i in np.unique(labels[labels > 0])}
+    return Reconstruction(
+        outline_px=outline,
+        initial_outline_px=outline,
+        x0_px=depth.x0_px,
+        y0_px=depth.y0_px,
+        part_labels=labels,
+        part_planes=planes,
+        unplaced_parts={},
+        depth=depth,
+        ground_line_px=outline[[3, 2]],
+        cam_from_object=np.eye(3),
+        registration_cost=0.1,
+        placed_share=1.0,
+    )

@@ -1,0 +1,278 @@
+"""One frame of a recording: pictures, depth, candidates, and the 3D scene with the registered predictions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane
+from reports.evidence_view import CandidateView, FrameView
+from reports.overlay import (
+    PartMesh,
+    apply_transform,
+    merge_meshes,
+    part_mesh,
+    stereo_points,
+    world_from_camera,
+)
+from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, detector_name, part_colour, rgb
+from reports.tables import REASON_TEXT
+
+WORLD = "world"
+CAMERA = f"{WORLD}/camera"
+IMAGE = f"{CAMERA}/image"
+OUTCOME_CLASSES = tuple(OUTCOME_COLOUR)
+"""Class id of a box: its index here."""
+DEPTH_UNIT = 100.0
+"""Stored depth a metre: centimetres, finer than stereo resolves and far smaller on disk than millimetres."""
+DEPTH_RANGE_M = (2.0, 40.0)
+SHOWN_MODELS = 3
+"""So many best candidates after rescoring show their label and their model from the start."""
+JPEG_QUALITY = 85
+
+
+@dataclass(frozen=True)
+class FrameStyle:
+    """What the frames of one recording have in common."""
+
+    part_names: tuple[str, ...]
+    mode: str
+    metric: bool
+
+
+def candidates_path(detector: str) -> str:
+    """Entity path of the boxes of a detector."""
+    return f"{IMAGE}/{rr.escape_entity_path_part(detector)}/candidates"
+
+
+def models_path(detector: str) -> str:
+    """Entity path of the registered models of a detector, in 3D."""
+    return f"{WORLD}/{rr.escape_entity_path_part(detector)}/models"
+
+
+def log_static(rec: rr.RecordingStream, detectors: Sequence[str], part_names: Sequence[str]) -> None:
+    """Log what holds for all frames: axes, and the names and colours of classes."""
+    rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    parts = [
+        rr.AnnotationInfo(id=i + 1, label=name.replace("_", " "), color=rgb(part_colour(i + 1)))
+        for i, name in enumerate(part_names)
+    ]
+    rec.log(WORLD, rr.AnnotationContext([rr.AnnotationInfo(id=0, color=(0, 0, 0, 0)), *parts]), static=True)
+    outcomes = [
+        rr.AnnotationInfo(id=i, label=OUTCOME_NAME[name], color=rgb(OUTCOME_COLOUR[name]))
+        for i, name in enumerate(OUTCOME_CLASSES)
+    ]
+    for detector in detectors:
+        rec.log(candidates_path(detector), rr.AnnotationContext(outcomes), static=True)
+
+
+def log_frame(rec: rr.RecordingStream, view: FrameView) -> None:
+    """Log one frame at the time that is set."""
+    camera, (h, w) = view.camera, view.measured.shape
+    world = world_from_camera(view.ground)
+    # Rerun's pinhole has its origin at the corner of the first pixel, ours in its middle
+    matrix = camera.matrix + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    rec.log(CAMERA, rr.Transform3D(translation=world[:3, 3], mat3x3=world[:3, :3]))
+    rec.log(
+        IMAGE,
+        rr.Pinhole(
+            image_from_camera=matrix,
+            resolution=[w, h],
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=1.0,
+            color=[255, 200, 0],
+        ),
+    )
+    rec.log(f"{IMAGE}/left", rr.EncodedImage(contents=jpeg(view.rgb), media_type="image/jpeg"))
+    depth = in_metres(view.measured, view)
+    rec.log(f"{IMAGE}/measured_depth", encoded_depth(depth))
+    xyz, colours = stereo_points(depth, view.rgb, camera)
+    rec.log(f"{WORLD}/stereo_points", rr.Points3D(apply_transform(world, xyz), colors=colours, radii=0.03))
+    rec.log(f"{WORLD}/ground", _ground_grid(view.ground))
+    for detector, candidates in view.candidates.items():
+        _log_detector(rec, detector, candidates, view)
+
+
+def in_metres(depth: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    """Depth for 3D: as it is where it is in metres, else scaled so that the median of the frame is 10 m."""
+    if view.metric:
+        return depth
+    middle = np.nanmedian(view.measured) if np.isfinite(view.measured).any() else 1.0
+    return (depth * (10.0 / middle)).astype(np.float32)
+
+
+def jpeg(rgb_image: NDArray[np.uint8], quality: int = JPEG_QUALITY) -> bytes:
+    """A picture as JPEG bytes."""
+    _, data = cv2.imencode(".jpg", rgb_image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return data.tobytes()
+
+
+def encoded_depth(depth_m: NDArray[np.float32]) -> rr.EncodedDepthImage:
+    """A depth picture as 16-bit PNG; holes are 0, which Rerun shows as holes."""
+    steps = np.nan_to_num(depth_m * DEPTH_UNIT, nan=0.0, posinf=0.0, neginf=0.0)
+    steps = np.where(steps < np.iinfo(np.uint16).max, np.clip(np.rint(steps), 0, None), 0).astype(np.uint16)
+    _, png = cv2.imencode(".png", steps)
+    low, high = (v * DEPTH_UNIT for v in DEPTH_RANGE_M)
+    return rr.EncodedDepthImage(
+        png.tobytes(), media_type="image/png", meter=DEPTH_UNIT, colormap="viridis", depth_range=[low, high]
+    )
+
+
+def candidate_label(c: CandidateView) -> str:
+    """The label of a box: rank, l, D, and the score before and after."""
+    d = f"D {c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else f"no D ({c.status})"
+    moved = f"#{c.rank + 1}" if c.rank == c.new_rank else f"#{c.rank + 1} → #{c.new_rank + 1}"
+    return f"{moved}   l {c.likelihood:.2f} → {c.posterior:.2f}   {d}"
+
+
+def frame_table(view: FrameView, detector: str) -> str:
+    """The candidates of a frame as Markdown, best after rescoring first."""
+    head = "| rank | before | after | D | outcome | depth evidence | shows |\n"
+    lines = [head, "| ---: | ---: | ---: | ---: | --- | --- | --- |\n"]
+    for c in sorted(view.candidates[detector], key=lambda c: c.new_rank):
+        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else "–"
+        lines.append(
+            f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {c.posterior:.3f} | {d} | "
+            f"{OUTCOME_NAME[c.outcome]} | {REASON_TEXT.get(c.status, c.status)} | {c.kind.replace('_', ' ')} |\n"
+        )
+    found = {c.annotation_id for c in view.candidates[detector] if c.outcome == "hit"}
+    cars = [int(i) for i in view.truth.annotation_id[~view.truth.ignore]]
+    title = f"### Image {view.image_id}: {detector_name(detector)}\n\n"
+    cars_text = f"{len(cars)} annotated cars, {sum(i in found for i in cars)} among the candidates.\n\n"
+    return title + cars_text + "".join(lines)
+
+
+def _log_detector(
+    rec: rr.RecordingStream, detector: str, candidates: Sequence[CandidateView], view: FrameView
+) -> None:
+    root = f"{IMAGE}/{rr.escape_entity_path_part(detector)}"
+    boxes = candidates_path(detector)
+    first = [c for c in candidates if c.new_rank < SHOWN_MODELS or c.outcome == "hit"]
+    rest = [c for c in candidates if c not in first]
+    _log_boxes(rec, f"{boxes}/first", first, labels=True)
+    _log_boxes(rec, f"{boxes}/rest", rest, labels=False)
+    _log_cars(rec, f"{boxes}/cars", candidates, view)
+    worst_first = sorted(candidates, key=lambda c: -c.new_rank)
+    depth, labels = compose(worst_first, view.measured.shape)
+    rec.log(f"{root}/predicted_depth", encoded_depth(in_metres(depth, view)))
+    rec.log(f"{root}/parts", rr.SegmentationImage(labels, opacity=0.65))
+    _log_outlines(rec, f"{boxes}/outlines", candidates)
+    top = [c for c in candidates if c.new_rank < SHOWN_MODELS]
+    others = [c for c in candidates if c.new_rank >= SHOWN_MODELS]
+    for name, some in (("first", top), ("rest", others)):
+        _log_models(rec, f"{models_path(detector)}/{name}", some, view)
+    table = rr.TextDocument(frame_table(view, detector), media_type=rr.MediaType.MARKDOWN)
+    rec.log(f"tables/{rr.escape_entity_path_part(detector)}", table)
+
+
+def _log_boxes(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView], labels: bool) -> None:
+    boxes = np.array([c.xyxy_px for c in some]).reshape(-1, 4)
+    rec.log(
+        path,
+        rr.Boxes2D(
+            array=boxes,
+            array_format=rr.Box2DFormat.XYXY,
+            class_ids=[OUTCOME_CLASSES.index(c.outcome) for c in some],
+            labels=[candidate_label(c) for c in some],
+            show_labels=labels,
+            radii=rr.Radius.ui_points(1.8 if labels else 0.9),
+            draw_order=20 if labels else 15,
+        ),
+        rr.AnyValues(
+            drop_untyped_nones=True,
+            rank=np.array([c.rank for c in some], np.int64),
+            new_rank=np.array([c.new_rank for c in some], np.int64),
+            likelihood=np.array([c.likelihood for c in some], np.float64),
+            posterior=np.array([c.posterior for c in some], np.float64),
+            depth_difference=np.array([c.depth_difference for c in some], np.float64),
+            annotation_id=np.array([c.annotation_id for c in some], np.int64),
+        ),
+    )
+
+
+def _log_cars(
+    rec: rr.RecordingStream, path: str, candidates: Sequence[CandidateView], view: FrameView
+) -> None:
+    truth = view.truth
+    found = {c.annotation_id for c in candidates if c.outcome == "hit"}
+    names = [
+        "ignored_car" if ignore else "found" if int(i) in found else "missed"
+        for i, ignore in zip(truth.annotation_id, truth.ignore, strict=True)
+    ]
+    rec.log(
+        path,
+        rr.Boxes2D(
+            array=truth.xyxy_px,
+            array_format=rr.Box2DFormat.XYXY,
+            class_ids=[OUTCOME_CLASSES.index(n) for n in names],
+            labels=["missed car" if n == "missed" else "" for n in names],
+            show_labels=False,
+            radii=rr.Radius.ui_points(1.2),
+            draw_order=10,
+        ),
+        rr.AnyValues(annotation_id=truth.annotation_id),
+    )
+
+
+def _log_outlines(rec: rr.RecordingStream, path: str, candidates: Sequence[CandidateView]) -> None:
+    some = [c for c in candidates if c.instance is not None and c.new_rank < SHOWN_MODELS]
+    # pixel centres to Rerun's pixel edges, and back to the first point to close the line
+    strips = [
+        c.instance.outline_px[[*range(len(c.instance.outline_px)), 0]] + 0.5 for c in some if c.instance
+    ]
+    ids = [OUTCOME_CLASSES.index(c.outcome) for c in some]
+    rec.log(path, rr.LineStrips2D(strips, class_ids=ids, radii=rr.Radius.ui_points(1.0), draw_order=12))
+
+
+def compose(
+    worst_first: Sequence[CandidateView], shape: tuple[int, ...]
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Registered depth and part labels (h, w) of all candidates; where they overlap the later one is on top."""
+    depth = np.full(shape, np.nan, np.float32)
+    labels = np.zeros(shape, np.uint8)
+    for c in worst_first:
+        if c.instance is None or c.registered is None:
+            continue
+        window = c.instance.depth.window
+        seen = np.isfinite(c.registered)
+        depth[window][seen] = c.registered[seen]
+        labels[window][seen] = c.instance.part_labels[seen]
+    return depth, labels
+
+
+def _log_models(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView], view: FrameView) -> None:
+    meshes = [mesh for c in some if (mesh := candidate_mesh(c, view)) is not None]
+    if not any(len(m.triangles) for m in meshes):
+        # a mesh without triangles is refused; clearing removes that of the frame before
+        rec.log(path, rr.Clear(recursive=False))
+        return
+    mesh = merge_meshes(meshes)
+    colours = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)[mesh.label]
+    rec.log(
+        path,
+        rr.Mesh3D(
+            vertex_positions=apply_transform(world_from_camera(view.ground), mesh.xyz_m),
+            triangle_indices=mesh.triangles,
+            vertex_colors=colours,
+        ),
+    )
+
+
+def candidate_mesh(c: CandidateView, view: FrameView) -> PartMesh | None:
+    """The registered prediction of a candidate as a surface in the camera frame; None without evidence."""
+    if c.instance is None or c.registered is None:
+        return None
+    corner = (c.instance.depth.x0_px, c.instance.depth.y0_px)
+    return part_mesh(in_metres(c.registered, view), c.instance.part_labels, view.camera, corner)
+
+
+def _ground_grid(
+    ground: GroundPlane, half_width_m: int = 12, far_m: int = 48, step_m: int = 4
+) -> rr.LineStrips3D:
+    """A patch of the ground plane as a grid of lines, z = 0 in the world frame."""
+    across = [[(-half_width_m, y, 0), (half_width_m, y, 0)] for y in range(0, far_m + 1, step_m)]
+    along = [[(x, 0, 0), (x, far_m, 0)] for x in range(-half_width_m, half_width_m + 1, step_m)]
+    return rr.LineStrips3D(across + along, colors=[(120, 150, 120)], radii=rr.Radius.ui_points(0.6))
