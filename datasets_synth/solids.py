@@ -39,7 +39,14 @@ class MeshDraft:
         self._materials.append(material)
         return len(self._materials) - 1
 
-    def add(self, vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, uv: FloatArray, material: Material) -> None:
+    def add(
+        self,
+        vertices: FloatArray,
+        faces: NDArray[np.int64],
+        normals: FloatArray,
+        uv: FloatArray,
+        material: Material,
+    ) -> None:
         """Add triangles: vertices (n, 3), faces (m, 3), normals and uv of each vertex (n, 3), (n, 2)."""
         self._vertices.append(vertices)
         self._faces.append(faces + self._n_vertices)
@@ -92,13 +99,21 @@ class MeshDraft:
             if name not in skip:
                 self.panel(centre + (np.array(signs) * half) @ turn.T, material, tile_m)
 
-    def bar(self, a_m: ArrayLike, b_m: ArrayLike, radius_m: float, material: Material, sides: int = 8) -> None:
+    def bar(
+        self, a_m: ArrayLike, b_m: ArrayLike, radius_m: float, material: Material, sides: int = 8
+    ) -> None:
         """Add a closed cylinder from a to b."""
         a, b = np.asarray(a_m, float), np.asarray(b_m, float)
         self.cone(a, b, radius_m, radius_m, material, sides)
 
     def cone(
-        self, a_m: ArrayLike, b_m: ArrayLike, radius_a_m: float, radius_b_m: float, material: Material, sides: int = 12,
+        self,
+        a_m: ArrayLike,
+        b_m: ArrayLike,
+        radius_a_m: float,
+        radius_b_m: float,
+        material: Material,
+        sides: int = 12,
         tile_m: float = 1.0,
     ) -> None:
         """Add a closed cylinder or cone from a (radius_a_m) to b (radius_b_m), smooth around."""
@@ -114,7 +129,10 @@ class MeshDraft:
         vertices = np.concatenate([a + radius_a_m * ring, b + radius_b_m * ring])
         around = angle * max(radius_a_m, radius_b_m) / tile_m
         uv = np.concatenate(
-            [np.stack([around, np.zeros_like(around)], 1), np.stack([around, np.full_like(around, length / tile_m)], 1)]
+            [
+                np.stack([around, np.zeros_like(around)], 1),
+                np.stack([around, np.full_like(around, length / tile_m)], 1),
+            ]
         )
         i = np.arange(sides)
         j = i + sides + 1
@@ -130,10 +148,14 @@ class MeshDraft:
         i = np.arange(1, n + 1)
         order = (i, i + 1) if np.dot(np.cross(spokes[0], spokes[1]), normal) > 0 else (i + 1, i)
         faces = np.stack([np.zeros(n, int), *order], 1)
-        uv = 0.5 + 0.5 * np.concatenate([np.zeros((1, 2)), np.stack([np.cos(t := np.linspace(0, 2 * np.pi, n + 1)), np.sin(t)], 1)])
+        uv = 0.5 + 0.5 * np.concatenate(
+            [np.zeros((1, 2)), np.stack([np.cos(t := np.linspace(0, 2 * np.pi, n + 1)), np.sin(t)], 1)]
+        )
         self.add(vertices, faces, np.tile(normal, (len(vertices), 1)), uv, material)
 
-    def wheel(self, centre_m: ArrayLike, radius_m: float, width_m: float, tyre: Material, rim: Material) -> None:
+    def wheel(
+        self, centre_m: ArrayLike, radius_m: float, width_m: float, tyre: Material, rim: Material
+    ) -> None:
         """Add a wheel whose axle runs along y."""
         c = np.asarray(centre_m, float)
         half = np.array([0, width_m / 2, 0])
@@ -155,7 +177,10 @@ class MeshDraft:
         lat = np.linspace(-np.pi / 2, np.pi / 2, n_lat)
         lon = np.linspace(0, 2 * np.pi, n_lon + 1)
         d = np.stack(
-            np.broadcast_arrays(np.cos(lat)[:, None] * np.cos(lon), np.cos(lat)[:, None] * np.sin(lon), np.sin(lat)[:, None]), -1
+            np.broadcast_arrays(
+                np.cos(lat)[:, None] * np.cos(lon), np.cos(lat)[:, None] * np.sin(lon), np.sin(lat)[:, None]
+            ),
+            -1,
         ).reshape(-1, 3)
         shape = np.sign(d) * np.abs(d) ** power
         waves = rng.normal(size=(10, 3)) * rng.uniform(2, 7, (10, 1))
@@ -166,7 +191,11 @@ class MeshDraft:
         j = i + n_lon + 1
         faces = np.concatenate([np.stack([i, i + 1, j + 1], 1), np.stack([i, j + 1, j], 1)])
         uv = np.stack(
-            [np.tile(lon, n_lat) * float(radii[:2].mean()) / tile_m, np.repeat(lat, n_lon + 1) * radii[2] / tile_m], 1
+            [
+                np.tile(lon, n_lat) * float(radii[:2].mean()) / tile_m,
+                np.repeat(lat, n_lon + 1) * radii[2] / tile_m,
+            ],
+            1,
         )
         normals = vertex_normals(vertices, faces, d)
         self.add(vertices, faces, normals, uv, material)

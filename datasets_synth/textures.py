@@ -12,7 +12,9 @@ FloatArray = NDArray[np.float32]
 _SIZE = 512
 
 
-def fractal_noise(rng: np.random.Generator, size_px: int, coarse: int = 4, octaves: int = 6, gain: float = 0.55) -> FloatArray:
+def fractal_noise(
+    rng: np.random.Generator, size_px: int, coarse: int = 4, octaves: int = 6, gain: float = 0.55
+) -> FloatArray:
     """Tiling fractal noise, shape (size, size), zero mean and unit standard deviation.
 
     Args:
@@ -46,7 +48,9 @@ def _paint(base: tuple[float, float, float], light: FloatArray, tint: FloatArray
 
 def _wander(rng: np.random.Generator, size: int, steps: int, step_px: float) -> NDArray[np.int32]:
     heading = rng.uniform(0, 6.28) + np.cumsum(rng.normal(0, 0.35, steps))
-    path = rng.uniform(0, size, 2) + np.cumsum(np.stack([np.cos(heading), np.sin(heading)], 1) * step_px, axis=0)
+    path = rng.uniform(0, size, 2) + np.cumsum(
+        np.stack([np.cos(heading), np.sin(heading)], 1) * step_px, axis=0
+    )
     return path.astype(np.int32)
 
 
@@ -60,25 +64,44 @@ def _asphalt(rng: np.random.Generator) -> Image:
         light[y : y + h, x : x + w] *= rng.uniform(0.72, 1.15)
         cv2.rectangle(light, (int(x), int(y)), (int(x + w), int(y + h)), float(rng.uniform(0.5, 0.7)), 3)
     for _ in range(rng.integers(2, 7)):  # cracks, some sealed with tar
-        cv2.polylines(light, [_wander(rng, size, 60, 9)], False, float(rng.uniform(0.35, 0.6)), int(rng.integers(1, 4)))
+        cv2.polylines(
+            light, [_wander(rng, size, 60, 9)], False, float(rng.uniform(0.35, 0.6)), int(rng.integers(1, 4))
+        )
     for _ in range(rng.integers(3, 12)):  # oil and wear
         spot = np.zeros((size, size), np.float32)
         centre = (int(rng.integers(size)), int(rng.integers(size)))
-        cv2.ellipse(spot, centre, (int(rng.integers(8, 50)), int(rng.integers(6, 30))), float(rng.uniform(0, 180)), 0, 360, 1, -1)
+        cv2.ellipse(
+            spot,
+            centre,
+            (int(rng.integers(8, 50)), int(rng.integers(6, 30))),
+            float(rng.uniform(0, 180)),
+            0,
+            360,
+            1,
+            -1,
+        )
         light *= 1 - rng.uniform(0.05, 0.3) * cv2.GaussianBlur(spot, None, 6)
-    return _paint((108, 107, 106), light, fractal_noise(rng, size, 4, 3) * 0.5)
+    return _paint((108, 107, 106), light, fractal_noise(rng, size, 4, 3) * 0.15)
 
 
 def _slabs(rng: np.random.Generator, across: int = 4, down: int = 6, joint: int = 4) -> Image:
     tone = np.kron(rng.normal(1, 0.07, (down, across)), np.ones((-(-_SIZE // down), -(-_SIZE // across))))
     light = tone[:_SIZE, :_SIZE].astype(np.float32)
-    light = light + 0.07 * fractal_noise(rng, _SIZE, 8) + 0.05 * rng.normal(size=light.shape).astype(np.float32)
+    light = (
+        light + 0.07 * fractal_noise(rng, _SIZE, 8) + 0.05 * rng.normal(size=light.shape).astype(np.float32)
+    )
     for k in range(across):
         light[:, k * _SIZE // across : k * _SIZE // across + joint] *= 0.6
     for k in range(down):
         light[k * _SIZE // down : k * _SIZE // down + joint] *= 0.6
     for _ in range(30):  # chewing gum and stains
-        cv2.circle(light, tuple(int(v) for v in rng.integers(0, _SIZE, 2)), int(rng.integers(2, 7)), float(rng.uniform(0.5, 0.8)), -1)
+        cv2.circle(
+            light,
+            tuple(int(v) for v in rng.integers(0, _SIZE, 2)),
+            int(rng.integers(2, 7)),
+            float(rng.uniform(0.5, 0.8)),
+            -1,
+        )
     return _paint((152, 147, 140), light)
 
 
@@ -92,7 +115,11 @@ def _bricks(rng: np.random.Generator) -> Image:
 
 
 def _bond(
-    rng: np.random.Generator, rows: int, columns: int, base: tuple[float, float, float], joint: tuple[float, float, float],
+    rng: np.random.Generator,
+    rows: int,
+    columns: int,
+    base: tuple[float, float, float],
+    joint: tuple[float, float, float],
     spread: float,
 ) -> Image:
     """Courses of stones, every second one shifted by half a stone."""
@@ -102,10 +129,17 @@ def _bond(
     column = np.floor(shifted).astype(int) % columns
     tone = rng.normal(1, spread, (rows, columns))[row, column].astype(np.float32)
     height_px, width_px = _SIZE / rows, _SIZE / columns
-    edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1) * height_px, np.minimum(shifted % 1, 1 - shifted % 1) * width_px)
+    edge = np.minimum(
+        np.minimum((y * rows) % 1, 1 - (y * rows) % 1) * height_px,
+        np.minimum(shifted % 1, 1 - shifted % 1) * width_px,
+    )
     stone = np.clip(edge / 1.6, 0, 1)[..., None]
     light = tone + 0.06 * fractal_noise(rng, _SIZE, 8) + 0.05 * rng.normal(size=tone.shape).astype(np.float32)
-    return np.clip(stone * _paint(base, light) + (1 - stone) * _paint(joint, 1 + 0.1 * fractal_noise(rng, _SIZE, 16)), 0, 255).astype(np.uint8)
+    return np.clip(
+        stone * _paint(base, light) + (1 - stone) * _paint(joint, 1 + 0.1 * fractal_noise(rng, _SIZE, 16)),
+        0,
+        255,
+    ).astype(np.uint8)
 
 
 def _plaster(rng: np.random.Generator) -> Image:
@@ -116,7 +150,9 @@ def _plaster(rng: np.random.Generator) -> Image:
 
 
 def _concrete(rng: np.random.Generator) -> Image:
-    light = 1 + 0.07 * fractal_noise(rng, _SIZE, 3) + 0.05 * rng.normal(size=(_SIZE, _SIZE)).astype(np.float32)
+    light = (
+        1 + 0.07 * fractal_noise(rng, _SIZE, 3) + 0.05 * rng.normal(size=(_SIZE, _SIZE)).astype(np.float32)
+    )
     for k in (0, _SIZE // 2):
         light[k : k + 4] *= 0.75
         light[:, k : k + 3] *= 0.8
@@ -126,7 +162,7 @@ def _concrete(rng: np.random.Generator) -> Image:
 def _grass(rng: np.random.Generator) -> Image:
     fine = fractal_noise(rng, _SIZE, 64, 4, 0.8)
     light = 1 + 0.22 * fine + 0.14 * fractal_noise(rng, _SIZE, 4)
-    return _paint((92, 112, 58), light, 2.0 * fractal_noise(rng, _SIZE, 8))
+    return _paint((92, 112, 58), light, fractal_noise(rng, _SIZE, 8))
 
 
 def _leaves(rng: np.random.Generator) -> Image:
@@ -138,7 +174,16 @@ def _leaves(rng: np.random.Generator) -> Image:
         colour = [float(min(255.0, c * shade)) for c in (88 + 30 * rng.random(), 122, 48)]
         axes = (int(rng.integers(4, 10)), int(rng.integers(2, 5)))
         for shift in ((0, 0), (_SIZE, 0), (0, _SIZE)):
-            cv2.ellipse(picture, (int(centres[i, 0] - shift[0]), int(centres[i, 1] - shift[1])), axes, float(rng.uniform(0, 180)), 0, 360, colour, -1)
+            cv2.ellipse(
+                picture,
+                (int(centres[i, 0] - shift[0]), int(centres[i, 1] - shift[1])),
+                axes,
+                float(rng.uniform(0, 180)),
+                0,
+                360,
+                colour,
+                -1,
+            )
     return picture
 
 
@@ -186,14 +231,21 @@ def _curtain(rng: np.random.Generator) -> Image:
     style = rng.integers(4)
     x = np.arange(_SIZE, dtype=np.float32)
     if style == 0:
-        light[:, : int(_SIZE * rng.uniform(0.15, 0.4))] += 1.2 + 0.25 * np.sin(x[: int(_SIZE * 0.4)] / 9)[: light[:, : int(_SIZE * 0.4)].shape[1]][0]
-        light[:, int(_SIZE * rng.uniform(0.65, 0.85)) :] += 1.3
+        drawn = (x < _SIZE * rng.uniform(0.15, 0.4)) | (x > _SIZE * rng.uniform(0.65, 0.85))
+        light += drawn * (1.25 + 0.25 * np.sin(x / 9))
     elif style == 1:
-        light[: int(_SIZE * rng.uniform(0.2, 0.8))] += (1.3 + 0.15 * np.sin(x / 6))[: _SIZE, None][: int(_SIZE)][0]
+        lowered = x < _SIZE * rng.uniform(0.2, 0.8)
+        light += (lowered * (1.3 + 0.15 * np.sin(x / 3)))[:, None]
     elif style == 2:
         for _ in range(8):
             a, b = rng.integers(0, _SIZE, 2)
-            cv2.rectangle(light, (int(a), int(b)), (int(a + rng.integers(20, 160)), _SIZE), float(rng.uniform(0.3, 1.4)), -1)
+            cv2.rectangle(
+                light,
+                (int(a), int(b)),
+                (int(a + rng.integers(20, 160)), _SIZE),
+                float(rng.uniform(0.3, 1.4)),
+                -1,
+            )
     return _paint((74, 76, 80), light)
 
 
@@ -203,7 +255,13 @@ def _rags(rng: np.random.Generator) -> Image:
     for _ in range(420):
         x, y = (int(v) for v in rng.integers(-20, _SIZE, 2))
         w, h = (int(v) for v in rng.integers(14, 60, 2))
-        cv2.rectangle(picture, (x, y), (x + w, y + h), [float(v) for v in rng.integers(40, 230, 3)], -1)
+        cv2.rectangle(
+            picture,
+            (x, y),
+            (x + w, y + h),
+            [float(v) for v in np.clip(rng.uniform(40, 200) + rng.normal(0, 22, 3), 10, 240)],
+            -1,
+        )
     return picture
 
 
@@ -257,5 +315,7 @@ def lettering(rng: np.random.Generator, width_px: int, height_px: int, words: in
     (w, h), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 1.0, thickness)
     scale = min(0.9 * width_px / w, 0.62 * height_px / h)
     at = (int((width_px - w * scale) / 2), int((height_px + h * scale) / 2))
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_DUPLEX, scale, [float(v) for v in ink], thickness, cv2.LINE_AA)
+    cv2.putText(
+        picture, text, at, cv2.FONT_HERSHEY_DUPLEX, scale, [float(v) for v in ink], thickness, cv2.LINE_AA
+    )
     return picture

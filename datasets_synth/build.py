@@ -1,0 +1,331 @@
+"""Builds a rendered data set on disk, frame by frame, and resumes a build that was stopped."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from datasets_synth.car_models import cars_of_splits
+from datasets_synth.frame_synth import SynthFrame, annotation_record, camera_record, car_schedule, synth_frame
+from datasets_synth.layout import CarModel
+from datasets_synth.part_render import render_part_labels
+from datasets_synth.parts import CAR_PARTS
+from datasets_synth.pictures import car_picture
+from datasets_synth.presets import SynthConfig
+from recon.errors import RescoreError
+from recon.part_views import PartView, PartViews, save_part_views
+from recon.stereo import DisparityError, compute_disparity, disparity_error, read_disparity, write_disparity
+from recon.view_bins import ViewBins
+from rescore.frames import SPLITS
+from rescore.store import atomic_path, read_json, write_json
+
+RECORDS = "records"
+PICTURES = "pictures"
+PART_VIEWS = "part_views"
+_PICTURE_STREAM = 2_000_000
+_PART_STREAM = 3_000_000
+CATEGORY = {"id": 1, "name": "car", "supercategory": "vehicle"}
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What one frame needs to be built."""
+
+    out: Path
+    config: SynthConfig
+    seed: int
+    split: str
+    index: int
+    n_cars: int
+    cars: tuple[CarModel, ...]
+    key: str
+    picture_paths: tuple[Path, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.split}_{self.index:04d}"
+
+    @property
+    def record_path(self) -> Path:
+        return self.out / RECORDS / f"{self.name}.json"
+
+
+def build_dataset(
+    config: SynthConfig,
+    out: Path,
+    seed: int = 0,
+    jobs: int = 1,
+    train_meshes: Path | None = None,
+    test_meshes: Path | None = None,
+    console: Console | None = None,
+) -> Path:
+    """Write a rendered data set; returns the path of its ``annotations.json``, which is written last.
+
+    Frames that a stopped build with the same settings has finished are kept. The same settings and seed give the
+    same bytes, whatever the number of jobs.
+
+    Args:
+        config: What to render.
+        out: Folder of the data set.
+        seed: Of every random choice.
+        jobs: Frames at a time.
+        train_meshes: Folder of a user's own cars for the split "train".
+        test_meshes: The same for the split "test".
+        console: Where the progress bar is drawn; standard error where it is not given.
+
+    Raises:
+        RescoreError: A mesh cannot be used, the folder cannot be written, or a street cannot be found.
+    """
+    cars = {s: tuple(m) for s, m in cars_of_splits(train_meshes, test_meshes).items()}
+    key = _key(config, seed, cars)
+    console = console or Console(stderr=True)
+    for folder in ("left", "right", "disparity", "truth", "instance", RECORDS, PICTURES):
+        _make_folder(out / folder)
+    (out / "annotations.json").unlink(missing_ok=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        paths = _write_pictures(config, out, seed, cars, key, progress, jobs)
+        _write_part_views(config, out, seed, cars["train"])
+        tasks = [
+            _Task(out, config, seed, split, index, n, cars[split], key, paths[split])
+            for split, size in config.splits.items()
+            for index, n in enumerate(car_schedule(size, seed, split))
+        ]
+        todo = [task for task in tasks if not _is_done(task)]
+        bar = progress.add_task("render frames", total=len(tasks), completed=len(tasks) - len(todo))
+        for _ in _run(_build_frame, [(task,) for task in todo], jobs):
+            progress.advance(bar)
+    return _finish(out, config, seed, [read_json(task.record_path, "a frame record") for task in tasks])
+
+
+def _run(function: Any, arguments: Sequence[tuple[Any, ...]], jobs: int) -> Iterator[Any]:
+    """Results as they come, in order."""
+    if jobs == 1 or len(arguments) < 2:
+        return (function(*a) for a in arguments)
+    results: Iterator[Any] = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(function)(*a) for a in arguments
+    )
+    return results
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RescoreError(
+            f"{folder}: expected a folder to write to, got {error.strerror!r}; choose another place"
+        ) from error
+
+
+def _key(config: SynthConfig, seed: int, cars: dict[str, tuple[CarModel, ...]]) -> str:
+    """Digest of everything that decides the bytes of a frame, apart from the code."""
+    shapes = {split: [(c.shape_id, c.size_m) for c in models] for split, models in cars.items()}
+    text = json.dumps([asdict(config), seed, shapes], sort_keys=True, default=float)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _is_done(task: _Task) -> bool:
+    if not task.record_path.is_file():
+        return False
+    record = read_json(task.record_path, "a frame record")
+    return bool(record.get("key") == task.key)
+
+
+def _build_frame(task: _Task) -> None:
+    """Render, measure and write one frame; its record comes last."""
+    pictures = tuple(_picture(path, path.stat().st_mtime_ns) for path in task.picture_paths)
+    frame = synth_frame(task.config, task.seed, task.split, task.index, task.n_cars, task.cars, pictures)
+    render = frame.render
+    measured = compute_disparity(render.left_rgb, render.right_rgb, task.config.sgbm)
+    truth = frame.scene.camera.disparity_px(render.depth_m)
+    names = {kind: f"{kind}/{task.name}.png" for kind in ("left", "right", "disparity", "truth", "instance")}
+    _write_png(task.out / names["left"], render.left_rgb[..., ::-1])
+    _write_png(task.out / names["right"], render.right_rgb[..., ::-1])
+    _write_png(task.out / names["instance"], render.instance)
+    write_disparity(task.out / names["disparity"], measured)
+    write_disparity(task.out / names["truth"], truth)
+    height, width = truth.shape
+    # what is read back is what users get, so the error is that of the file
+    stored = read_disparity(task.out / names["disparity"], width, height)
+    write_json(task.record_path, _record(task, frame, names, stored, truth))
+
+
+def _record(
+    task: _Task,
+    frame: SynthFrame,
+    names: dict[str, str],
+    measured: NDArray[np.float32],
+    truth: NDArray[np.float32],
+) -> dict[str, Any]:
+    height, width = truth.shape
+    items = frame.scene.items
+    car_ids = [i + 1 for i, item in enumerate(items) if item.kind == "car"]
+    on_car = np.isin(frame.render.instance, car_ids)
+    present = np.unique(frame.render.instance)
+    return {
+        "key": task.key,
+        "attempts": frame.attempts,
+        "image": {
+            "file_name": names["left"],
+            "right_file_name": names["right"],
+            "disparity_file_name": names["disparity"],
+            "truth_disparity_file_name": names["truth"],
+            "instance_file_name": names["instance"],
+            "width": width,
+            "height": height,
+            "split": task.split,
+            "camera": camera_record(frame.scene),
+            "instances": [{"id": int(i), "kind": items[i - 1].kind} for i in present if i > 0],
+        },
+        "annotations": [annotation_record(car, task.config.cars) for car in frame.cars],
+        "stereo": {
+            "car": _error_sums(disparity_error(measured, truth, on_car)),
+            "elsewhere": _error_sums(disparity_error(measured, truth, ~on_car)),
+        },
+    }
+
+
+def _error_sums(error: DisparityError) -> dict[str, float]:
+    """Sums over pixels, which add up over frames."""
+    n, m = error.n_truth, error.n_measured
+    return {
+        "n_truth": n,
+        "n_measured": m,
+        "abs_error_px": error.end_point_error_px * m if m else 0.0,
+        "wrong_measured": error.wrong_share_measured * m if m else 0.0,
+        "wrong_filled": error.wrong_share_filled * n if n else 0.0,
+    }
+
+
+def _finish(out: Path, config: SynthConfig, seed: int, records: Sequence[dict[str, Any]]) -> Path:
+    images, annotations = [], []
+    for image_id, record in enumerate(records, start=1):
+        images.append({"id": image_id, **record["image"]})
+        for annotation in record["annotations"]:
+            row = {
+                "id": len(annotations) + 1,
+                "image_id": image_id,
+                "category_id": CATEGORY["id"],
+                **annotation,
+            }
+            annotations.append(row)
+    write_json(out / "stereo.json", _stereo_statistics(config, records))
+    write_json(out / "synth_config.json", {"seed": seed, "config": asdict(config)})
+    path = out / "annotations.json"
+    info = {"description": "rendered stereo street scenes", "seed": seed}
+    write_json(path, {"info": info, "images": images, "annotations": annotations, "categories": [CATEGORY]})
+    return path
+
+
+def _stereo_statistics(config: SynthConfig, records: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Errors of the measured disparity by split and region."""
+    out: dict[str, Any] = {
+        "definition": "wrong: off by more than 3 px and 5 % of the truth (KITTI D1); wrong_share counts every pixel "
+        "with truth, holes filled from the background; wrong_share_measured counts measured pixels",
+        "sgbm": asdict(config.sgbm),
+        "splits": {},
+    }
+    for split in (*config.splits, "all"):
+        chosen = [r for r in records if split in ("all", r["image"]["split"])]
+        out["splits"][split] = {
+            region: _statistics([r["stereo"][region] for r in chosen]) for region in ("car", "elsewhere")
+        }
+    return out
+
+
+def _statistics(sums: Sequence[dict[str, float]]) -> dict[str, float | None]:
+    total = {name: float(sum(s[name] for s in sums)) for name in sums[0]}
+    n, m = total["n_truth"], total["n_measured"]
+    return {
+        "n_pixels": n,
+        "density": m / n if n else None,
+        "end_point_error_px": total["abs_error_px"] / m if m else None,
+        "wrong_share": total["wrong_filled"] / n if n else None,
+        "wrong_share_measured": total["wrong_measured"] / m if m else None,
+    }
+
+
+def _write_png(path: Path, picture: NDArray[Any]) -> None:
+    done, encoded = cv2.imencode(".png", picture)
+    if not done:
+        raise RescoreError(f"{path}: could not encode a picture of shape {picture.shape}")
+    with atomic_path(path) as beside:
+        beside.write_bytes(encoded.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _picture(path: Path, _modified_ns: int) -> NDArray[np.uint8]:
+    """A picture for posters; kept per process."""
+    bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(bgr[..., ::-1])
+
+
+def _write_pictures(
+    config: SynthConfig,
+    out: Path,
+    seed: int,
+    cars: dict[str, tuple[CarModel, ...]],
+    key: str,
+    progress: Progress,
+    jobs: int,
+) -> dict[str, tuple[Path, ...]]:
+    """Render the pictures of cars that posters show, each split its own cars."""
+    paths = {
+        s: tuple(out / PICTURES / f"{s}_{k:02d}.png" for k in range(config.n_pictures)) for s in config.splits
+    }
+    stamp = out / PICTURES / "key.json"
+    if stamp.is_file() and read_json(stamp, "a key") == key:
+        return paths
+    tasks = [
+        (path, cars[s], [seed, SPLITS.index(s), _PICTURE_STREAM, k])
+        for s in paths
+        for k, path in enumerate(paths[s])
+    ]
+    bar = progress.add_task("render posters", total=len(tasks))
+    for _ in _run(_render_picture, tasks, jobs):
+        progress.advance(bar)
+    write_json(stamp, key)
+    return paths
+
+
+def _render_picture(path: Path, cars: tuple[CarModel, ...], stream: list[int]) -> None:
+    _write_png(path, car_picture(cars, np.random.default_rng(stream))[..., ::-1])
+
+
+def _write_part_views(config: SynthConfig, out: Path, seed: int, cars: Sequence[CarModel]) -> None:
+    """Part-labelled views of training shapes in every view bin; the first is a sedan, which is the canonical one."""
+    bins = ViewBins()
+    rng = np.random.default_rng([seed, _PART_STREAM])
+    views = []
+    for car in _instances_to_label(cars, config.part_views.n_instances):
+        mesh = car.build(rng)
+        if not mesh.face_part.any():
+            continue
+        for b in range(bins.count):
+            labels = render_part_labels(mesh, b, bins.elevation_rad, config.part_views.size_px)
+            views.append(PartView(b, labels, car.shape_id))
+    if not views:
+        raise RescoreError(
+            "part-labelled views: expected training cars with labelled parts, got none; train on parametric cars, "
+            "or supply a learned class model"
+        )
+    save_part_views(out / PART_VIEWS, PartViews(CAR_PARTS, bins, tuple(views)))
+
+
+def _instances_to_label(cars: Sequence[CarModel], count: int) -> list[CarModel]:
+    """A sedan first, then others spread over the list, which goes by body type."""
+    sedans = [c for c in cars if "sedan" in c.shape_id]
+    first = sedans[:1] or list(cars[:1])
+    others = [c for c in cars if c is not first[0]]
+    step = max(1, len(others) // max(1, count - 1))
+    return first + others[::step][: count - 1]

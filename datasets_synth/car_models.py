@@ -1,0 +1,90 @@
+"""Which cars each split may show: parametric shapes, or a user's own meshes; no shape in two splits."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets_synth.car_shapes import CarShape, car_shapes
+from datasets_synth.cars import car_mesh
+from datasets_synth.layout import CarModel
+from datasets_synth.mesh import Mesh
+from recon.errors import RescoreError
+from rescore.frames import SPLITS
+
+_SPLIT_OF_NUMBER = ("train", "test", "calibration", "train", "test", "validation", "train", "test")
+"""Split of the k-th shape of a body type, so that every split sees every body type."""
+
+
+@dataclass(frozen=True)
+class ParametricCar:
+    """A shape of the parametric family."""
+
+    shape: CarShape
+
+    @property
+    def shape_id(self) -> str:
+        """Name of the shape."""
+        return self.shape.shape_id
+
+    @property
+    def size_m(self) -> tuple[float, float, float]:
+        """Length, width and height."""
+        return self.shape.size_m
+
+    def build(self, rng: np.random.Generator) -> Mesh:
+        """The mesh in a paint of its own."""
+        return car_mesh(self.shape, rng)
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedModel:
+    """A user's mesh; it always looks the same."""
+
+    shape_id: str
+    size_m: tuple[float, float, float]
+    mesh: Mesh
+
+    def build(self, rng: np.random.Generator) -> Mesh:
+        """The mesh as it was loaded."""
+        return self.mesh
+
+
+def cars_of_splits(
+    train_meshes: Path | None = None, test_meshes: Path | None = None
+) -> Mapping[str, Sequence[CarModel]]:
+    """The cars of each split: three eighths of the parametric shapes train, three eighths test, one each the others.
+
+    Args:
+        train_meshes: Folder of meshes that replace the shapes of split "train".
+        test_meshes: Folder of meshes that replace the shapes of split "test".
+
+    Raises:
+        RescoreError: A mesh stands in both folders, or has the name of a parametric shape.
+    """
+    cars: dict[str, list[CarModel]] = {split: [] for split in SPLITS}
+    number: dict[str, int] = {}
+    for shape in car_shapes():
+        k = number.get(shape.body_type, 0)
+        number[shape.body_type] = k + 1
+        cars[_SPLIT_OF_NUMBER[k % len(_SPLIT_OF_NUMBER)]].append(ParametricCar(shape))
+    for split, folder in (("train", train_meshes), ("test", test_meshes)):
+        if folder is not None:
+            cars[split] = _imported(folder)
+    owner: dict[str, str] = {}
+    for split, models in cars.items():
+        for model in models:
+            first = owner.setdefault(model.shape_id, split)
+            if first != split:
+                raise RescoreError(
+                    f"car meshes: splits {first} and {split} must share no shape, both hold {model.shape_id!r}; "
+                    "rename it or take it out of one folder"
+                )
+    return cars
+
+
+def _imported(folder: Path) -> list[CarModel]:
+    from datasets_synth.mesh_import import load_meshes  # noqa: PLC0415 trimesh is slow to import, and rarely needed
+
+    return [ImportedModel(car.shape_id, car.size_m, car.mesh) for car in load_meshes(folder)]

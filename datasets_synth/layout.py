@@ -1,0 +1,359 @@
+"""Draws a street: where cars, pictures of cars, trucks, furniture and houses stand, the light, the camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datasets_synth.distractors import PROP, PROPS, Pictures, Prop
+from datasets_synth.lighting import sample_imaging, sample_light
+from datasets_synth.mesh import Mesh, Placed, Scene
+from datasets_synth.presets import SynthConfig
+from datasets_synth.solids import pose
+from datasets_synth.street import Strip, facade_row, ground_height_m, ground_items, sample_strips
+from recon.camera import PinholeCamera, StereoCamera
+
+FloatArray = NDArray[np.float64]
+FACING_LEFT_RAD = np.pi
+"""Yaw of a car whose nose points to -x, so that its left side is seen."""
+GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})
+"""Kinds of the ground; everything else is solid and intersects nothing."""
+
+_PICTURE_KINDS = ("billboard", "hoarding", "truck_picture", "bus_picture")
+_WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor")
+_BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")
+_FURNITURE_KINDS = tuple(p.kind for p in PROPS if p.kind not in _PICTURE_KINDS + _WHEELED_KINDS + _BOX_KINDS)
+_HIDING = tuple(p.kind for p in PROPS if p.hides)
+
+
+class CarModel(Protocol):
+    """A car that can be put into a scene."""
+
+    @property
+    def shape_id(self) -> str:
+        """Its name, the same in every frame."""
+
+    @property
+    def size_m(self) -> tuple[float, float, float]:
+        """Length, width and height."""
+
+    def build(self, rng: np.random.Generator) -> Mesh:
+        """Its mesh with a paint of its own."""
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A rectangle on the ground."""
+
+    x_m: float
+    y_m: float
+    half_length_m: float
+    half_width_m: float
+    yaw_rad: float = 0.0
+
+    def corners(self) -> FloatArray:
+        """Shape (4, 2)."""
+        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        local = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (self.half_length_m, self.half_width_m)
+        return local @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m)
+
+    def meets(self, other: "Footprint") -> bool:
+        """Whether two rectangles overlap (separating axes)."""
+        a, b = self.corners(), other.corners()
+        for yaw in (self.yaw_rad, other.yaw_rad):
+            for axis in ((np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))):
+                pa, pb = a @ axis, b @ axis
+                if pa.max() <= pb.min() or pb.max() <= pa.min():
+                    return False
+        return True
+
+
+OVERHANGING = frozenset({"tree", "trunk", "lamp"})
+"""Kinds whose upper parts may reach over others; only what is lower than this height takes ground."""
+OVERHANG_M = 2.1
+
+
+def footprint(placed: Placed, margin_m: float = 0.0) -> Footprint:
+    """The ground that a placed mesh takes: its bounding rectangle in its own axes, grown by a margin."""
+    vertices = placed.mesh.vertices_m
+    if placed.kind in OVERHANGING:
+        vertices = vertices[vertices[:, 2] < OVERHANG_M]
+    low, high = vertices[:, :2].min(0).astype(float), vertices[:, :2].max(0).astype(float)
+    world = placed.world_from_object
+    scale = float(np.linalg.norm(world[:3, 0]))
+    centre = world[:2, :2] @ ((low + high) / 2) + world[:2, 3]
+    half = (high - low) / 2 * scale + margin_m
+    yaw = float(np.arctan2(world[1, 0], world[0, 0]))
+    return Footprint(float(centre[0]), float(centre[1]), float(half[0]), float(half[1]), yaw)
+
+
+@dataclass
+class _Plan:
+    """A street that is being filled."""
+
+    config: SynthConfig
+    strips: tuple[Strip, ...]
+    facade_y_m: float
+    camera_yaw_rad: float
+    rng: np.random.Generator
+    items: list[Placed] = field(default_factory=list)
+    taken: list[Footprint] = field(default_factory=list)
+
+    def half_view_rad(self) -> float:
+        camera = self.config.camera
+        return float(np.arctan(0.5 * 640 / camera.focal_px))
+
+    def x_range_m(self, y_m: float, margin_rad: float = 0.0) -> tuple[float, float]:
+        """x that is in the picture at a distance; the camera stands at the origin and is turned by its yaw."""
+        half = self.half_view_rad() - margin_rad
+        return y_m * float(np.tan(self.camera_yaw_rad - half)), y_m * float(
+            np.tan(self.camera_yaw_rad + half)
+        )
+
+    def put(
+        self,
+        mesh: Mesh,
+        kind: str,
+        x: float,
+        y: float,
+        yaw: float = 0.0,
+        shape_id: str = "",
+        gap_m: float = 0.12,
+    ) -> bool:
+        """Place a mesh where its ground is free; says whether it was."""
+        placed = Placed(mesh, pose(x, y, ground_height_m(self.strips, y), yaw), kind, shape_id)
+        spot = footprint(placed, gap_m)
+        corners = spot.corners()
+        if corners[:, 1].max() > self.facade_y_m - 0.9 or corners[:, 1].min() < 2.2:
+            return False
+        if any(spot.meets(other) for other in self.taken):
+            return False
+        if not _level(self.strips, corners, kind):
+            return False
+        self.items.append(placed)
+        self.taken.append(spot)
+        return True
+
+
+def _level(strips: tuple[Strip, ...], corners: FloatArray, kind: str) -> bool:
+    """Whether a footprint stands on ground of one height."""
+    heights = {ground_height_m(strips, float(y)) for y in corners[:, 1]}
+    return len(heights) == 1
+
+
+def sample_scene(
+    config: SynthConfig,
+    shapes: Sequence[CarModel],
+    rng: np.random.Generator,
+    n_cars: int | None = None,
+    pictures: Pictures = (),
+) -> Scene:
+    """A street with cars seen from the side.
+
+    Whether each planned car is visible enough is not known before rendering; see build.render_frame.
+
+    Args:
+        config: What streets look like.
+        shapes: The cars to choose from.
+        rng: Source of everything.
+        n_cars: Cars to place; drawn (0 to 2) where it is not given.
+        pictures: Pictures of cars for posters; without them there are no posters.
+    """
+    count = int(rng.integers(0, 3)) if n_cars is None else n_cars
+    plan = _empty_street(config, rng)
+    for k in range(count):
+        _put_car(plan, shapes, first=k == 0)
+    _put_other_view(plan, shapes)
+    _put_clutter(plan, pictures)
+    low, high = plan.x_range_m(plan.facade_y_m)
+    half_width = max(abs(low), abs(high)) + 12.0
+    ground = ground_items(plan.strips, half_width, plan.facade_y_m + 120.0, rng)
+    houses = _far_side(plan, half_width)
+    head, left_from_world = _camera(config, plan.camera_yaw_rad, rng)
+    light, brightness = sample_light(config.light, rng)
+    return Scene(
+        items=(*ground, *houses, *plan.items),
+        light=light,
+        camera=head,
+        left_from_world=left_from_world,
+        imaging=sample_imaging(config.sensor, light, brightness, rng),
+    )
+
+
+def _empty_street(config: SynthConfig, rng: np.random.Generator) -> _Plan:
+    cars = config.cars
+    # more near cars than far ones, as streets show them, but far ones are no exception
+    share = float(rng.uniform())
+    car_y = float(cars.near_m * (cars.far_m / cars.near_m) ** share) * 0.97 + 0.3
+    strips = sample_strips(min(car_y, cars.far_m - 1.0), rng)
+    yaw = float(np.radians(rng.uniform(-1, 1) * config.camera.yaw_deg))
+    return _Plan(config, strips, strips[-1].y1_m, yaw, rng)
+
+
+def _car_lanes(plan: _Plan) -> list[float]:
+    cars = plan.config.cars
+    lanes = [y for s in plan.strips for y in s.lanes_m]
+    return [y for y in lanes if cars.near_m <= y <= cars.far_m]
+
+
+def _put_car(plan: _Plan, shapes: Sequence[CarModel], first: bool) -> bool:
+    """One car in a lane, seen within the view bin; False where no free place was found."""
+    cars, rng = plan.config.cars, plan.rng
+    lanes = _car_lanes(plan)
+    limit = np.radians(cars.bin_half_width_deg)
+    for _ in range(30):
+        shape = shapes[int(rng.integers(len(shapes)))]
+        y = float(lanes[int(rng.integers(len(lanes)))] + rng.normal(0, 0.15))
+        length = shape.size_m[0]
+        low, high = plan.x_range_m(y)
+        x = float(rng.uniform(low + 0.42 * length, max(low + 0.43 * length, high - 0.42 * length)))
+        turn = float(np.radians(rng.uniform(-1, 1) * cars.heading_jitter_deg))
+        # azimuth - 90 degrees = bearing of the car less its turn, for a nose at -x
+        if abs(np.arctan2(x, y) + turn) > limit:
+            continue
+        if plan.put(shape.build(rng), "car", x, y, FACING_LEFT_RAD + turn, shape.shape_id, 0.35):
+            return True
+    return False
+
+
+def _put_other_view(plan: _Plan, shapes: Sequence[CarModel]) -> None:
+    """A car parked across the street, its front or its rear to the camera."""
+    rng = plan.rng
+    if rng.random() >= plan.config.cars.other_view_share:
+        return
+    lots = [s for s in plan.strips if s.role in ("lot", "square") and s.y1_m - s.y0_m > 5.2 and s.y1_m > 14]
+    if not lots:
+        return
+    strip = lots[int(rng.integers(len(lots)))]
+    for _ in range(4):
+        shape = shapes[int(rng.integers(len(shapes)))]
+        y = float(rng.uniform(max(strip.y0_m + 2.6, 12.0), max(strip.y1_m - 2.6, 12.1)))
+        low, high = plan.x_range_m(y)
+        yaw = float(rng.choice([-1, 1]) * np.pi / 2 + rng.normal(0, 0.1))
+        if plan.put(shape.build(rng), "car", float(rng.uniform(low, high)), y, yaw, shape.shape_id, 0.3):
+            return
+
+
+def _put_clutter(plan: _Plan, pictures: Pictures) -> None:
+    rng, clutter = plan.rng, plan.config.clutter
+    for car in [p for p in plan.items if p.kind == "car"]:
+        if rng.random() < clutter.occluder_share:
+            _put_before(plan, car, pictures)
+    groups = [
+        (_WHEELED_KINDS, clutter.wheeled),
+        (_BOX_KINDS, clutter.boxes),
+        (_FURNITURE_KINDS, clutter.furniture),
+    ]
+    if len(pictures):
+        groups.insert(0, (_PICTURE_KINDS, clutter.pictures))
+    for kinds, mean in groups:
+        for _ in range(int(rng.poisson(mean))):
+            _put_anywhere(plan, PROP[kinds[int(rng.integers(len(kinds)))]], pictures)
+
+
+def _put_before(plan: _Plan, car: Placed, pictures: Pictures) -> None:
+    """Something small between the camera and a car, that hides a part of it."""
+    rng = plan.rng
+    x, y = car.world_from_object[0, 3], car.world_from_object[1, 3]
+    for _ in range(12):
+        prop = PROP[_HIDING[int(rng.integers(len(_HIDING)))]]
+        at = float(y * rng.uniform(0.45, 0.95))
+        if not _allowed(plan, prop, at) or at < 4.0:
+            continue
+        aim = x + float(rng.uniform(-2.2, 2.2))
+        if plan.put(
+            prop.build(rng, pictures).mesh(), prop.kind, float(aim * at / y), at, float(rng.normal(0, 0.06))
+        ):
+            return
+
+
+def _allowed(plan: _Plan, prop: Prop, y_m: float) -> bool:
+    return any(s.role in prop.on for s in plan.strips if s.y0_m <= y_m < s.y1_m)
+
+
+def _put_anywhere(plan: _Plan, prop: Prop, pictures: Pictures) -> None:
+    """A prop on a strip where it may stand, clear of the view of the cars where it is large."""
+    rng = plan.rng
+    strips = [s for s in plan.strips if s.role in prop.on and s.y1_m > 6.5]
+    if not strips:
+        return
+    mesh = prop.build(rng, pictures).mesh()
+    for _ in range(8):
+        strip = strips[int(rng.integers(len(strips)))]
+        low_y = max(strip.y0_m, 5.0 if prop.hides else 7.5)
+        if low_y >= strip.y1_m:
+            continue
+        if strip.lanes_m and prop.on[0] in ("road", "lot"):
+            y = float(strip.lanes_m[int(rng.integers(len(strip.lanes_m)))] + rng.normal(0, 0.1))
+        else:
+            y = float(rng.uniform(low_y, strip.y1_m))
+        low, high = plan.x_range_m(max(y, 1.0))
+        x = float(rng.uniform(low, high))
+        yaw = float(
+            rng.normal(0, 0.03)
+            + (
+                np.pi
+                if prop.on[0] in ("road", "lot") and not prop.needs_pictures and rng.random() < 0.4
+                else 0
+            )
+        )
+        if not prop.hides and _covers_a_car(plan, mesh, x, y):
+            continue
+        if plan.put(mesh, prop.kind, x, y, yaw):
+            return
+
+
+def _covers_a_car(plan: _Plan, mesh: Mesh, x: float, y: float) -> bool:
+    """Whether a thing at (x, y) would hide more than a third of the length of a car behind it."""
+    if y < 0.5:
+        return True
+    low = (x + float(mesh.vertices_m[:, 0].min())) / y
+    high = (x + float(mesh.vertices_m[:, 0].max())) / y
+    for car in plan.items:
+        if car.kind != "car" or car.world_from_object[1, 3] < y:
+            continue
+        cx, cy = car.world_from_object[0, 3], car.world_from_object[1, 3]
+        half = float(np.ptp(car.mesh.vertices_m[:, 0])) / 2
+        a, b = (cx - half) / cy, (cx + half) / cy
+        if min(b, high) - max(a, low) > 0.35 * (b - a):
+            return True
+    return False
+
+
+def _far_side(plan: _Plan, half_width_m: float) -> list[Placed]:
+    """House fronts, or trees and a hedge before open land."""
+    rng = plan.rng
+    y = plan.facade_y_m
+    z = ground_height_m(plan.strips, y)
+    if rng.random() < 0.8:
+        return facade_row(y, z, half_width_m, rng)
+    items = []
+    x = -half_width_m
+    while x < half_width_m:
+        prop = PROP[str(rng.choice(["tree", "hedge", "bush", "fence", "tree"]))]
+        mesh = prop.build(rng, ()).mesh()
+        width = float(np.ptp(mesh.vertices_m[:, 0]))
+        depth = -float(mesh.vertices_m[:, 1].min())
+        items.append(Placed(mesh, pose(x - float(mesh.vertices_m[:, 0].min()), y + depth, z), prop.kind))
+        x += width + float(rng.uniform(0.2, 1.5))
+    return items + facade_row(y + float(rng.uniform(25, 60)), z, half_width_m * 2, rng)
+
+
+def _camera(config: SynthConfig, yaw_rad: float, rng: np.random.Generator) -> tuple[StereoCamera, FloatArray]:
+    """The stereo head above the origin, and its camera-from-world pose (4, 4)."""
+    c = config.camera
+    focal = c.focal_px * c.width_px / 640 * float(rng.uniform(0.985, 1.015))
+    cx = (c.width_px - 1) / 2 + float(rng.uniform(-4, 4))
+    cy = (c.height_px - 1) / 2 + float(rng.uniform(-4, 4))
+    camera = PinholeCamera(focal, focal, cx, cy, c.width_px, c.height_px)
+    height = float(rng.uniform(*c.height_m))
+    pitch = float(np.radians(rng.uniform(*c.pitch_deg)))
+    right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
+    level = np.array([np.sin(yaw_rad), np.cos(yaw_rad), 0.0])
+    forward = np.cos(pitch) * level + np.array([0, 0, -np.sin(pitch)])
+    pose_cam = np.eye(4)
+    pose_cam[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    pose_cam[:3, 3] = -pose_cam[:3, :3] @ np.array([0, 0, height])
+    return StereoCamera(camera, float(rng.uniform(*c.baseline_m))), pose_cam

@@ -1,0 +1,180 @@
+"""Settings of a rendered data set, and the named presets."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from recon.errors import RescoreError
+from recon.stereo import SgbmConfig
+
+
+@dataclass(frozen=True)
+class SplitSize:
+    """How many frames a split has, and how many annotated cars stand in them, exactly."""
+
+    n_images: int
+    n_cars: int
+
+    def __post_init__(self) -> None:
+        if self.n_images < 1 or not 0 <= self.n_cars <= MAX_CARS * self.n_images:
+            raise RescoreError(
+                f"split size: expected at least one image and at most {MAX_CARS} cars an image, got {self}; mend the preset"
+            )
+
+
+MAX_CARS = 3
+"""Most annotated cars in one frame."""
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """The stereo head; ranges are drawn once a frame."""
+
+    width_px: int = 640
+    height_px: int = 480
+    focal_px: float = 620.0
+    """At the full width of 640; scaled with the width."""
+    baseline_m: tuple[float, float] = (0.30, 0.40)
+    height_m: tuple[float, float] = (1.2, 1.7)
+    pitch_deg: tuple[float, float] = (-1.0, 4.0)
+    """Positive looks down."""
+    yaw_deg: float = 11.0
+    """The camera looks across the street within plus and minus this."""
+
+
+@dataclass(frozen=True)
+class CarConfig:
+    """Where the cars stand."""
+
+    near_m: float = 8.0
+    far_m: float = 45.0
+    bin_half_width_deg: float = 14.0
+    """Every car is seen within this of azimuth 90 degrees."""
+    heading_jitter_deg: float = 3.0
+    min_visibility: float = 0.3
+    """Cars with a smaller visible share are annotated with ignore = 1."""
+    max_truncation: float = 0.25
+    """So are cars of which more than this share lies outside the picture."""
+    other_view_share: float = 0.12
+    """Share of frames with a car seen from its front or rear, annotated with ignore = 1."""
+
+
+@dataclass(frozen=True)
+class ClutterConfig:
+    """How much of everything else there is. Counts are means of a Poisson number a frame."""
+
+    pictures: float = 0.75
+    """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
+    wheeled: float = 1.1
+    """Trucks, buses, caravans, trailers, boats, tractors."""
+    boxes: float = 1.3
+    """Kiosks, stalls, shelters, containers, skips, carts."""
+    furniture: float = 4.0
+    """Bins, hedges, walls, crates, trees, poles, people."""
+    occluder_share: float = 0.5
+    """Share of cars that something is put in front of."""
+
+
+@dataclass(frozen=True)
+class LightConfig:
+    """Weights of the weather, and how dark the pictures are."""
+
+    sunny: float = 0.34
+    overcast: float = 0.33
+    dusk: float = 0.33
+    level: tuple[float, float] = (0.25, 1.0)
+    """Brightness of the picture by day; 1 is well exposed."""
+    dusk_level: tuple[float, float] = (0.12, 0.45)
+    haze_per_m: tuple[float, float] = (0.0, 0.015)
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """The cheap stereo head; ranges are drawn once a frame."""
+
+    blur_sigma_px: tuple[float, float] = (0.6, 1.2)
+    read_noise: tuple[float, float] = (0.003, 0.009)
+    shot_noise: tuple[float, float] = (0.01, 0.03)
+    vignetting: tuple[float, float] = (0.1, 0.4)
+    eye_gain_spread: float = 0.12
+    """Relative spread of the exposure of the right eye against the left."""
+    row_error_px: float = 0.3
+    """Spread of the vertical rectification error."""
+    roll_error_px: float = 0.25
+    """Spread of its growth over half the width."""
+
+
+@dataclass(frozen=True)
+class PartViewConfig:
+    """The part-labelled views for the class model."""
+
+    n_instances: int = 6
+    """Training shapes that are labelled in all view bins."""
+    size_px: int = 256
+
+
+@dataclass(frozen=True)
+class SynthConfig:
+    """Everything that decides what a rendered data set looks like."""
+
+    splits: Mapping[str, SplitSize] = field(
+        default_factory=lambda: {
+            "train": SplitSize(100, 110),
+            "calibration": SplitSize(60, 66),
+            "validation": SplitSize(20, 22),
+            "test": SplitSize(109, 127),
+        }
+    )
+    camera: CameraConfig = CameraConfig()
+    cars: CarConfig = CarConfig()
+    clutter: ClutterConfig = ClutterConfig()
+    light: LightConfig = LightConfig()
+    sensor: SensorConfig = SensorConfig()
+    part_views: PartViewConfig = PartViewConfig()
+    sgbm: SgbmConfig = SgbmConfig()
+    n_pictures: int = 10
+    """Different pictures of cars that the posters of one split show."""
+
+
+def synth_preset(name: str) -> SynthConfig:
+    """The settings of a named preset.
+
+    ``paper`` has the sizes of the report, section 6 (109 test images with 127 cars, 20 validation images);
+    ``demo`` is the same street with fewer frames; ``tiny`` is for tests, a few small frames.
+
+    Raises:
+        RescoreError: No such preset.
+    """
+    if name not in _PRESETS:
+        raise RescoreError(
+            f"preset: expected one of {', '.join(sorted(_PRESETS))}, got {name!r}; choose one of these"
+        )
+    return _PRESETS[name]
+
+
+_PAPER = SynthConfig()
+_PRESETS = {
+    "paper": _PAPER,
+    "demo": replace(
+        _PAPER,
+        splits={
+            "train": SplitSize(30, 36),
+            "calibration": SplitSize(20, 23),
+            "validation": SplitSize(12, 14),
+            "test": SplitSize(30, 35),
+        },
+    ),
+    "tiny": replace(
+        _PAPER,
+        splits={
+            "train": SplitSize(3, 4),
+            "calibration": SplitSize(2, 2),
+            "validation": SplitSize(2, 2),
+            "test": SplitSize(3, 4),
+        },
+        camera=CameraConfig(width_px=320, height_px=240),
+        cars=CarConfig(far_m=22.0),
+        part_views=PartViewConfig(n_instances=2, size_px=128),
+        sgbm=SgbmConfig(num_disparities=32),
+        n_pictures=2,
+    ),
+}

@@ -1,0 +1,501 @@
+"""The fixed parts of a street: ground strips with kerbs and markings, facades, trees, poles, a far backdrop.
+
+Everything stands in the world frame: x along the street, y away from the camera, z up, the road at z = 0.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from datasets_synth.mesh import Material, Placed
+from datasets_synth.solids import MeshDraft, pose
+from datasets_synth.textures import lettering, texture
+
+KERB_HEIGHT_M = 0.12
+STOREY_M = 3.0
+DOOR_HEIGHT_M = 2.1
+TILE_M = {
+    "asphalt": 9.0, "slabs": 2.4, "cobbles": 2.6, "bricks": 2.0, "plaster": 4.0, "concrete": 3.0, "grass": 3.0,
+    "leaves": 1.3, "bark": 1.2, "planks": 1.5, "corrugated": 1.6, "shutter": 1.6, "rust": 2.2, "roof": 2.4, "goods": 1.8,
+    "curtain": 1.0,
+}  # fmt: skip
+"""Metres that one tile of a texture spans."""
+
+
+@lru_cache(maxsize=512)
+def surface(
+    kind: str, variant: int = 0, rgb: tuple[float, float, float] = (1.0, 1.0, 1.0), gloss: float = 0.0
+) -> Material:
+    """The material of a texture kind, tinted."""
+    return Material(f"{kind}_{variant}", rgb, texture(kind, variant), specular=gloss)
+
+
+@lru_cache(maxsize=512)
+def plain(rgb: tuple[float, float, float], gloss: float = 0.05, mirror: float = 0.0) -> Material:
+    """An untextured material, linear albedo."""
+    return Material("plain", rgb, specular=gloss, mirror=mirror)
+
+
+GLASS_MIRROR = 0.25
+DARK = (0.03, 0.03, 0.035)
+STEEL = (0.32, 0.33, 0.35)
+
+
+def window_glass(rng: np.random.Generator) -> Material:
+    """A window pane: a dark room or a curtain behind a mirroring surface."""
+    return _pane(int(rng.integers(10)), float(rng.choice([0.5, 0.8, 1.1])))
+
+
+@lru_cache(maxsize=64)
+def _pane(variant: int, bright: float) -> Material:
+    return Material(
+        f"window_{variant}", (bright, bright, bright), texture("curtain", variant), 0.3, 80.0, GLASS_MIRROR
+    )
+
+
+def paint_rgb(rng: np.random.Generator) -> tuple[float, float, float]:
+    """A linear colour of things that are painted: mostly grey, white or muted, now and then strong."""
+    if rng.random() < 0.55:
+        value = float(rng.choice([0.04, 0.1, 0.25, 0.45, 0.7]))
+        return (value, value, value * float(rng.uniform(0.9, 1.1)))
+    base = rng.uniform(0.03, 0.5, 3)
+    mixed = 0.5 * base + 0.5 * base.mean()
+    return (float(mixed[0]), float(mixed[1]), float(mixed[2]))
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A strip of ground along the street."""
+
+    y0_m: float
+    y1_m: float
+    z_m: float
+    role: str
+    """"road", "lot" (both carry cars, z = 0), "pavement", "verge" or "square"."""
+    surface: str
+    lanes_m: tuple[float, ...] = ()
+    """y of the middle of each lane or row of parking places."""
+
+
+def sample_strips(car_y_m: float, rng: np.random.Generator) -> tuple[Strip, ...]:
+    """Strips from behind the camera to the facades, one of them carrying a lane at ``car_y_m``.
+
+    Args:
+        car_y_m: Where the first planned car shall drive, 8 m or more.
+        rng: Source of the widths.
+    """
+    strips: list[Strip] = []
+    lane = 3.0
+    n_lanes = int(rng.integers(1, 3)) if car_y_m < 11 else int(rng.integers(2, 4))
+    which = int(rng.integers(n_lanes))
+    road0 = car_y_m - lane * (which + 0.5)
+    if road0 < 4.5:
+        road0, which = car_y_m - lane * 0.5, 0
+    road1 = road0 + lane * n_lanes
+    fore = _foreground(road0, rng)
+    strips += fore
+    lanes = tuple(car_y_m + lane * (k - which) for k in range(n_lanes))
+    strips.append(Strip(road0, road1, 0.0, "road", "cobbles" if rng.random() < 0.12 else "asphalt", lanes))
+    y = road1
+    if rng.random() < 0.3:  # a row of parking places behind the lanes
+        strips.append(
+            Strip(y, y + 2.6, 0.0, "lot", "cobbles" if rng.random() < 0.4 else "asphalt", (y + 1.25,))
+        )
+        y += 2.6
+    width = float(rng.uniform(2.2, 5.0))
+    strips.append(Strip(y, y + width, KERB_HEIGHT_M, "pavement", "slabs"))
+    y += width
+    if rng.random() < 0.35:
+        width = float(rng.uniform(1.5, 8.0))
+        strips.append(Strip(y, y + width, KERB_HEIGHT_M, "verge", "grass"))
+        y += width
+    return tuple(strips)
+
+
+def _foreground(road0_m: float, rng: np.random.Generator) -> list[Strip]:
+    """What lies between the camera and the road."""
+    strips: list[Strip] = []
+    y = -4.0
+    pavement = float(rng.uniform(1.5, 3.0))
+    gap = road0_m - pavement
+    if gap > 16 and rng.random() < 0.6:  # another road or car park nearer to the camera
+        near0 = float(rng.uniform(5.0, gap - 8.0))
+        near1 = near0 + 5.6
+        strips.append(
+            Strip(y, near0, KERB_HEIGHT_M, "square", str(rng.choice(["slabs", "grass", "cobbles"])))
+        )
+        strips.append(Strip(near0, near1, 0.0, "lot", "asphalt", (near0 + 1.4, near0 + 4.2)))
+        y = near1
+    if gap - y > 1.0:
+        kind = str(rng.choice(["slabs", "grass", "cobbles", "asphalt"], p=[0.3, 0.25, 0.15, 0.3]))
+        strips.append(Strip(y, gap, 0.0 if kind == "asphalt" else KERB_HEIGHT_M, "square", kind))
+        y = gap
+    strips.append(Strip(y, road0_m, KERB_HEIGHT_M, "pavement", "slabs"))
+    return strips
+
+
+def ground_height_m(strips: tuple[Strip, ...], y_m: float) -> float:
+    """Height of the ground at y."""
+    for strip in strips:
+        if strip.y0_m <= y_m < strip.y1_m:
+            return strip.z_m
+    return strips[-1].z_m
+
+
+def ground_items(
+    strips: tuple[Strip, ...], half_width_m: float, far_y_m: float, rng: np.random.Generator
+) -> list[Placed]:
+    """The ground with kerbs, joints, lane marks and manholes."""
+    items: list[Placed] = []
+    w = half_width_m
+    for strip in strips:
+        draft = MeshDraft()
+        skin = surface(strip.surface, int(rng.integers(4)), _tint(rng, 0.75, 1.05))
+        z = strip.z_m
+        draft.panel(
+            [(-w, strip.y0_m, z), (w, strip.y0_m, z), (w, strip.y1_m, z), (-w, strip.y1_m, z)],
+            skin,
+            TILE_M[strip.surface],
+            (float(rng.random()), float(rng.random())),
+        )
+        if strip.role in ("road", "lot"):
+            _marks(draft, strip, w, rng)
+        items.append(
+            Placed(
+                draft.mesh(), np.eye(4), "road" if strip.role in ("road", "lot") else strip.role, "", False
+            )
+        )
+    stone = surface("concrete", 0, (0.95, 0.95, 0.95))
+    draft = MeshDraft()
+    for a, b in zip(strips, strips[1:], strict=False):
+        if abs(a.z_m - b.z_m) > 0.01:
+            y, high = a.y1_m, max(a.z_m, b.z_m)
+            inner = 0.15 if b.z_m > a.z_m else -0.15  # the kerb stone lies on the high side
+            y0, y1 = min(y, y + inner), max(y, y + inner)
+            draft.box(
+                (0, (y0 + y1) / 2, high / 2 + 0.004),
+                (2 * w, y1 - y0, high + 0.008),
+                stone,
+                1.0,
+                skip=("-z", "+x", "-x"),
+            )
+    far = strips[-1]
+    if draft._vertices:
+        items.append(Placed(draft.mesh(), np.eye(4), "kerb", "", False))
+    back = MeshDraft()
+    y0, y1, z = far.y1_m, far_y_m, far.z_m
+    back.panel(
+        [(-3 * w, y0, z), (3 * w, y0, z), (3 * w, y1, z), (-3 * w, y1, z)],
+        surface("grass", 1, (0.8, 0.8, 0.8)),
+        3.0,
+    )
+    items.append(Placed(back.mesh(), np.eye(4), "verge", "", False))
+    return items
+
+
+def _tint(rng: np.random.Generator, low: float, high: float) -> tuple[float, float, float]:
+    value = round(float(rng.uniform(low, high)), 2)
+    return (value, value, value)
+
+
+def _marks(draft: MeshDraft, strip: Strip, w: float, rng: np.random.Generator) -> None:
+    """Lane marks, parking bays and manholes, a few millimetres above the surface."""
+    white = surface("concrete", 1, (1.3, 1.3, 1.25))
+    z = strip.z_m + 0.004
+
+    def flat(x0: float, y0: float, x1: float, y1: float, material: Material) -> None:
+        draft.panel([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], material, 2.0)
+
+    if strip.role == "road":
+        for a, b in zip(strip.lanes_m, strip.lanes_m[1:], strict=False):
+            y = (a + b) / 2
+            start = float(rng.uniform(0, 9))
+            for x in np.arange(-w + start, w, 9.0):
+                flat(x, y - 0.06, x + 3.0, y + 0.06, white)
+        if rng.random() < 0.5:
+            flat(-w, strip.y1_m - 0.35, w, strip.y1_m - 0.23, white)
+    else:
+        for x in np.arange(-w, w, float(rng.choice([5.5, 6.0]))):
+            flat(x, strip.y0_m + 0.2, x + 0.1, strip.y1_m - 0.1, white)
+    iron = surface("rust", 2, (0.25, 0.25, 0.25))
+    for _ in range(int(rng.integers(0, 4))):
+        x, y = float(rng.uniform(-15, 15)), float(rng.uniform(strip.y0_m + 0.5, strip.y1_m - 0.5))
+        angle = np.linspace(0, 2 * np.pi, 17)
+        ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], 1) * 0.33
+        draft._disc(np.array([x, y, z + 0.001]), ring, np.array([0, 0, 1.0]), iron)
+
+
+def facade(width_m: float, storeys: int, rng: np.random.Generator) -> MeshDraft:
+    """A house front from x = 0 to the width, its wall in the plane y = 0 facing -y, with the house behind it."""
+    draft = MeshDraft()
+    wall = _wall(rng)
+    ground_m = float(rng.uniform(3.2, 3.9))
+    height = ground_m + STOREY_M * (storeys - 1) + 0.6
+    bays = max(1, round(width_m / float(rng.uniform(2.2, 3.4))))
+    bay = width_m / bays
+    frame = plain((0.75, 0.75, 0.72) if rng.random() < 0.7 else (0.12, 0.1, 0.08))
+    win_w, win_h = min(bay - 0.5, float(rng.uniform(0.9, 1.8))), float(rng.uniform(1.3, 1.9))
+    floors = [0.0, ground_m, *(ground_m + STOREY_M * k for k in range(1, storeys))]
+    floors[-1] = height
+    openings: list[tuple[float, float, float, float, str]] = []
+    balcony = rng.random() < 0.25
+    for k in range(storeys - 1):
+        sill = ground_m + STOREY_M * k + 0.85
+        openings += [
+            (bay * (j + 0.5) - win_w / 2, sill, bay * (j + 0.5) + win_w / 2, sill + win_h, "window")
+            for j in range(bays)
+        ]
+    openings += _ground_floor(bays, bay, ground_m, win_w, win_h, rng)
+    _wall_with_openings(draft, width_m, height, openings, wall, frame, rng)
+    depth = 8.0
+    for x, s in ((0.0, -1), (width_m, 1)):
+        corners = [(x, depth, 0), (x, 0, 0), (x, 0, height), (x, depth, height)]
+        draft.panel(corners if s < 0 else [corners[1], corners[0], corners[3], corners[2]], wall[0], wall[1])
+    _roof_and_trim(draft, width_m, height, ground_m, depth, rng)
+    if balcony:
+        for k in range(1, storeys - 1):
+            _balcony(
+                draft, bay * (int(rng.integers(bays)) + 0.5), ground_m + STOREY_M * k, min(bay * 1.3, 3.0)
+            )
+    return draft
+
+
+def _wall(rng: np.random.Generator) -> tuple[Material, float]:
+    kind = str(rng.choice(["plaster", "bricks", "concrete", "planks"], p=[0.5, 0.32, 0.13, 0.05]))
+    if kind == "plaster":
+        tints = [
+            (0.85, 0.8, 0.65),
+            (0.8, 0.8, 0.8),
+            (0.75, 0.55, 0.4),
+            (0.55, 0.6, 0.6),
+            (0.8, 0.7, 0.4),
+            (0.5, 0.35, 0.3),
+        ]
+        return surface(kind, int(rng.integers(4)), tints[rng.integers(len(tints))]), TILE_M[kind]
+    return surface(kind, int(rng.integers(5)), (0.85, 0.85, 0.85)), TILE_M[kind]
+
+
+def _ground_floor(
+    bays: int, bay_m: float, ground_m: float, win_w: float, win_h: float, rng: np.random.Generator
+) -> list[tuple[float, float, float, float, str]]:
+    """Openings (x0, z0, x1, z1, kind) of the ground floor."""
+    style = str(rng.choice(["flat", "shop", "garage"], p=[0.42, 0.38, 0.2]))
+    door = int(rng.integers(bays))
+    out = []
+    for j in range(bays):
+        middle = bay_m * (j + 0.5)
+        if j == door:
+            out.append((middle - 0.5, 0.05, middle + 0.5, 0.05 + DOOR_HEIGHT_M, "door"))
+        elif style == "shop":
+            half = min(bay_m / 2 - 0.15, 1.6)
+            out.append((middle - half, 0.5, middle + half, 2.6, "shop"))
+        elif style == "garage" and bay_m > 2.7:
+            out.append((middle - 1.2, 0.02, middle + 1.2, 2.2, "garage"))
+        else:
+            out.append(
+                (middle - win_w / 2, 1.0, middle + win_w / 2, min(1.0 + win_h, ground_m - 0.4), "window")
+            )
+    return out
+
+
+def _wall_with_openings(
+    draft: MeshDraft,
+    width: float,
+    height: float,
+    openings: list[tuple[float, float, float, float, str]],
+    wall: tuple[Material, float],
+    frame: Material,
+    rng: np.random.Generator,
+) -> None:
+    """The wall cut into rows around its openings, each opening recessed with its filling."""
+    skin, tile = wall
+    rows = sorted({(o[1], o[3]) for o in openings})
+    # openings of one row share their height only in part: cut the wall into bands at every edge, then each band at its holes
+    cuts = sorted({0.0, height, *(z for row in rows for z in row)})
+    for z0, z1 in zip(cuts, cuts[1:], strict=False):
+        x = 0.0
+        holes = sorted((o[0], o[2]) for o in openings if o[1] < z1 - 1e-6 and o[3] > z0 + 1e-6)
+        for h0, h1 in [*holes, (width, width)]:
+            if h0 > x + 1e-6:
+                draft.panel(
+                    [(x, 0, z0), (h0, 0, z0), (h0, 0, z1), (x, 0, z1)], skin, tile, (x / tile, z0 / tile)
+                )
+            x = h1
+    for x0, z0, x1, z1, kind in openings:
+        _filling(draft, x0, z0, x1, z1, kind, skin, tile, frame, rng)
+
+
+def _filling(
+    draft: MeshDraft,
+    x0: float,
+    z0: float,
+    x1: float,
+    z1: float,
+    kind: str,
+    skin: Material,
+    tile: float,
+    frame: Material,
+    rng: np.random.Generator,
+) -> None:
+    d = 0.14
+    for corners in (
+        [(x0, 0, z0), (x1, 0, z0), (x1, d, z0), (x0, d, z0)],
+        [(x0, d, z1), (x1, d, z1), (x1, 0, z1), (x0, 0, z1)],
+        [(x0, 0, z0), (x0, d, z0), (x0, d, z1), (x0, 0, z1)],
+        [(x1, d, z0), (x1, 0, z0), (x1, 0, z1), (x1, d, z1)],
+    ):
+        draft.panel(corners, skin, tile)
+    back = [(x0, d, z0), (x1, d, z0), (x1, d, z1), (x0, d, z1)]
+    if kind == "garage":
+        draft.panel(back, surface("shutter", int(rng.integers(3)), paint_rgb(rng), 0.1), 1.6)
+        return
+    if kind == "door":
+        draft.panel(back, surface("planks", int(rng.integers(3)), paint_rgb(rng), 0.1), 1.2)
+        return
+    draft.panel(back, window_glass(rng))
+    bar = 0.06 if kind == "window" else 0.09
+    middle = (z0 + z1) / 2, (x0 + x1) / 2
+    for a, b, c, e in ((x0, z0, x1, z0 + bar), (x0, z1 - bar, x1, z1), (x0, z0, x0 + bar, z1), (x1 - bar, z0, x1, z1),
+                       (middle[1] - bar / 2, z0, middle[1] + bar / 2, z1)):  # fmt: skip
+        draft.panel([(a, d - 0.03, b), (c, d - 0.03, b), (c, d - 0.03, e), (a, d - 0.03, e)], frame)
+    if kind == "window":
+        draft.box(((x0 + x1) / 2, -0.05, z0 - 0.04), (x1 - x0 + 0.2, 0.14, 0.07), frame)
+
+
+def _roof_and_trim(
+    draft: MeshDraft, width: float, height: float, ground_m: float, depth: float, rng: np.random.Generator
+) -> None:
+    if rng.random() < 0.6:  # pitched, eaves towards the street
+        rise = depth / 2 * float(rng.uniform(0.6, 0.9))
+        tiles = surface("roof", int(rng.integers(3)), _tint(rng, 0.6, 1.1))
+        draft.panel(
+            [
+                (-0.1, -0.4, height),
+                (width + 0.1, -0.4, height),
+                (width + 0.1, depth / 2, height + rise),
+                (-0.1, depth / 2, height + rise),
+            ],
+            tiles,
+            2.4,
+        )
+        draft.panel(
+            [
+                (width + 0.1, depth, height),
+                (-0.1, depth, height),
+                (-0.1, depth / 2, height + rise),
+                (width + 0.1, depth / 2, height + rise),
+            ],
+            tiles,
+            2.4,
+        )
+    else:
+        draft.box((width / 2, 0.0, height + 0.1), (width, 0.3, 0.25), plain((0.5, 0.5, 0.48)))
+        draft.panel(
+            [(0, 0, height), (width, 0, height), (width, depth, height), (0, depth, height)],
+            plain((0.2, 0.2, 0.2)),
+        )
+    if rng.random() < 0.5:
+        draft.box((width / 2, -0.05, ground_m - 0.1), (width, 0.12, 0.18), plain((0.6, 0.58, 0.55)))
+    if rng.random() < 0.45:  # a shop sign
+        w = min(width * 0.6, float(rng.uniform(1.6, 4.5)))
+        sign = Material("sign", (0.9, 0.9, 0.9), lettering(rng, 320, 56))
+        x, z = float(rng.uniform(w / 2, width - w / 2)), ground_m - 0.42
+        draft.box((x, -0.06, z), (w, 0.1, 0.5), plain((0.2, 0.2, 0.2)))
+        draft.panel(
+            [
+                (x - w / 2, -0.12, z - 0.25),
+                (x + w / 2, -0.12, z - 0.25),
+                (x + w / 2, -0.12, z + 0.25),
+                (x - w / 2, -0.12, z + 0.25),
+            ],
+            sign,
+        )
+
+
+def _balcony(draft: MeshDraft, x: float, z: float, width: float) -> None:
+    iron = plain((0.05, 0.05, 0.05))
+    draft.box((x, -0.5, z), (width, 1.0, 0.14), plain((0.5, 0.5, 0.48)))
+    draft.box((x, -0.98, z + 1.0), (width, 0.05, 0.05), iron)
+    for t in np.linspace(-width / 2, width / 2, max(3, int(width / 0.25))):
+        draft.box((x + t, -0.98, z + 0.53), (0.025, 0.025, 0.95), iron)
+
+
+def facade_row(y_m: float, z_m: float, half_width_m: float, rng: np.random.Generator) -> list[Placed]:
+    """House fronts side by side along the street, with a gap now and then."""
+    items: list[Placed] = []
+    x = -half_width_m + float(rng.uniform(0, 5))
+    while x < half_width_m:
+        if rng.random() < 0.1:
+            x += float(rng.uniform(2, 6))
+            continue
+        width = float(rng.uniform(6, 15))
+        setback = float(rng.choice([0.0, 0.0, 0.25]))
+        items.append(
+            Placed(facade(width, int(rng.integers(2, 5)), rng).mesh(), pose(x, y_m + setback, z_m), "facade")
+        )
+        x += width
+    return items
+
+
+def tree(rng: np.random.Generator) -> MeshDraft:
+    """A street tree, its trunk on the origin."""
+    draft = MeshDraft()
+    bark = surface("bark", int(rng.integers(3)))
+    height = float(rng.uniform(2.2, 3.2))
+    radius = float(rng.uniform(0.1, 0.24))
+    draft.cone((0, 0, -0.05), (0, 0, height + 0.8), radius, radius * 0.6, bark, 12)
+    leaves = surface("leaves", int(rng.integers(4)), _tint(rng, 0.7, 1.5))
+    crown = float(rng.uniform(1.3, 2.4))
+    for _ in range(int(rng.integers(3, 7))):
+        offset = rng.normal(0, 0.45, 3) * crown
+        r = crown * float(rng.uniform(0.55, 0.9))
+        draft.blob(
+            (offset[0], offset[1], height + crown * 0.9 + offset[2] * 0.8), (r, r, r * 0.85), leaves, rng, 0.2
+        )
+    return draft
+
+
+def bare_trunk(rng: np.random.Generator) -> MeshDraft:
+    """A big trunk with low branches in winter."""
+    draft = MeshDraft()
+    bark = surface("bark", int(rng.integers(3)))
+    radius = float(rng.uniform(0.15, 0.35))
+    draft.cone((0, 0, -0.05), (0, 0, 6.0), radius, radius * 0.5, bark, 14)
+    for _ in range(6):
+        angle, z = float(rng.uniform(0, 6.28)), float(rng.uniform(2.2, 5.5))
+        reach = float(rng.uniform(0.8, 2.0))
+        end = (reach * np.cos(angle), reach * np.sin(angle), z + reach * 1.2)
+        draft.cone((0, 0, z), end, radius * 0.4, 0.02, bark, 8)
+    return draft
+
+
+def lamp_post(rng: np.random.Generator) -> MeshDraft:
+    """A lamp post."""
+    draft = MeshDraft()
+    steel = plain(STEEL, 0.2)
+    height = float(rng.uniform(4, 7))
+    draft.cone((0, 0, -0.05), (0, 0, height), 0.08, 0.05, steel, 12)
+    draft.bar((0, 0, height - 0.05), (0, -1.0, height + 0.2), 0.04, steel)
+    draft.box((0, -1.1, height + 0.2), (0.25, 0.5, 0.12), plain((0.6, 0.6, 0.6)))
+    return draft
+
+
+def sign_post(rng: np.random.Generator) -> MeshDraft:
+    """A traffic sign on a pole, facing -y."""
+    draft = MeshDraft()
+    draft.bar((0, 0, -0.05), (0, 0, 2.7), 0.035, plain(STEEL, 0.2))
+    face = plain((0.55, 0.03, 0.03)) if rng.random() < 0.5 else plain((0.03, 0.1, 0.45))
+    z, r = 2.35, 0.32
+    draft.cone((0, -0.04, z), (0, -0.06, z), r, r, face, 20)
+    draft.cone((0, -0.06, z), (0, -0.066, z), r * 0.7, r * 0.7, plain((0.8, 0.8, 0.8)), 20)
+    return draft
+
+
+def bollards(rng: np.random.Generator) -> MeshDraft:
+    """A short row of bollards along x."""
+    draft = MeshDraft()
+    skin = plain(paint_rgb(rng), 0.1) if rng.random() < 0.6 else surface("concrete", 2)
+    for k in range(int(rng.integers(2, 5))):
+        draft.cone((1.4 * k, 0, -0.03), (1.4 * k, 0, 0.95), 0.09, 0.08, skin, 12)
+    return draft
