@@ -4,7 +4,7 @@ Only the left half (y >= 0) is built. Along the car the station t counts metres 
 station goes from the middle of the underside over the sill, the side and the roof edge to the middle of the top.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,10 +16,10 @@ from datasets_synth.mesh_build import Floats, Soup, grid_corners, join, soup_of
 BOTTOM, SIDE, TOP, FRONT_CAP, REAR_CAP = range(5)
 """Zones of the body's faces."""
 
-_STATIONS = 84
-_SIDE_ROWS_LOW = 9
-_SIDE_ROWS_HIGH = 6
-_CROWN_ROWS = 7
+_STATIONS = 66
+_SIDE_ROWS_LOW = 8
+_SIDE_ROWS_HIGH = 5
+_CROWN_ROWS = 6
 _CAP_COLUMNS = 9
 _CREASE_RAD = float(np.deg2rad(38.0))
 
@@ -165,7 +165,11 @@ class BodyLines:
 def _corner_rows(points: list[tuple[float, float]], shape: CarShape) -> list[tuple[float, float]]:
     """Control points where the curve has a corner (the rest are points of a smooth bow)."""
     names = {(shape.cowl_t, shape.cowl_z), (shape.tail_t, shape.tail_z)}
-    names |= {(shape.roof_rear_t, shape.roof_rear_z), (0.09, shape.hood_z), (shape.length - 0.05, shape.deck_z)}
+    names |= {
+        (shape.roof_rear_t, shape.roof_rear_z),
+        (0.09, shape.hood_z),
+        (shape.length - 0.05, shape.deck_z),
+    }
     return [p for p in points if p in names or p[0] in (0.0, shape.length, shape.roof_front_t)]
 
 
@@ -218,17 +222,19 @@ def loft_body(lines: BodyLines) -> Soup:
     for grid, zone in pieces:
         x = shape.length * (0.5 - (grid[..., 0] - lowest) / (highest - lowest))
         y = grid[..., 1] * (0.5 * shape.width / widest)
-        corners = grid_corners(np.stack([x, y, grid[..., 2]], axis=-1), flip=zone == FRONT_CAP)
-        soups.append(soup_of(corners, zone, crease_rad=_CREASE_RAD))
+        along = {FRONT_CAP: np.zeros((1, 1)), REAR_CAP: np.full((1, 1), shape.length)}.get(zone, t[:, None])
+        station = np.broadcast_to(along, grid.shape[:2])
+        corners = grid_corners(np.stack([x, y, grid[..., 2], station], axis=-1), flip=zone == FRONT_CAP)
+        soups.append(soup_of(corners[..., :3], zone, crease_rad=_CREASE_RAD, station=corners[..., 3]))
     return _with_common_normals(join(soups))
 
 
 def _with_common_normals(soup: Soup) -> Soup:
     """The soup with normals smoothed across its zones."""
     both = join([soup, Soup(  # the mirror half, so that normals on the middle plane come out symmetric
-        (soup.corners_m * [1, -1, 1])[:, ::-1], soup.normals, soup.zone, soup.material, soup.part)])  # fmt: skip
+        (soup.corners_m * [1, -1, 1])[:, ::-1], soup.normals, soup.zone, soup.material, soup.part, soup.station)])  # fmt: skip
     whole = soup_of(both.corners_m, crease_rad=_CREASE_RAD)
-    return Soup(soup.corners_m, whole.normals[: len(soup)], soup.zone, soup.material, soup.part)
+    return replace(soup, normals=whole.normals[: len(soup)])
 
 
 def _sections(lines: BodyLines, t: Floats) -> tuple[Floats, Floats]:
@@ -236,7 +242,11 @@ def _sections(lines: BodyLines, t: Floats) -> tuple[Floats, Floats]:
     s = lines.shape
     edge, crown = lines.edge_z(t), lines.crown(t)
     belt = np.minimum(lines.belt_z(t), s.clearance + 0.86 * (edge - s.clearance))
-    bottom = s.clearance + 0.05 * np.clip(1 - t / 0.5, 0, 1) ** 2 + 0.08 * np.clip(1 - (s.length - t) / 0.6, 0, 1) ** 2
+    bottom = (
+        s.clearance
+        + 0.05 * np.clip(1 - t / 0.5, 0, 1) ** 2
+        + 0.08 * np.clip(1 - (s.length - t) / 0.6, 0, 1) ** 2
+    )
     low = np.linspace(0, 1, _SIDE_ROWS_LOW + 1)
     high = np.linspace(0, 1, _SIDE_ROWS_HIGH + 1)[1:]
     z_low = bottom[:, None] + (belt - bottom)[:, None] * low

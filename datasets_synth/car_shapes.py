@@ -114,7 +114,7 @@ _RANGES: dict[str, dict[str, _Range]] = {
         length=(5.05, 5.55), width=(1.80, 1.98), height=(1.74, 1.90), overhang=(0.86, 0.96), rear_axle=(1.10, 1.28),
         wheel_radius=(0.360, 0.400), clearance=(0.28, 0.34), hood_z=(1.00, 1.10), cowl=(0.50, 0.68),
         cowl_z=(1.18, 1.26), screen=(0.58, 0.75), rear_roof=(1.80, 2.25), roof_drop=(0.03, 0.06),
-        rear_tail=(1.55, 1.90), tail_z=(1.16, 1.24), deck_drop=(0.00, 0.02), belt=(1.12, 1.18), belt_rise=(0.0, 0.04),
+        rear_tail=(1.58, 1.95), tail_z=(1.16, 1.24), deck_drop=(0.00, 0.02), belt=(1.12, 1.18), belt_rise=(0.0, 0.04),
         lean=(13, 18), pillar=(0.48, 0.53),
     ),
     "coupe": dict(

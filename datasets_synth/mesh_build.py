@@ -15,8 +15,8 @@ from datasets_synth.mesh import Material, Mesh
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SNAP_M = 1e-5
-"""A corner nearer to the level line than this counts as lying on it: no slivers."""
+_SNAP_M = 0.0015
+"""A corner nearer to the level line than this counts as lying on it: fewer slivers."""
 _MIN_AREA_M2 = 1e-10
 
 
@@ -34,6 +34,8 @@ class Soup:
     """Shape (m,): index into the materials of the mesh to be."""
     part: NDArray[np.uint8]
     """Shape (m,): part label, 0 for none."""
+    station: Floats
+    """Shape (m, 3): the builder's own coordinate along the object at each corner, before any bending."""
 
     def __len__(self) -> int:
         return len(self.corners_m)
@@ -41,7 +43,12 @@ class Soup:
     def take(self, index: NDArray[np.intp] | Mask) -> "Soup":
         """The chosen faces."""
         return Soup(
-            self.corners_m[index], self.normals[index], self.zone[index], self.material[index], self.part[index]
+            self.corners_m[index],
+            self.normals[index],
+            self.zone[index],
+            self.material[index],
+            self.part[index],
+            self.station[index],
         )
 
     def painted(self, where: Mask, material: int | None = None, part: int | None = None) -> "Soup":
@@ -65,6 +72,7 @@ def soup_of(
     part: int = 0,
     crease_rad: float = np.deg2rad(40.0),
     normals: Floats | None = None,
+    station: Floats | None = None,
 ) -> Soup:
     """Faces of one zone, material and part; smooth normals with creases unless normals are given.
 
@@ -75,6 +83,7 @@ def soup_of(
         part: part label.
         crease_rad: faces that meet at a larger angle keep their own normals.
         normals: shape (m, 3, 3), or None.
+        station: shape (m, 3), or None for zeros.
     """
     cross = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     keep = np.linalg.norm(cross, axis=1) > 2 * _MIN_AREA_M2
@@ -82,17 +91,22 @@ def soup_of(
     n = smooth_normals(kept, crease_rad) if normals is None else normals[keep]
     m = len(kept)
     return Soup(
-        kept, n, np.full(m, zone, np.int32), np.full(m, material, np.int32), np.full(m, part, np.uint8)
+        kept,
+        n,
+        np.full(m, zone, np.int32),
+        np.full(m, material, np.int32),
+        np.full(m, part, np.uint8),
+        np.zeros((m, 3)) if station is None else station[keep],
     )
 
 
 def grid_corners(points_m: Floats, *, flip: bool = False) -> Floats:
-    """Triangle corners (2 (r-1) (c-1), 3, 3) of a grid of points (r, c, 3).
+    """Triangle corners (2 (r-1) (c-1), 3, k) of a grid of points (r, c, k), k >= 3.
 
     Faces are counter-clockwise seen from the side that (row direction) x (column direction) points to.
 
     Args:
-        points_m: shape (rows, columns, 3).
+        points_m: shape (rows, columns, k); coordinates after xyz are carried along.
         flip: turn the faces round.
     """
     a, b = points_m[:-1, :-1], points_m[1:, :-1]
@@ -101,7 +115,8 @@ def grid_corners(points_m: Floats, *, flip: bool = False) -> Floats:
     odd = (np.add.outer(np.arange(a.shape[0]), np.arange(a.shape[1])) % 2 == 1)[..., None, None]
     first = np.where(odd, np.stack([a, b, d], -2), np.stack([a, b, c], -2))
     second = np.where(odd, np.stack([b, c, d], -2), np.stack([a, c, d], -2))
-    corners = np.concatenate([first.reshape(-1, 3, 3), second.reshape(-1, 3, 3)])
+    size = points_m.shape[-1]
+    corners = np.concatenate([first.reshape(-1, 3, size), second.reshape(-1, 3, size)])
     return corners[:, ::-1] if flip else corners
 
 
@@ -125,7 +140,9 @@ def smooth_normals(corners_m: Floats, crease_rad: float) -> Floats:
         np.linalg.norm(ahead, axis=-1) * np.linalg.norm(behind, axis=-1), 1e-30
     )
     weight = np.arccos(np.clip(cosine, -1, 1)).ravel()
-    _, vertex = np.unique(np.round(corners_m.reshape(-1, 3) / 1e-5).astype(np.int64), axis=0, return_inverse=True)
+    _, vertex = np.unique(
+        np.round(corners_m.reshape(-1, 3) / 1e-5).astype(np.int64), axis=0, return_inverse=True
+    )
     vertex = vertex.ravel()
     first, second = _pairs_of_equal(vertex)
     face = np.repeat(np.arange(m), 3)
@@ -181,16 +198,18 @@ def _split(soup: Soup, index: NDArray[np.intp], v: Floats, lone_sign: int) -> li
     lone = np.argmax(np.sign(v) == lone_sign, axis=1)
     turn = (lone[:, None] + np.arange(3)) % 3
     rows = np.arange(len(index))[:, None]
-    packed = np.concatenate([soup.corners_m[index], soup.normals[index]], axis=2)[rows, turn]
+    packed = np.concatenate(
+        [soup.corners_m[index], soup.normals[index], soup.station[index][..., None]], axis=2
+    )[rows, turn]
     w = v[rows, turn]
     a, b, c = packed[:, 0], packed[:, 1], packed[:, 2]
 
     def build(*corners: Floats) -> Soup:
         p = np.stack(corners, axis=1)
         base = soup.take(index)
-        n = p[..., 3:]
+        n = p[..., 3:6]
         n = n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-12)
-        return replace(base, corners_m=p[..., :3], normals=n)
+        return replace(base, corners_m=p[..., :3], normals=n, station=p[..., 6])
 
     if lone_sign == 0:
         bc = _between(b, c, w[:, 1], w[:, 2])
@@ -216,6 +235,7 @@ def join(soups: Iterable[Soup]) -> Soup:
         np.concatenate([s.zone for s in parts]),
         np.concatenate([s.material for s in parts]),
         np.concatenate([s.part for s in parts]),
+        np.concatenate([s.station for s in parts]),
     )
 
 
@@ -228,18 +248,49 @@ def mirrored(soup: Soup, part_map: NDArray[np.uint8]) -> Soup:
         soup.zone,
         soup.material,
         part_map[soup.part],
+        soup.station[:, ::-1],
     )
 
 
-def open_edges(soup: Soup) -> Floats:
-    """Edges that belong to one face only, shape (e, 2, 3), in the direction of that face."""
-    start, end = soup.corners_m, np.roll(soup.corners_m, -1, axis=1)
-    edges = np.stack([start, end], axis=2).reshape(-1, 2, 3)
-    keys = np.round(edges / 1e-5).astype(np.int64)
-    _, point = np.unique(keys.reshape(-1, 3), axis=0, return_inverse=True)
+def _edges(soup: Soup) -> Floats:
+    """All edges in the direction of their faces, shape (3 m, 2, 3)."""
+    ends = np.roll(soup.corners_m, -1, axis=1)
+    return np.stack([soup.corners_m, ends], axis=2).reshape(-1, 2, 3)
+
+
+def recess(
+    soup: Soup, inside: Mask, axis: int, floor: float, hub_m: Floats, material: int, part: int
+) -> Soup:
+    """The surface with a hole instead of the faces inside, closed by walls along one axis and a flat floor.
+
+    Args:
+        soup: the faces, already cut along the outline of the hole.
+        inside: shape (m,), the faces to take out.
+        axis: 0, 1 or 2: the direction of the walls.
+        floor: coordinate of the floor on that axis.
+        hub_m: shape (3,), a point from which the whole outline is seen (its axis coordinate is not used).
+        material: material of walls and floor.
+        part: their part label.
+    """
+    kept = soup.take(~inside)
+    edges = _edges(kept)
+    _, point = np.unique(
+        np.round(np.concatenate([edges, _edges(soup.take(inside))]).reshape(-1, 3) / 1e-5).astype(np.int64),
+        axis=0,
+        return_inverse=True,
+    )
     pair = np.sort(point.reshape(-1, 2), axis=1)
-    _, edge, count = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
-    return np.asarray(edges[count[edge.ravel()] == 1])
+    code = pair[:, 0].astype(np.int64) * (int(point.max()) + 1) + pair[:, 1]
+    shared = np.isin(code[: len(edges)], code[len(edges) :])
+    a, b = edges[shared, 0], edges[shared, 1]
+    a_low, b_low = a.copy(), b.copy()
+    a_low[:, axis] = b_low[:, axis] = floor
+    hub = np.broadcast_to(hub_m, a.shape).copy()
+    hub[:, axis] = floor
+    faces = np.concatenate(
+        [np.stack(c, axis=1) for c in ((b, a, a_low), (b, a_low, b_low), (b_low, a_low, hub))]
+    )
+    return join([kept, soup_of(faces, zone=-1, material=material, part=part)])
 
 
 def to_mesh(soup: Soup, materials: tuple[Material, ...]) -> Mesh:

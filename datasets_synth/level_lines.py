@@ -1,0 +1,41 @@
+"""Level functions in a plane: negative inside, about the distance to the outline near it."""
+
+import numpy as np
+
+from datasets_synth.mesh_build import Floats
+
+
+def smooth_max(first: Floats, *others: Floats, radius: float = 0.04) -> Floats:
+    """Intersection of regions with rounded corners: the maximum, blended where two values are close."""
+    out = first
+    for other in others:
+        blend = np.clip(radius - np.abs(out - other), 0, None)
+        out = np.maximum(out, other) + blend**2 / (4 * radius)
+    return out
+
+
+def box_level(u: Floats, v: Floats, box: tuple[float, float, float, float], corner: float = 0.02) -> Floats:
+    """Level of a box (u low, v low, u high, v high) with rounded corners."""
+    du = np.abs(u - 0.5 * (box[0] + box[2])) - 0.5 * (box[2] - box[0]) + corner
+    dv = np.abs(v - 0.5 * (box[1] + box[3])) - 0.5 * (box[3] - box[1]) + corner
+    outside = np.hypot(np.clip(du, 0, None), np.clip(dv, 0, None))
+    return np.asarray(outside + np.minimum(np.maximum(du, dv), 0) - corner)
+
+
+def line_level(u: Floats, v: Floats, start: tuple[float, float], end: tuple[float, float]) -> Floats:
+    """Signed distance to the line through two points: positive to the right of start -> end (u right, v up)."""
+    du, dv = end[0] - start[0], end[1] - start[1]
+    return np.asarray(((u - start[0]) * dv - (v - start[1]) * du) / np.hypot(du, dv))
+
+
+def above_curve_level(u: Floats, v: Floats, curve_u: Floats, curve_v: Floats) -> Floats:
+    """Signed distance to the graph of a curve (curve_u increasing): positive above it.
+
+    The distance is that to the nearest piece of the polyline.
+    """
+    a = np.stack([curve_u[:-1], curve_v[:-1]], axis=-1)
+    d = np.stack([np.diff(curve_u), np.diff(curve_v)], axis=-1)
+    p = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
+    share = np.clip(((p - a) * d).sum(-1) / (d * d).sum(-1), 0, 1)
+    distance = np.sqrt((((p - a) - share[..., None] * d) ** 2).sum(-1).min(1)).reshape(np.shape(u))
+    return np.asarray(np.where(v > np.interp(u, curve_u, curve_v), distance, -distance))
