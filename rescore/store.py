@@ -1,14 +1,22 @@
 """Files that results live in: written beside and moved into place, so nobody ever reads half a file."""
 
+import ast
 import hashlib
 import json
 import os
+import platform
 import shutil
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from recon.errors import RescoreError
 
@@ -77,6 +85,13 @@ def digest_of(path: Path) -> str:
 
 
 def _file_digest(path: Path) -> bytes:
+    state = path.stat()
+    return _digest_at(path, state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=100_000)
+def _digest_at(path: Path, _size: int, _modified_ns: int) -> bytes:
+    """Digest of a file, read once in a process unless it changes: stages share their inputs."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()
 
@@ -87,3 +102,126 @@ def remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def source_digest(*modules: str) -> str:
+    """Digest of the source of modules and of everything of this project that they import, at any depth.
+
+    The code version of a cached stage: an edit of what the stage runs makes a new key, an edit elsewhere does
+    not.
+    """
+    total = hashlib.sha256()
+    for name, file in sorted(_closure(modules).items()):
+        total.update(name.encode() + b"\0" + _file_digest(file))
+    return total.hexdigest()
+
+
+PACKAGES = ("recon", "rescore", "datasets_synth", "reports")
+
+
+def _closure(modules: Iterable[str]) -> dict[str, Path]:
+    """Files of modules and of all modules of the project that they import, by module name."""
+    found: dict[str, Path] = {}
+    todo = list(modules)
+    while todo:
+        name = todo.pop()
+        file = module_file(name)
+        if file is None or name in found:
+            continue
+        found[name] = file
+        todo += imported_modules(file)
+    return found
+
+
+def module_file(name: str) -> Path | None:
+    """The source file of a module of this project; None where the name is no such module."""
+    if name.partition(".")[0] not in PACKAGES:
+        return None
+    base = Path(__file__).resolve().parent.parent.joinpath(*name.split("."))
+    return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
+
+
+def imported_modules(file: Path) -> list[str]:
+    """Names of modules (or members of them) that a source file imports anywhere in it, by its syntax tree."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return names
+
+
+_VERSIONED = (
+    *("rescore", "numpy", "scipy", "opencv-python-headless", "scikit-learn", "joblib", "pydantic", "pyarrow"),
+    *("open3d", "open3d-cpu", "rerun-sdk", "plotly", "matplotlib", "trimesh", "pillow"),
+)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results depend on; what is not installed is left out."""
+    found = {"python": platform.python_version()}
+    for name in _VERSIONED:
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
+
+
+def write_provenance(result: Path, command: str, config: Any, seed: int | None) -> None:
+    """Write ``<result>.config.json``: the effective config, seed and versions of what made a result."""
+    write_json(
+        result.with_name(result.name + ".config.json"),
+        {"command": command, "seed": seed, "config": config, "versions": versions()},
+    )
+
+
+CANDIDATE_COLUMNS = {
+    "detector": pa.string(),
+    "image_id": pa.int64(),
+    "rank": pa.int64(),
+    **dict.fromkeys(("x0", "y0", "x1", "y1", "detector_score", "likelihood"), pa.float64()),
+    "status": pa.string(),
+    "reason_detail": pa.string(),
+    **dict.fromkeys(("depth_difference", "scale", "offset", "valid_share"), pa.float64()),
+    **dict.fromkeys(("stereo_low", "stereo_span", "posterior_paper", "w"), pa.float64()),
+    "outcome_detector": pa.string(),
+    "outcome_paper": pa.string(),
+    "annotation_id_detector": pa.int64(),
+    "annotation_id_paper": pa.int64(),
+    "kind": pa.string(),
+}
+"""Columns of candidates.parquet: a row a candidate. A later way of rescoring adds ``posterior_<mode>``,
+``outcome_<mode>`` and ``annotation_id_<mode>``."""
+
+
+def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write candidates.parquet.
+
+    Raises:
+        ValueError: a column of ``CANDIDATE_COLUMNS`` is missing, or one is unknown.
+    """
+    if set(columns) != set(CANDIDATE_COLUMNS):
+        raise ValueError(f"candidates: columns differ: {sorted(set(columns) ^ set(CANDIDATE_COLUMNS))}")
+    arrays = {name: pa.array(columns[name], type=kind) for name, kind in CANDIDATE_COLUMNS.items()}
+    with atomic_path(path) as beside:
+        pq.write_table(pa.table(arrays), beside, compression="zstd")
+
+
+def read_candidates(path: Path) -> dict[str, NDArray[Any]]:
+    """The columns of candidates.parquet as arrays of one length.
+
+    Raises:
+        RescoreError: no such file, or not a table of candidates.
+    """
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a table of candidates, found no file; run `rescore evaluate`")
+    try:
+        table = pq.read_table(path)
+    except pa.ArrowException as error:
+        raise RescoreError(f"{path}: expected a table of candidates, got {error}; write it again") from error
+    missing = [name for name in CANDIDATE_COLUMNS if name not in table.column_names]
+    if missing:
+        raise RescoreError(
+            f"{path}: expected column {missing[0]!r}, found none; run `rescore evaluate` again"
+        )
+    return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}

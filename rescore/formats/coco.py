@@ -117,12 +117,12 @@ def read_dataset(path: Path, category: str = "car") -> DataSet:
     for a in parsed.annotations:
         if a.image_id not in cars:
             raise RescoreError(
-                f"{file}: annotation {a.id}: expected the id of a listed image, got {a.image_id}; mend image_id"
+                f"{file}: annotation {a.id}: expected a listed image, got image_id {a.image_id}; mend it"
             )
         if not (a.bbox[2] > 0 and a.bbox[3] > 0):
             raise RescoreError(
-                f"{file}: annotation {a.id}: expected bbox [x, y, w, h] with positive sizes, got {list(a.bbox)}; "
-                "mend the box"
+                f"{file}: annotation {a.id}: expected [x, y, w, h] with positive sizes, "
+                f"got {list(a.bbox)}; mend bbox"
             )
         if a.category_id == chosen.id:
             cars[a.image_id].append(a)
@@ -139,7 +139,8 @@ def _category(file: Path, categories: list[_Category], name: str) -> _Category:
     named = [c for c in categories if c.name == name]
     if not named and len(categories) != 1:
         raise RescoreError(
-            f"{file}: expected a category named {name!r}, got {sorted(c.name for c in categories)}; add or rename it"
+            f"{file}: expected a category named {name!r}, got {sorted(c.name for c in categories)}; "
+            "add or rename it"
         )
     return (named or categories)[0]
 
@@ -147,15 +148,13 @@ def _category(file: Path, categories: list[_Category], name: str) -> _Category:
 def _refuse_twice(file: Path, what: str, ids: list[int]) -> None:
     twice = [i for i, count in Counter(ids).items() if count > 1]
     if twice:
-        raise RescoreError(
-            f"{file}: expected each {what} once, got {twice[0]} twice or more; number them anew"
-        )
+        raise RescoreError(f"{file}: expected each {what} once, got {twice[0]} twice; number them anew")
 
 
 def _frame(file: Path, image: _Image) -> FrameRecord:
     if image.split not in SPLITS:
         raise RescoreError(
-            f"{file}: image {image.id}: expected split {', '.join(SPLITS)}, got {image.split!r}; mend the split"
+            f"{file}: image {image.id}: expected split {', '.join(SPLITS)}, got {image.split!r}; mend it"
         )
 
     def place(name: str | None) -> Path | None:
@@ -223,9 +222,9 @@ class DetectionFile:
         if np.isnan(self.table.likelihood).any():
             low, high = self.table.score.min(), self.table.score.max()
             raise RescoreError(
-                f"detections of {self.detector}: expected likelihoods, or scores in [0, 1] to be taken as such, got "
-                f"scores from {low:g} to {high:g}; calibrate them (`rescore train` fits Platt scaling) or write a "
-                "'likelihood' for each"
+                f"detections of {self.detector}: expected likelihoods, or scores in [0, 1] to be taken as "
+                f"such, got scores from {low:g} to {high:g}; calibrate them (`rescore train` fits Platt "
+                "scaling) or write a 'likelihood' for each"
             )
         rows: dict[int, list[int]] = {f.image_id: [] for f in data.frames}
         for row, image_id in enumerate(self.table.image_id.tolist()):
@@ -275,12 +274,13 @@ def _check_detection(path: Path, number: int, d: _Detection, known: set[int]) ->
         )
     if not (d.bbox[2] > 0 and d.bbox[3] > 0):
         raise RescoreError(
-            f"{path}: detection {number}: expected bbox [x, y, w, h] with positive sizes, got {list(d.bbox)}; "
-            "mend the box"
+            f"{path}: detection {number}: expected [x, y, w, h] with positive sizes, "
+            f"got {list(d.bbox)}; mend bbox"
         )
     if d.likelihood is not None and not 0 <= d.likelihood <= 1:
         raise RescoreError(
-            f"{path}: detection {number}: expected a likelihood in [0, 1], got {d.likelihood}; calibrate the scores"
+            f"{path}: detection {number}: expected a likelihood in [0, 1], got {d.likelihood}; "
+            "calibrate the scores"
         )
 
 
@@ -329,10 +329,11 @@ def _table(kept: list[tuple[_Detection, int]]) -> CandidateTable:
 
 
 def write_detections(path: Path, detector: str, table: CandidateTable, data: DataSet) -> None:
-    """Write raw detections: COCO results whose ``score`` is the raw one, with ``likelihood`` where it is known."""
+    """Write raw detections: ``score`` is the raw one, with ``likelihood`` beside it where it is known."""
     rows = [
-        {**base, "score": float(s), "detector": detector} | ({} if np.isnan(l) else {"likelihood": float(l)})
-        for base, s, l in zip(_boxes(table, data), table.score, table.likelihood, strict=True)
+        {**base, "score": float(s), "detector": detector}
+        | ({} if np.isnan(lik) else {"likelihood": float(lik)})
+        for base, s, lik in zip(_boxes(table, data), table.score, table.likelihood, strict=True)
     ]
     _write_rows(path, rows)
 

@@ -1,0 +1,106 @@
+"""The config of a whole run, its presets, and the reading of a user's changes to it."""
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, model_validator
+
+from datasets_synth.presets import SynthConfig, synth_preset
+from recon.errors import RescoreError
+from recon.learn import LearnConfig
+from rescore.detectors.boosted import BoostedConfig
+from rescore.detectors.hog_svm import HogConfig
+from rescore.formats.checked_json import first_difference
+from rescore.pipeline import RescoreConfig
+from rescore.steps import DetectorKind
+from rescore.store import read_json
+from rescore.tune import TuneConfig
+
+
+class RunConfig(BaseModel):
+    """Everything that decides the result of a run. Defaults are those of the parts."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    preset: str
+    """Name of the preset it started from."""
+    detectors: tuple[DetectorKind, ...] = (DetectorKind.HOG, DetectorKind.BOOSTED)
+    """Detectors to train and compare."""
+    class_name: str = "car"
+    synth: SynthConfig
+    learn: LearnConfig = LearnConfig()
+    hog: HogConfig = HogConfig()
+    boosted: BoostedConfig = BoostedConfig()
+    rescore: RescoreConfig = RescoreConfig()
+    tune: TuneConfig = TuneConfig()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown(cls, value: Any) -> Any:
+        """Dataclasses would drop keys they do not know; a misspelt setting must not go unseen."""
+        if isinstance(value, Mapping):
+            hints = get_type_hints(cls)
+            for name, part in value.items():
+                _refuse_unknown_keys(name, hints.get(name), part)
+        return value
+
+    def detector(self, kind: DetectorKind) -> HogConfig | BoostedConfig:
+        """The settings of one detector."""
+        return self.hog if kind is DetectorKind.HOG else self.boosted
+
+    def as_json(self) -> dict[str, Any]:
+        """The effective config as JSON values."""
+        return self.model_dump(mode="json")
+
+
+def run_preset(name: str) -> RunConfig:
+    """The config of a preset: "paper" (the report's protocol), "demo" (smaller), "tiny" (a few small frames).
+
+    Raises:
+        RescoreError: no such preset.
+    """
+    return RunConfig(preset=name, synth=synth_preset(name))
+
+
+def with_changes(config: RunConfig, file: Path) -> RunConfig:
+    """The config with the settings of a JSON file in place of its own, at any depth.
+
+    Raises:
+        RescoreError: no such file, an unknown setting, or a value of another kind.
+    """
+    changes = read_json(file, "settings as a JSON object")
+    if not isinstance(changes, dict):
+        raise RescoreError(
+            f"{file}: expected a JSON object of settings, got {type(changes).__name__}; mend it"
+        )
+    try:
+        return RunConfig.model_validate(_merged(config.as_json(), changes))
+    except ValidationError as error:
+        raise RescoreError(
+            f"{file}: expected settings, got {first_difference(error)}; mend the file"
+        ) from error
+
+
+def _merged(base: Any, changes: Any) -> Any:
+    if isinstance(base, dict) and isinstance(changes, dict):
+        return base | {key: _merged(base.get(key), value) for key, value in changes.items()}
+    return changes
+
+
+def _refuse_unknown_keys(place: str, kind: Any, value: Any) -> None:
+    if not (is_dataclass(kind) and isinstance(value, Mapping)):
+        return
+    known = {f.name for f in fields(kind)}
+    unknown = sorted(set(value) - known)
+    if unknown:
+        raise ValueError(f"{place}: unknown setting {unknown[0]!r}, known are {', '.join(sorted(known))}")
+    hints = get_type_hints(kind)
+    for name, part in value.items():
+        _refuse_unknown_keys(f"{place}.{name}", hints.get(name), part)
+
+
+def part_as_json(part: Any) -> Any:
+    """One part of the config as JSON values."""
+    return TypeAdapter(type(part)).dump_python(part, mode="json")

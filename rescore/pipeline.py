@@ -1,0 +1,179 @@
+"""Rescoring (section 6): candidates of a frame in, posterior likelihoods out; and that over many frames."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import cv2
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.class_model import ClassModel
+from recon.outcome import Failure
+from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct
+from recon.stereo import SgbmConfig
+from rescore.align_depth import (
+    AlignConfig,
+    DepthAlignment,
+    Normalisation,
+    align_depth,
+    depth_range,
+    measured_depth,
+)
+from rescore.candidates import Candidates
+from rescore.evidence import CandidateTable
+from rescore.evidence_files import evidence_path, write_evidence
+from rescore.frames import DataSet, Frame, FrameRecord, load_frame
+from rescore.fuse import fuse
+
+FloatArray = NDArray[np.float64]
+
+
+class CameraChoice(StrEnum):
+    """Which camera and ground plane predict depth."""
+
+    DEFAULT = "default"
+    """The report's protocol, and the default: one assumed camera and ground for every picture.
+
+    Stereo calibration is then used for nothing but the measured depth. Wrong assumptions scale and bend the
+    prediction; eq. 6 takes the scale out again.
+    """
+    CALIBRATED = "calibrated"
+    """The camera and ground of the frame, each where it is known; the default ones where it is not."""
+
+
+@dataclass(frozen=True)
+class RescoreConfig:
+    """Settings of rescoring."""
+
+    camera: CameraChoice = CameraChoice.DEFAULT
+    view_bin: int = 3
+    """The bin that every candidate is taken to be seen from; 3 is the left side of a car."""
+    stereo: SgbmConfig = field(default_factory=SgbmConfig)
+    """Used where a data set gives a right picture but no disparity."""
+    reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
+    align: AlignConfig = field(default_factory=AlignConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEvidence:
+    """What depth says about the candidates of one frame, before w."""
+
+    candidates: Candidates
+    instances: tuple[Reconstruction | Failure, ...]
+    """The 3D instance of each candidate."""
+    alignments: tuple[DepthAlignment | Failure, ...]
+    """The outcome of eq. 6 of each candidate; the failure of its reconstruction where that failed."""
+
+    @property
+    def table(self) -> CandidateTable:
+        """The candidates with the outcome of eq. 6, a row each."""
+        return CandidateTable.of_alignments(self.candidates, self.alignments)
+
+
+@dataclass(frozen=True, eq=False)
+class RescoredFrame:
+    """The candidates of one frame with their posterior likelihood."""
+
+    evidence: FrameEvidence
+    posterior: FloatArray
+    """Eq. 7, shape (n,), in [0, 1]; the likelihood itself where there is no depth evidence."""
+
+
+def rescore_frame(
+    frame: Frame, candidates: Candidates, model: ClassModel, w: float, config: RescoreConfig
+) -> RescoredFrame:
+    """Section 6 on one frame: what depth says (eq. 6), fused with what the detector says (eq. 7)."""
+    evidence = depth_evidence(frame, candidates, model, config)
+    return RescoredFrame(evidence, fuse(candidates.likelihood, evidence.table.depth_difference, w))
+
+
+def depth_evidence(
+    frame: Frame, candidates: Candidates, model: ClassModel, config: RescoreConfig
+) -> FrameEvidence:
+    """Segment, register parts, predict depth, align with the measured depth (eq. 6), for each candidate."""
+    camera, ground = assumed_camera(frame, config.camera)
+    instances = reconstruct(
+        frame.left_rgb, candidates.xyxy_px, config.view_bin, model, camera, ground, config.reconstruct
+    )
+    z_s = measured_depth(frame.disparity_px, frame.camera)
+    limits = None
+    if config.align.normalisation is Normalisation.IMAGE_RANGE:
+        limits = depth_range(z_s, config.align.percentiles)
+    alignments = tuple(
+        i if isinstance(i, Failure) else align_depth(i.depth, z_s, box, config.align, limits)
+        for i, box in zip(instances, candidates.xyxy_px, strict=True)
+    )
+    return FrameEvidence(candidates, instances, alignments)
+
+
+def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, GroundPlane]:
+    """The camera M and the ground plane Qg that predict depth in a frame."""
+    h, w = frame.left_rgb.shape[:2]
+    assumed = default_camera(w, h)
+    if choice is CameraChoice.DEFAULT:
+        return assumed, DEFAULT_GROUND
+    return (frame.camera.left if frame.camera else assumed), frame.ground or DEFAULT_GROUND
+
+
+def evidence_of_frames(
+    data: DataSet,
+    candidates: Mapping[int, Candidates],
+    model: ClassModel,
+    config: RescoreConfig,
+    *,
+    jobs: int = 1,
+    evidence_dir: Path | None = None,
+    detector: str = "detections",
+) -> Iterator[CandidateTable]:
+    """One table a frame, in the order of the data set, as frames are done; memory does not grow with their
+    number.
+
+    Args:
+        data: the frames.
+        candidates: of each frame by image id; a frame without an entry has none.
+        model: the class model.
+        config: settings.
+        jobs: frames at a time.
+        evidence_dir: where to write ``<detector>/<image_id>.npz``; None writes none.
+        detector: name for that folder.
+    """
+    none = (np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+    tasks = (
+        delayed(_evidence_of_frame)(
+            record,
+            candidates.get(record.image_id, Candidates(record.image_id, *none)),
+            model,
+            config,
+            file=evidence_path(evidence_dir, detector, record.image_id) if evidence_dir else None,
+            alone=jobs == 1,
+        )
+        for record in data.frames
+    )
+    # two tasks ahead for each worker keep it busy without loading more
+    return iter(Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks))
+
+
+def _evidence_of_frame(
+    record: FrameRecord,
+    candidates: Candidates,
+    model: ClassModel,
+    config: RescoreConfig,
+    *,
+    file: Path | None,
+    alone: bool,
+) -> CandidateTable:
+    """One frame from disk to its table; reconstructions go to the file, not through the pipe."""
+    if not len(candidates):
+        evidence = FrameEvidence(candidates, (), ())
+    else:
+        if not alone:
+            # frames already fill the processors; threads inside them would only get in their way
+            cv2.setNumThreads(1)
+        evidence = depth_evidence(load_frame(record, config.stereo), candidates, model, config)
+    if file is not None:
+        write_evidence(file, evidence.instances)
+    return evidence.table

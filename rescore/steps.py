@@ -1,0 +1,179 @@
+"""The steps of the experiment: learn, train, detect, tune. What the commands and a whole run share."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from joblib import Parallel, delayed
+
+from recon.class_model import ClassModel
+from recon.errors import RescoreError
+from recon.learn import LearnConfig, learn_class_model
+from recon.part_views import load_part_views
+from recon.stereo import SgbmConfig
+from rescore.calibration import PlattScaling, fit_platt, label_candidates
+from rescore.candidates import Candidates
+from rescore.detectors.base import Detections, Detector
+from rescore.detectors.boosted import BoostedConfig, train_boosted
+from rescore.detectors.hog_svm import HogConfig, train_hog
+from rescore.evidence import CandidateTable
+from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
+from rescore.pipeline import RescoreConfig, evidence_of_frames
+from rescore.progress import track
+from rescore.store import read_json, write_json
+from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
+
+
+class DetectorKind(StrEnum):
+    """Detectors that can be trained."""
+
+    HOG = "hog"
+    BOOSTED = "boosted"
+
+
+def learn(part_views: Path, class_name: str, config: LearnConfig) -> ClassModel:
+    """The class model of a folder of part-labelled views."""
+    views = load_part_views(part_views)
+    return learn_class_model(views, class_name, views.part_names, config)
+
+
+def train(data: DataSet, config: HogConfig | BoostedConfig, seed: int, jobs: int) -> Detector:
+    """A detector trained on the split "train" of a data set."""
+    training = data.split("train")
+    if not training.frames:
+        raise RescoreError(f"{data.root}: expected frames of split 'train', got none; add some")
+    if isinstance(config, HogConfig):
+        return train_hog(training, config, np.random.default_rng([seed, 1]), jobs)
+    return train_boosted(training, config, np.random.default_rng([seed, 2]), jobs)
+
+
+def calibrate(detector: Detector, data: DataSet, jobs: int, show: bool = True) -> PlattScaling:
+    """Platt scaling fitted on the split "calibration" of a data set, which has trained nothing."""
+    frames = Splits.of(data).calibration
+    scores, is_car = [], []
+    for image_id, found in _detections(detector, frames, jobs, f"calibrate {detector.name}", show):
+        car, counts = label_candidates(found, frames.truth[image_id])
+        scores.append(found.score[counts])
+        is_car.append(car[counts])
+    return fit_platt(np.concatenate([np.zeros(0), *scores]), np.concatenate([np.zeros(0, bool), *is_car]))
+
+
+def detect(
+    detector: Detector, scaling: PlattScaling, data: DataSet, jobs: int, show: bool = True
+) -> CandidateTable:
+    """The candidates of every frame of a data set, with likelihoods."""
+    return CandidateTable.of_candidates(
+        Candidates(image_id, found.xyxy_px, found.score, scaling.likelihood(found.score))
+        for image_id, found in _detections(detector, data, jobs, f"detect {detector.name}", show)
+    )
+
+
+def _detections(
+    detector: Detector, data: DataSet, jobs: int, what: str, show: bool
+) -> Iterator[tuple[int, Detections]]:
+    tasks = (delayed(_detect_frame)(record, detector, jobs == 1) for record in data.frames)
+    results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks)
+    return track(results, what, len(data.frames), show)
+
+
+def _detect_frame(record: FrameRecord, detector: Detector, alone: bool) -> tuple[int, Detections]:
+    if not alone:
+        cv2.setNumThreads(1)
+    rgb = read_rgb(record.left_path, record.width_px, record.height_px)
+    return record.image_id, detector.detect(rgb)
+
+
+def find_evidence(
+    data: DataSet,
+    candidates: Mapping[int, Candidates],
+    model: ClassModel,
+    config: RescoreConfig,
+    *,
+    jobs: int,
+    detector: str,
+    evidence_dir: Path | None = None,
+    show: bool = True,
+) -> CandidateTable:
+    """The candidates of all frames with the outcome of eq. 6 (see ``pipeline.evidence_of_frames``)."""
+    tables = evidence_of_frames(
+        data, candidates, model, config, jobs=jobs, evidence_dir=evidence_dir, detector=detector
+    )
+    return CandidateTable.concatenate(
+        list(track(tables, f"depth evidence {detector}", len(data.frames), show))
+    )
+
+
+def tune(detector: str, table: CandidateTable, data: DataSet, config: TuneConfig) -> Tuning:
+    """The weight w for a detector from candidates with evidence, on the split "validation" alone."""
+    return tune_weight(detector, table, Splits.of(data).validation_set, config)
+
+
+def automatic_stereo(data: DataSet) -> SgbmConfig:
+    """Settings of the stereo matcher for frames without a disparity file.
+
+    Disparities up to a tenth of the picture's width are searched, rounded up to a multiple of 16: 64 at 640
+    pixels, 128 at KITTI's 1242, where that is depth from 3 m on.
+    """
+    width = max((f.width_px for f in data.frames), default=640)
+    return SgbmConfig(num_disparities=-(-width // 160) * 16)
+
+
+def save_scaling(path: Path, scaling: PlattScaling) -> None:
+    """Write Platt scaling as JSON."""
+    write_json(path, {"format": "platt-scaling 1", **asdict(scaling)})
+
+
+def load_scaling(path: Path) -> PlattScaling:
+    """Read Platt scaling.
+
+    Raises:
+        RescoreError: no such file, or something else in it.
+    """
+    value = read_json(path, "Platt scaling")
+    numbers = [value.get(k) for k in ("a", "b")] if isinstance(value, dict) else [None]
+    if not all(isinstance(v, float) for v in numbers):
+        raise RescoreError(f"{path}: expected Platt scaling with numbers a and b, got {numbers}; train again")
+    return PlattScaling(value["a"], value["b"])
+
+
+def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
+    """The choice of w with its curve, as JSON values; an undefined objective is null."""
+    return {
+        "detector": tuning.detector,
+        "w": tuning.w,
+        "objective_name": tuning.objective.value,
+        "w_grid": tuning.grid.tolist(),
+        "objective": [None if np.isnan(v) else v for v in tuning.value.tolist()],
+        "n_images": tuning.n_images,
+        "n_cars": tuning.n_cars,
+    }
+
+
+def load_tuning(path: Path) -> Tuning:
+    """Read what ``tuning_as_json`` made.
+
+    Raises:
+        RescoreError: no such file, or something else in it.
+    """
+    value = read_json(path, "a tuned weight")
+    try:
+        tuning = Tuning(
+            detector=str(value["detector"]),
+            w=float(value["w"]),
+            objective=Objective(value["objective_name"]),
+            grid=np.array(value["w_grid"], dtype=float),
+            value=np.array(value["objective"], dtype=float),
+            n_images=int(value["n_images"]),
+            n_cars=int(value["n_cars"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise RescoreError(
+            f"{path}: expected a tuned weight, got {type(error).__name__} {error}; run `rescore tune` again"
+        ) from error
+    if not 0 <= tuning.w <= 1:
+        raise RescoreError(f"{path}: expected w in [0, 1], got {tuning.w}; run `rescore tune` again")
+    return tuning
