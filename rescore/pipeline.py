@@ -127,7 +127,6 @@ def evidence_of_frames(
     *,
     jobs: int = 1,
     evidence_dir: Path | None = None,
-    detector: str = "detections",
 ) -> Iterator[CandidateTable]:
     """One table a frame, in the order of the data set, as frames are done; memory does not grow with their
     number.
@@ -138,8 +137,7 @@ def evidence_of_frames(
         model: the class model.
         config: settings.
         jobs: frames at a time.
-        evidence_dir: where to write ``<detector>/<image_id>.npz``; None writes none.
-        detector: name for that folder.
+        evidence_dir: the detector's folder of evidence files, one a frame; None writes none.
     """
     none = (np.zeros((0, 4)), np.zeros(0), np.zeros(0))
     tasks = (
@@ -148,7 +146,9 @@ def evidence_of_frames(
             candidates.get(record.image_id, Candidates(record.image_id, *none)),
             model,
             config,
-            file=evidence_path(evidence_dir, detector, record.image_id) if evidence_dir else None,
+            file=evidence_path(evidence_dir.parent, evidence_dir.name, record.image_id)
+            if evidence_dir
+            else None,
             alone=jobs == 1,
         )
         for record in data.frames

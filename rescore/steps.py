@@ -1,7 +1,7 @@
 """The steps of the experiment: learn, train, detect, tune. What the commands and a whole run share."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from rescore.detectors.boosted import BoostedConfig, train_boosted
 from rescore.detectors.hog_svm import HogConfig, train_hog
 from rescore.evidence import CandidateTable
 from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
-from rescore.pipeline import RescoreConfig, evidence_of_frames
+from rescore.pipeline import CameraChoice, RescoreConfig, evidence_of_frames
 from rescore.progress import track
 from rescore.store import read_json, write_json
 from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
@@ -99,9 +99,7 @@ def find_evidence(
     show: bool = True,
 ) -> CandidateTable:
     """The candidates of all frames with the outcome of eq. 6 (see ``pipeline.evidence_of_frames``)."""
-    tables = evidence_of_frames(
-        data, candidates, model, config, jobs=jobs, evidence_dir=evidence_dir, detector=detector
-    )
+    tables = evidence_of_frames(data, candidates, model, config, jobs=jobs, evidence_dir=evidence_dir)
     return CandidateTable.concatenate(
         list(track(tables, f"depth evidence {detector}", len(data.frames), show))
     )
@@ -177,3 +175,24 @@ def load_tuning(path: Path) -> Tuning:
     if not 0 <= tuning.w <= 1:
         raise RescoreError(f"{path}: expected w in [0, 1], got {tuning.w}; run `rescore tune` again")
     return tuning
+
+
+def with_stereo_for(config: RescoreConfig, data: DataSet, num_disparities: int | None) -> RescoreConfig:
+    """The config with the disparities asked for, or at least as many as ``automatic_stereo`` advises."""
+    chosen = num_disparities or max(config.stereo.num_disparities, automatic_stereo(data).num_disparities)
+    return replace(config, stereo=replace(config.stereo, num_disparities=chosen))
+
+
+def with_camera(config: RescoreConfig, camera: str | None) -> RescoreConfig:
+    """The config with the camera of a name, unchanged for None.
+
+    Raises:
+        RescoreError: no such name.
+    """
+    if camera is None:
+        return config
+    if camera not in list(CameraChoice):
+        raise RescoreError(
+            f"camera: expected {' or '.join(CameraChoice)}, got {camera!r}; choose one of these"
+        )
+    return replace(config, camera=CameraChoice(camera))

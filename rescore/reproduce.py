@@ -1,0 +1,330 @@
+"""The whole experiment: render, learn, train, detect, tune, rescore, evaluate, report; stages are cached."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from recon.class_model import ClassModel
+from rescore import steps
+from rescore.config import RunConfig, part_as_json
+from rescore.detectors.files import load_detector
+from rescore.evaluate import evaluate
+from rescore.formats.coco import read_dataset, read_detections, write_detections, write_rescored
+from rescore.frames import DataSet
+from rescore.fuse import fuse
+from rescore.stages import Done, Stage, run_stage, run_stage_in_place
+from rescore.steps import DetectorKind
+from rescore.store import read_json, versions, write_json
+
+Report = Callable[[Done], None]
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Where everything of a run lies."""
+
+    root: Path
+
+    @property
+    def data(self) -> Path:
+        """The data set."""
+        return self.root / "data"
+
+    @property
+    def class_model(self) -> Path:
+        """The learned class model."""
+        return self.root / "models" / "class_model.json"
+
+    @property
+    def html(self) -> Path:
+        """The report."""
+        return self.root / "report.html"
+
+    @property
+    def recording(self) -> Path:
+        """The recording for the Rerun viewer."""
+        return self.root / "recording.rrd"
+
+    def detector(self, name: str) -> Path:
+        """A trained detector."""
+        return self.root / "models" / f"{name}.npz"
+
+    def scaling(self, name: str) -> Path:
+        """Its Platt scaling."""
+        return self.root / "models" / f"{name}.platt.json"
+
+    def detections(self, name: str, split: str) -> Path:
+        """Its candidates on a split."""
+        return self.root / "detections" / f"{name}_{split}.json"
+
+    def validation_evidence(self, name: str) -> Path:
+        """Its candidates on the validation set with depth evidence."""
+        return self.root / "rescored" / f"{name}_validation_evidence.json"
+
+    def evidence(self, name: str) -> Path:
+        """Reconstructions of its candidates on the test set, a file a frame."""
+        return self.root / "evidence" / name
+
+    def tuned(self, name: str) -> Path:
+        """Its weight w with the curve it was chosen from."""
+        return self.root / "tuned" / f"{name}.json"
+
+    def rescored(self, name: str) -> Path:
+        """Its rescored candidates on the test set."""
+        return self.root / "rescored" / f"{name}_test.json"
+
+
+EVIDENCE_TABLE = "candidates.json"
+"""In a folder of evidence: the candidates with the outcome of eq. 6, before w."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of the experiment into a folder."""
+
+    folder: RunFolder
+    config: RunConfig
+    seed: int
+    jobs: int
+    report: Report
+    """Called after each stage."""
+    train_meshes: Path | None = None
+    test_meshes: Path | None = None
+
+    def all(self) -> dict[str, Any]:
+        """Run every stage that is not done yet; returns the content of metrics.json."""
+        self.render()
+        self.learn()
+        for kind in self.config.detectors:
+            self.train(kind)
+            self.detect(kind, "validation")
+            self.detect(kind, "test")
+            self.tune(kind)
+            self.apply(kind)
+        metrics = self.evaluate()
+        self.write_report()
+        return metrics
+
+    def render(self) -> None:
+        """The data set."""
+        from datasets_synth.build import build_dataset  # noqa: PLC0415 (open3d takes a second to import)
+
+        meshes = tuple(p for p in (self.train_meshes, self.test_meshes) if p is not None)
+        config = {
+            "synth": part_as_json(self.config.synth),
+            "seed": self.seed,
+            "meshes": [str(p) for p in meshes],
+        }
+        stage = Stage("synth", config, meshes, (self.folder.data,), ("datasets_synth.build",), resumes=True)
+
+        def work(out: Path) -> None:
+            build_dataset(
+                self.config.synth,
+                out,
+                seed=self.seed,
+                jobs=self.jobs,
+                train_meshes=self.train_meshes,
+                test_meshes=self.test_meshes,
+            )
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def learn(self) -> None:
+        """The class model."""
+        views = self.folder.data / "part_views"
+        stage = Stage(
+            "learn",
+            [self.config.class_name, part_as_json(self.config.learn)],
+            (views,),
+            (self.folder.class_model,),
+            ("recon.learn", "recon.part_views"),
+        )
+
+        def work(out: Path) -> None:
+            steps.learn(views, self.config.class_name, self.config.learn).save(out)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def train(self, kind: DetectorKind) -> None:
+        """One detector, and its Platt scaling."""
+        settings = self.config.detector(kind)
+        modules = ("rescore.detectors.hog_svm", "rescore.detectors.boosted")
+        code = modules[kind is DetectorKind.BOOSTED]
+        stage = Stage(
+            f"train_{kind}",
+            [part_as_json(settings), self.seed],
+            (self.folder.data,),
+            (self.folder.detector(kind),),
+            (code,),
+        )
+        data = self._data()
+
+        def work(out: Path) -> None:
+            steps.train(data, settings, self.seed, self.jobs).save(out)
+
+        self.report(run_stage(self.folder.root, stage, work))
+        stage = Stage(
+            f"calibrate_{kind}",
+            None,
+            (self.folder.detector(kind), self.folder.data),
+            (self.folder.scaling(kind),),
+            ("rescore.calibration", code),
+        )
+
+        def fit(out: Path) -> None:
+            detector = load_detector(self.folder.detector(kind))
+            steps.save_scaling(out, steps.calibrate(detector, data, self.jobs))
+
+        self.report(run_stage(self.folder.root, stage, fit))
+
+    def detect(self, kind: DetectorKind, split: str) -> None:
+        """The candidates of one detector on one split."""
+        detector, scaling = self.folder.detector(kind), self.folder.scaling(kind)
+        stage = Stage(
+            f"detect_{kind}_{split}",
+            split,
+            (detector, scaling, self.folder.data),
+            (self.folder.detections(kind, split),),
+            ("rescore.detectors.files", "rescore.formats.coco", "rescore.calibration"),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data().split(split)
+            table = steps.detect(load_detector(detector), steps.load_scaling(scaling), data, self.jobs)
+            write_detections(out, kind, table, data)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def tune(self, kind: DetectorKind) -> None:
+        """The weight of one detector, from the validation split."""
+        evidence = self.folder.validation_evidence(kind)
+        stage = self._evidence_stage(kind, "validation", evidence)
+
+        def find(out: Path) -> None:
+            self._find_evidence(kind, "validation", out, None)
+
+        self.report(run_stage(self.folder.root, stage, find))
+        stage = Stage(
+            f"tune_{kind}",
+            part_as_json(self.config.tune),
+            (evidence, self.folder.data / "annotations.json"),
+            (self.folder.tuned(kind),),
+            ("rescore.tune",),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data()
+            table = read_detections(evidence, data.split("validation")).table
+            write_json(out, steps.tuning_as_json(steps.tune(kind, table, data, self.config.tune)))
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def apply(self, kind: DetectorKind) -> None:
+        """The rescored candidates of one detector on the test split."""
+        evidence = self.folder.evidence(kind)
+
+        def find(out: Path) -> None:
+            self._find_evidence(kind, "test", out / EVIDENCE_TABLE, out)
+
+        self.report(run_stage(self.folder.root, self._evidence_stage(kind, "test", evidence), find))
+        stage = Stage(
+            f"apply_{kind}",
+            None,
+            (evidence / EVIDENCE_TABLE, self.folder.tuned(kind), self.folder.data / "annotations.json"),
+            (self.folder.rescored(kind),),
+            ("rescore.fuse", "rescore.formats.coco"),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data().split("test")
+            table = read_detections(evidence / EVIDENCE_TABLE, data).table
+            w = steps.load_tuning(self.folder.tuned(kind)).w
+            posterior = fuse(table.likelihood, table.depth_difference, w)
+            write_rescored(out, kind, table, posterior, w=w, data=data)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def evaluate(self) -> dict[str, Any]:
+        """The match table and the figures."""
+        root, kinds = self.folder.root, self.config.detectors
+        outputs = tuple(root / name for name in ("config.json", "candidates.parquet", "metrics.json"))
+        stage = Stage(
+            "evaluate",
+            [self.config.as_json(), self.seed],
+            (
+                self.folder.data,
+                *(self.folder.rescored(k) for k in kinds),
+                *(self.folder.tuned(k) for k in kinds),
+            ),
+            outputs,
+            ("rescore.evaluate", "rescore.formats.coco"),
+        )
+
+        def work() -> None:
+            data = self._data().split("test")
+            files = [read_detections(self.folder.rescored(k), data) for k in kinds]
+            tunings = {str(k): steps.load_tuning(self.folder.tuned(k)) for k in kinds}
+            write_run_config(
+                root, "reproduce", self.config.as_json(), self.seed, stereo=self.config.synth.sgbm
+            )
+            evaluate(data, files, root, tunings=tunings, min_iou=self.config.tune.min_iou)
+
+        self.report(run_stage_in_place(root, stage, work))
+        metrics: dict[str, Any] = read_json(root / "metrics.json", "the figures of a run")
+        return metrics
+
+    def write_report(self) -> None:
+        """The report with its curves, and the recording."""
+        from reports import build_report  # noqa: PLC0415 (plotly, matplotlib and rerun take a second to import)
+        from reports.rerun_log import write_recording  # noqa: PLC0415
+
+        root = self.folder.root
+        inputs = tuple(
+            root / n for n in ("config.json", "candidates.parquet", "metrics.json", "evidence", "data")
+        )
+        stage = Stage("report", None, inputs, (self.folder.html, root / "curves"), ("reports",))
+        self.report(run_stage_in_place(root, stage, lambda: _ignore(build_report(root))))
+        stage = Stage("log", None, inputs, (self.folder.recording,), ("reports.rerun_log",))
+        self.report(
+            run_stage_in_place(root, stage, lambda: _ignore(write_recording(root, self.folder.recording)))
+        )
+
+    def _evidence_stage(self, kind: DetectorKind, split: str, output: Path) -> Stage:
+        return Stage(
+            f"evidence_{kind}_{split}",
+            part_as_json(self.config.rescore),
+            (self.folder.detections(kind, split), self.folder.class_model, self.folder.data),
+            (output,),
+            ("rescore.pipeline", "rescore.formats.coco"),
+        )
+
+    def _find_evidence(self, kind: DetectorKind, split: str, out: Path, npz_dir: Path | None) -> None:
+        data = self._data().split(split)
+        candidates = read_detections(self.folder.detections(kind, split), data).candidates(data)
+        table = steps.find_evidence(
+            data,
+            candidates,
+            ClassModel.load(self.folder.class_model),
+            self.config.rescore,
+            jobs=self.jobs,
+            detector=kind,
+            evidence_dir=npz_dir,
+        )
+        write_rescored(out, kind, table, table.likelihood, w=1.0, data=data)
+
+    def _data(self) -> DataSet:
+        return read_dataset(self.folder.data, self.config.class_name)
+
+
+def write_run_config(
+    root: Path, command: str, config: Any, seed: int | None, *, stereo: Any, data: Path | None = None
+) -> None:
+    """Write ``config.json`` of a run folder: effective config, seed, versions, and where the data set is."""
+    named = {} if data is None else {"data": str(data.resolve())}
+    value = {"command": command, "seed": seed, **named, "stereo": part_as_json(stereo), "config": config}
+    write_json(root / "config.json", value | {"versions": versions()})
+
+
+def _ignore(_result: object) -> None:
+    """Drop a result that nobody needs."""
