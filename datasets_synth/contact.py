@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets_synth.mesh import Placed
+from datasets_synth.sampling import sample_bilinear
 from datasets_synth.scene_rays import world_vertices
 
 FloatArray = NDArray[np.float32]
@@ -42,16 +43,9 @@ class ContactShade:
         low = np.clip(point[:, 2] / np.float32(0.6), 0, 1)
         share = np.where(normal[:, 2] < 0.5, np.float32(0.6) + np.float32(0.4) * low, np.float32(1))
         ground = np.flatnonzero((normal[:, 2] >= 0.5) & (point[:, 2] < NEAR_GROUND_M))
-        if len(ground):
-            n = len(ground)
-            cell = np.full((-(-n // 1024) * 1024, 2), -9, np.float32)
-            cell[:n] = (point[ground, :2] - self.low_xy_m) / np.float32(self.cell_m)
-            np.clip(cell, -9, 2 * MAX_CELLS, out=cell)
-            map_x, map_y = cell[:, 0].reshape(-1, 1024), cell[:, 1].reshape(-1, 1024)
-            found = cv2.remap(
-                self.arriving, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0
-            )
-            share[ground] = found.reshape(-1)[:n]
+        cell = (point[ground, :2] - self.low_xy_m) / np.float32(self.cell_m)
+        cell = np.clip(cell, -9, 2 * MAX_CELLS)  # far points must not overflow OpenCV's fixed point
+        share[ground] = sample_bilinear(self.arriving, cell, cv2.BORDER_CONSTANT, 1.0)
         return share
 
 

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from datasets_synth.sampling import sample_bilinear
+
 FloatArray = NDArray[np.float32]
 
 MAX_TEXTURE_PX = 1024
@@ -39,8 +41,6 @@ class MipAtlas:
             uv: Texture coordinates (n, 2), repeating outside [0, 1]; v = 1 is the top row.
             level: Mip level (n,), 0 for the full texture; clipped to the levels there are.
         """
-        if len(texture) == 0:
-            return np.zeros((0, 3), np.float32)
         level = np.clip(level, 0, self.level_box.shape[1] - 1).astype(np.float32)
         coarse_share = level - np.floor(level)
         lower = level.astype(np.int32)
@@ -53,23 +53,8 @@ class MipAtlas:
 
     def _bilinear(self, box: NDArray[np.int32], fraction: FloatArray) -> FloatArray:
         """Linear colours at fractions (n, 2) of level boxes (n, 4), from 0 at the edge of the first texel."""
-        n, columns = len(box), 1024  # remap refuses rows of 32,767 pixels or more
-        xy = np.zeros((-(-n // columns) * columns, 2), np.float32)
-        xy[:n] = box[:, :2] + fraction * box[:, 2:] - 0.5
-        grid = xy.reshape(-1, columns, 2)
-        colour = np.concatenate(
-            [
-                cv2.remap(
-                    self.picture,
-                    part[..., 0],
-                    part[..., 1],
-                    cv2.INTER_LINEAR,
-                    borderMode=cv2.BORDER_REPLICATE,
-                )
-                for part in np.array_split(grid, -(-len(grid) // 30000))
-            ]
-        )
-        return linear_from_srgb(colour.reshape(-1, 3)[:n])
+        xy = (box[:, :2] + fraction * box[:, 2:] - 0.5).astype(np.float32)
+        return linear_from_srgb(sample_bilinear(self.picture, xy, cv2.BORDER_REPLICATE))
 
 
 @lru_cache(maxsize=1)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets_synth.mesh import Light
+from datasets_synth.sampling import sample_bilinear
 
 FloatArray = NDArray[np.float32]
 
@@ -54,17 +55,8 @@ def _cloud_cover(direction: FloatArray, light: Light) -> FloatArray:
     shift = np.array(light.sun_direction[:2], np.float32) * 1013.0
     xy = direction[:, :2] / height[:, None] * 40.0 + shift
     xy = np.mod(xy, _CLOUD_PX).astype(np.float32)
-    n = len(xy)
-    grid = np.zeros((-(-n // 1024) * 1024, 2), np.float32)
-    grid[:n] = xy
-    noise = cv2.remap(
-        _cloud_noise(),
-        grid[:, 0].reshape(-1, 1024),
-        grid[:, 1].reshape(-1, 1024),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_WRAP,
-    )
-    cover = np.clip((noise.reshape(-1)[:n] - 0.45) * 3, 0, 1)
+    noise = sample_bilinear(_cloud_noise(), xy, cv2.BORDER_WRAP)
+    cover = np.clip((noise - 0.45) * 3, 0, 1)
     return np.asarray(cover * np.clip((direction[:, 2] - 0.05) * 6, 0, 1), np.float32)
 
 

@@ -1,0 +1,43 @@
+"""Bilinear look-up of a picture at a list of points."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_COLUMNS = 1024
+_ROWS = 16384
+"""cv2.remap refuses 32,767 rows or columns, so the list is folded, and cut where it is very long."""
+
+
+def sample_bilinear(
+    picture: NDArray[Any], xy: NDArray[np.float32], border: int, border_value: float = 0.0
+) -> NDArray[Any]:
+    """Values (n,) or (n, channels) of a picture at points, in the picture's type.
+
+    Args:
+        picture: Shape (h, w) or (h, w, channels), uint8 or float32; h and w below 32,767.
+        xy: Points (n, 2), column and row; whole numbers at the centres of its pixels. OpenCV rounds them to
+            1/32 pixel.
+        border: One of cv2.BORDER_*: what lies outside.
+        border_value: With BORDER_CONSTANT.
+    """
+    n = len(xy)
+    if n == 0:
+        return np.zeros((0, *picture.shape[2:]), picture.dtype)
+    folded = np.zeros((-(-n // _COLUMNS) * _COLUMNS, 2), np.float32)
+    folded[:n] = xy
+    grid = folded.reshape(-1, _COLUMNS, 2)
+    parts = [
+        cv2.remap(
+            picture,
+            grid[i : i + _ROWS, :, 0],
+            grid[i : i + _ROWS, :, 1],
+            cv2.INTER_LINEAR,
+            borderMode=border,
+            borderValue=border_value,
+        )
+        for i in range(0, len(grid), _ROWS)
+    ]
+    return np.concatenate(parts).reshape(-1, *picture.shape[2:])[:n]
