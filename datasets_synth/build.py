@@ -71,8 +71,8 @@ def build_dataset(
 ) -> Path:
     """Write a rendered data set; returns the path of its ``annotations.json``, which is written last.
 
-    Frames that a stopped build with the same settings has finished are kept. The same settings and seed give the
-    same bytes, whatever the number of jobs.
+    Frames that a stopped build with the same settings has finished are kept. The same settings and seed
+    give the same bytes, whatever the number of jobs.
 
     Args:
         config: What to render.
@@ -208,7 +208,8 @@ def _error_sums(error: DisparityError) -> dict[str, float]:
 
 
 def _finish(out: Path, config: SynthConfig, seed: int, records: Sequence[dict[str, Any]]) -> Path:
-    images, annotations = [], []
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
     for image_id, record in enumerate(records, start=1):
         images.append({"id": image_id, **record["image"]})
         for annotation in record["annotations"]:
@@ -230,8 +231,8 @@ def _finish(out: Path, config: SynthConfig, seed: int, records: Sequence[dict[st
 def _stereo_statistics(config: SynthConfig, records: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Errors of the measured disparity by split and region."""
     out: dict[str, Any] = {
-        "definition": "wrong: off by more than 3 px and 5 % of the truth (KITTI D1); wrong_share counts every pixel "
-        "with truth, holes filled from the background; wrong_share_measured counts measured pixels",
+        "definition": "wrong: off by more than 3 px and 5 % of the truth (KITTI D1); wrong_share counts "
+        "every pixel with truth, holes filled from the background; wrong_share_measured counts measured pixels",
         "sgbm": asdict(config.sgbm),
         "splits": {},
     }
@@ -267,6 +268,10 @@ def _write_png(path: Path, picture: NDArray[Any]) -> None:
 def _picture(path: Path, _modified_ns: int) -> NDArray[np.uint8]:
     """A picture for posters; kept per process."""
     bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise RescoreError(
+            f"{path}: expected a PNG of a car, could not decode it; delete the folder and build again"
+        )
     return np.ascontiguousarray(bgr[..., ::-1])
 
 
@@ -303,7 +308,7 @@ def _render_picture(path: Path, cars: tuple[CarModel, ...], stream: list[int]) -
 
 
 def _write_part_views(config: SynthConfig, out: Path, seed: int, cars: Sequence[CarModel]) -> None:
-    """Part-labelled views of training shapes in every view bin; the first is a sedan, which is the canonical one."""
+    """Part-labelled views of training shapes in every view bin; the first is a sedan, the canonical one."""
     bins = ViewBins()
     rng = np.random.default_rng([seed, _PART_STREAM])
     views = []
@@ -316,8 +321,8 @@ def _write_part_views(config: SynthConfig, out: Path, seed: int, cars: Sequence[
             views.append(PartView(b, labels, car.shape_id))
     if not views:
         raise RescoreError(
-            "part-labelled views: expected training cars with labelled parts, got none; train on parametric cars, "
-            "or supply a learned class model"
+            "part-labelled views: expected training cars with labelled parts, got none; train on parametric "
+            "cars, or supply a learned class model"
         )
     save_part_views(out / PART_VIEWS, PartViews(CAR_PARTS, bins, tuple(views)))
 

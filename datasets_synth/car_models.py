@@ -54,7 +54,7 @@ class ImportedModel:
 def cars_of_splits(
     train_meshes: Path | None = None, test_meshes: Path | None = None
 ) -> Mapping[str, Sequence[CarModel]]:
-    """The cars of each split: three eighths of the parametric shapes train, three eighths test, one each the others.
+    """The cars of each split; of eight shapes of a body type three train, three test, one serves each other.
 
     Args:
         train_meshes: Folder of meshes that replace the shapes of split "train".
@@ -78,13 +78,14 @@ def cars_of_splits(
             first = owner.setdefault(model.shape_id, split)
             if first != split:
                 raise RescoreError(
-                    f"car meshes: splits {first} and {split} must share no shape, both hold {model.shape_id!r}; "
-                    "rename it or take it out of one folder"
+                    f"car meshes: splits {first} and {split} must share no shape, both hold "
+                    f"{model.shape_id!r}; rename it or take it out of one folder"
                 )
     return cars
 
 
 def _imported(folder: Path) -> list[CarModel]:
-    from datasets_synth.mesh_import import load_meshes  # noqa: PLC0415 trimesh is slow to import, and rarely needed
+    # here, since trimesh is slow to import and rarely needed
+    from datasets_synth.mesh_import import load_meshes  # noqa: PLC0415
 
     return [ImportedModel(car.shape_id, car.size_m, car.mesh) for car in load_meshes(folder)]

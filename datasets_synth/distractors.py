@@ -1,11 +1,12 @@
 """Things that a car detector takes for a car, and things that hide a car.
 
-Each function returns a draft in its own frame: x along the street, y away from the camera, z up, the origin on the
-ground under its middle, the side that matters facing -y.
+Each function returns a draft in its own frame: x along the street, y away from the camera, z up, the origin
+on the ground under its middle, the side that matters facing -y.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -370,10 +371,11 @@ def bicycle(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
         angle = np.linspace(0, 2 * np.pi, 19)
         for cx in (x0 - 0.52, x0 + 0.52):
             ring = np.stack([cx + 0.33 * np.cos(angle), np.full(19, y), 0.34 + 0.33 * np.sin(angle)], 1)
-            for a, b in zip(ring, ring[1:], strict=False):
+            for a, b in pairwise(ring):
                 draft.bar(a, b, 0.022, tyre, 5)
         pts = {"rear": (x0 + 0.52, y, 0.34), "front": (x0 - 0.52, y, 0.34), "crank": (x0 + 0.08, y, 0.3),
-               "seat": (x0 + 0.22, y, 0.85), "head": (x0 - 0.38, y, 0.82), "bar": (x0 - 0.36, y, 1.0)}  # fmt: skip
+               "seat": (x0 + 0.22, y, 0.85),
+               "head": (x0 - 0.38, y, 0.82), "bar": (x0 - 0.36, y, 1.0)}  # fmt: skip
         for a, b in (
             ("rear", "crank"),
             ("crank", "head"),

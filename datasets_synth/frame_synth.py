@@ -84,13 +84,13 @@ def synth_frame(
         if sum(is_counted(c, config.cars) for c in seen) == n_cars:
             return SynthFrame(scene, render, seen, attempt + 1)
     raise RescoreError(
-        f"frame {split} {index}: expected a street with {n_cars} cars in view, found none in {MAX_ATTEMPTS} draws; "
-        "lower occluder_share or n_cars, or widen the range of distances"
+        f"frame {split} {index}: expected a street with {n_cars} cars in view, found none in "
+        f"{MAX_ATTEMPTS} draws; lower occluder_share or n_cars, or widen the range of distances"
     )
 
 
 def _preview(scene: Scene) -> tuple[VisibleObject, ...]:
-    """The cars of a scene as seen in a coarse picture: enough to drop most streets before they are rendered."""
+    """The cars of a scene as seen in a coarse picture: enough to drop most streets before rendering."""
     left = scene.camera.left
     width, height = left.width_px // PREVIEW_STEP, left.height_px // PREVIEW_STEP
     s = 1 / PREVIEW_STEP

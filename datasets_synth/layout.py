@@ -57,7 +57,8 @@ class Footprint:
         """Shape (4, 2)."""
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         local = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (self.half_length_m, self.half_width_m)
-        return local @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m)
+        turned: FloatArray = local @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m)
+        return turned
 
     def meets(self, other: "Footprint") -> bool:
         """Whether two rectangles overlap (separating axes)."""
@@ -106,38 +107,40 @@ class _Plan:
         return float(np.arctan(0.5 * 640 / camera.focal_px))
 
     def x_range_m(self, y_m: float, margin_rad: float = 0.0) -> tuple[float, float]:
-        """x that is in the picture at a distance; the camera stands at the origin and is turned by its yaw."""
+        """Lowest and highest x in the picture at a distance; the camera stands at the origin."""
         half = self.half_view_rad() - margin_rad
         return y_m * float(np.tan(self.camera_yaw_rad - half)), y_m * float(
             np.tan(self.camera_yaw_rad + half)
         )
 
-    def put(
-        self,
-        mesh: Mesh,
-        kind: str,
-        x: float,
-        y: float,
-        yaw: float = 0.0,
-        shape_id: str = "",
-        gap_m: float = 0.12,
-    ) -> bool:
-        """Place a mesh where its ground is free; says whether it was."""
-        placed = Placed(mesh, pose(x, y, ground_height_m(self.strips, y), yaw), kind, shape_id)
-        spot = footprint(placed, gap_m)
+    def is_free(self, spot: Footprint) -> bool:
+        """Whether a footprint stands on level ground before the houses and meets nothing."""
         corners = spot.corners()
         if corners[:, 1].max() > self.facade_y_m - 0.9 or corners[:, 1].min() < 2.2:
             return False
-        if any(spot.meets(other) for other in self.taken):
-            return False
-        if not _level(self.strips, corners, kind):
+        return _level(self.strips, corners) and not any(spot.meets(other) for other in self.taken)
+
+    def put(
+        self, mesh: Mesh, kind: str, x: float, y: float, yaw: float, shape_id: str = "", gap_m: float = 0.12
+    ) -> bool:
+        """Place a mesh where its ground is free; says whether it was."""
+        placed = Placed(mesh, pose(x, y, ground_height_m(self.strips, y), yaw), kind, shape_id)
+        ground = footprint(placed, gap_m)
+        if not self.is_free(ground):
             return False
         self.items.append(placed)
-        self.taken.append(spot)
+        self.taken.append(ground)
         return True
 
+    def put_car(self, car: CarModel, x: float, y: float, yaw: float) -> bool:
+        """Place a car; its mesh is built only where its size fits, since building costs more than looking."""
+        length, width, _ = car.size_m
+        if not self.is_free(Footprint(x, y, length / 2 + 0.35, width / 2 + 0.45, yaw)):
+            return False
+        return self.put(car.build(self.rng), "car", x, y, yaw, car.shape_id, 0.3)
 
-def _level(strips: tuple[Strip, ...], corners: FloatArray, kind: str) -> bool:
+
+def _level(strips: tuple[Strip, ...], corners: FloatArray) -> bool:
     """Whether a footprint stands on ground of one height."""
     heights = {ground_height_m(strips, float(y)) for y in corners[:, 1]}
     return len(heights) == 1
@@ -213,7 +216,7 @@ def _put_car(plan: _Plan, shapes: Sequence[CarModel], first: bool) -> bool:
         # azimuth - 90 degrees = bearing of the car less its turn, for a nose at -x
         if abs(np.arctan2(x, y) + turn) > limit:
             continue
-        if plan.put(shape.build(rng), "car", x, y, FACING_LEFT_RAD + turn, shape.shape_id, 0.35):
+        if plan.put_car(shape, x, y, FACING_LEFT_RAD + turn):
             return True
     return False
 
@@ -232,7 +235,7 @@ def _put_other_view(plan: _Plan, shapes: Sequence[CarModel]) -> None:
         y = float(rng.uniform(max(strip.y0_m + 2.6, 12.0), max(strip.y1_m - 2.6, 12.1)))
         low, high = plan.x_range_m(y)
         yaw = float(rng.choice([-1, 1]) * np.pi / 2 + rng.normal(0, 0.1))
-        if plan.put(shape.build(rng), "car", float(rng.uniform(low, high)), y, yaw, shape.shape_id, 0.3):
+        if plan.put_car(shape, float(rng.uniform(low, high)), y, yaw):
             return
 
 
@@ -248,8 +251,9 @@ def _put_clutter(plan: _Plan, pictures: Pictures) -> None:
     ]
     if len(pictures):
         groups.insert(0, (_PICTURE_KINDS, clutter.pictures))
+    depth = float(np.clip(plan.facade_y_m / 20, 0.6, 1.8))
     for kinds, mean in groups:
-        for _ in range(int(rng.poisson(mean))):
+        for _ in range(int(rng.poisson(mean * depth))):
             _put_anywhere(plan, PROP[kinds[int(rng.integers(len(kinds)))]], pictures)
 
 

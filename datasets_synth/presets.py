@@ -17,7 +17,8 @@ class SplitSize:
     def __post_init__(self) -> None:
         if self.n_images < 1 or not 0 <= self.n_cars <= MAX_CARS * self.n_images:
             raise RescoreError(
-                f"split size: expected at least one image and at most {MAX_CARS} cars an image, got {self}; mend the preset"
+                f"split size: expected at least one image and at most {MAX_CARS} cars an image, "
+                f"got {self}; mend the preset"
             )
 
 
@@ -60,15 +61,18 @@ class CarConfig:
 
 @dataclass(frozen=True)
 class ClutterConfig:
-    """How much of everything else there is. Counts are means of a Poisson number a frame."""
+    """How much of everything else there is.
 
-    pictures: float = 0.75
+    Counts are means of a Poisson number a frame for a street that is 20 m deep; deeper ones get more.
+    """
+
+    pictures: float = 1.2
     """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
-    wheeled: float = 1.1
+    wheeled: float = 1.6
     """Trucks, buses, caravans, trailers, boats, tractors."""
-    boxes: float = 1.3
+    boxes: float = 1.6
     """Kiosks, stalls, shelters, containers, skips, carts."""
-    furniture: float = 4.0
+    furniture: float = 6.5
     """Bins, hedges, walls, crates, trees, poles, people."""
     occluder_share: float = 0.5
     """Share of cars that something is put in front of."""
@@ -84,7 +88,7 @@ class LightConfig:
     level: tuple[float, float] = (0.25, 1.0)
     """Brightness of the picture by day; 1 is well exposed."""
     dusk_level: tuple[float, float] = (0.12, 0.45)
-    haze_per_m: tuple[float, float] = (0.0, 0.015)
+    haze_per_m: tuple[float, float] = (0.0, 0.008)
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,7 @@ class SynthConfig:
     light: LightConfig = LightConfig()
     sensor: SensorConfig = SensorConfig()
     part_views: PartViewConfig = PartViewConfig()
-    sgbm: SgbmConfig = SgbmConfig()
+    sgbm: SgbmConfig = field(default_factory=SgbmConfig)
     n_pictures: int = 10
     """Different pictures of cars that the posters of one split show."""
 

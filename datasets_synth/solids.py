@@ -9,15 +9,19 @@ from datasets_synth.mesh import Material, Mesh
 
 FloatArray = NDArray[np.float64]
 
-_BOX_FACES = {
-    # corner signs of (x, y, z), bottom left, bottom right, top right, top left as seen from outside
-    "-y": ((-1, -1, -1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)),
-    "+y": ((1, 1, -1), (-1, 1, -1), (-1, 1, 1), (1, 1, 1)),
-    "+x": ((1, -1, -1), (1, 1, -1), (1, 1, 1), (1, -1, 1)),
-    "-x": ((-1, 1, -1), (-1, -1, -1), (-1, -1, 1), (-1, 1, 1)),
-    "+z": ((-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)),
-    "-z": ((-1, 1, -1), (1, 1, -1), (1, -1, -1), (-1, -1, -1)),
-}
+_BOX_FACES = ("-y", "+y", "+x", "-x", "+z", "-z")
+_BOX_SIGNS = np.array(
+    [
+        # corners of each face: bottom left, bottom right, top right, top left as seen from outside
+        [(-1, -1, -1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)],
+        [(1, 1, -1), (-1, 1, -1), (-1, 1, 1), (1, 1, 1)],
+        [(1, -1, -1), (1, 1, -1), (1, 1, 1), (1, -1, 1)],
+        [(-1, 1, -1), (-1, -1, -1), (-1, -1, 1), (-1, 1, 1)],
+        [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)],
+        [(-1, 1, -1), (1, 1, -1), (1, -1, -1), (-1, -1, -1)],
+    ],
+    float,
+)
 
 
 @dataclass
@@ -31,6 +35,15 @@ class MeshDraft:
     _face_material: list[NDArray[np.int32]] = field(default_factory=list)
     _materials: list[Material] = field(default_factory=list)
     _n_vertices: int = 0
+    _panels: list[FloatArray] = field(default_factory=list)
+    """Panels that wait to be turned into triangles together, each (k, 4, 3)."""
+    _panel_meta: list[tuple[float, float, float, float, int, int]] = field(default_factory=list)
+    """Of each block of panels: tile across and up, uv of the corner, material, k."""
+
+    @property
+    def n_patches(self) -> int:
+        """How many patches were added; a draft without any has no mesh."""
+        return len(self._vertices) + len(self._panels)
 
     def _material_index(self, material: Material) -> int:
         for i, known in enumerate(self._materials):
@@ -48,11 +61,23 @@ class MeshDraft:
         material: Material,
     ) -> None:
         """Add triangles: vertices (n, 3), faces (m, 3), normals and uv of each vertex (n, 3), (n, 2)."""
+        self._append(
+            vertices, faces, normals, uv, np.full(len(faces), self._material_index(material), np.int32)
+        )
+
+    def _append(
+        self,
+        vertices: FloatArray,
+        faces: NDArray[np.int64],
+        normals: FloatArray,
+        uv: FloatArray,
+        face_material: NDArray[np.int32],
+    ) -> None:
         self._vertices.append(vertices)
         self._faces.append(faces + self._n_vertices)
         self._normals.append(normals[faces])
         self._uv.append(uv[faces])
-        self._face_material.append(np.full(len(faces), self._material_index(material), np.int32))
+        self._face_material.append(face_material)
         self._n_vertices += len(vertices)
 
     def panel(
@@ -67,20 +92,40 @@ class MeshDraft:
         Args:
             corners_m: (4, 3), bottom left, bottom right, top right, top left seen from outside.
             material: Its surface.
-            tile_m: Metres that the texture spans (one number, or across and up); 0 stretches it once over the panel.
+            tile_m: Metres that the texture spans (one number, or across and up); 0 stretches it once over.
             uv0: Texture coordinates of the bottom left corner.
         """
-        p = np.asarray(corners_m, float)
-        across, up = np.linalg.norm(p[1] - p[0]), np.linalg.norm(p[3] - p[0])
-        if tile_m:
-            tile = (tile_m, tile_m) if isinstance(tile_m, int | float) else tile_m
-            u, v = across / tile[0], up / tile[1]
-        else:
-            u, v = 1.0, 1.0
-        normal = np.cross(p[1] - p[0], p[3] - p[0])
-        normal /= max(float(np.linalg.norm(normal)), 1e-12)
-        uv = np.array([[0, 0], [u, 0], [u, v], [0, v]]) + uv0
-        self.add(p, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(normal, (4, 1)), uv, material)
+        tile = (tile_m, tile_m) if isinstance(tile_m, int | float) else tile_m
+        block = np.asarray(corners_m, float).reshape(1, 4, 3)
+        self._panels.append(block)
+        self._panel_meta.append((*tile, *uv0, self._material_index(material), 1))
+
+    def _flush(self) -> None:
+        """Turn the waiting panels into triangles; one by one would take most of the time of a scene."""
+        if not self._panels:
+            return
+        p = np.concatenate(self._panels)
+        counts = [m[5] for m in self._panel_meta]
+        meta = np.repeat(np.array(self._panel_meta, float)[:, :5], counts, axis=0)
+        n = len(p)
+        across = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
+        up = np.linalg.norm(p[:, 3] - p[:, 0], axis=1)
+        tiled = meta[:, 0] > 0
+        u = np.where(tiled, across / np.where(tiled, meta[:, 0], 1), 1.0)
+        v = np.where(tiled, up / np.where(tiled, meta[:, 1], 1), 1.0)
+        unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+        uv = unit * np.stack([u, v], 1)[:, None] + meta[:, None, 2:4]
+        normal = np.cross(p[:, 1] - p[:, 0], p[:, 3] - p[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        faces = (np.arange(n)[:, None, None] * 4 + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+        self._append(
+            p.reshape(-1, 3),
+            faces,
+            np.repeat(normal, 4, axis=0),
+            uv.reshape(-1, 2),
+            np.repeat(meta[:, 4].astype(np.int32), 2),
+        )
+        self._panels, self._panel_meta = [], []
 
     def box(
         self,
@@ -92,12 +137,12 @@ class MeshDraft:
         skip: tuple[str, ...] = (),
         tilt_rad: float = 0.0,
     ) -> None:
-        """Add a box, turned by the tilt about y and then by the yaw about z; ``skip`` leaves faces like "-z" out."""
+        """Add a box, turned by the tilt about y, then by the yaw about z, without the faces in ``skip``."""
         centre, half = np.asarray(centre_m, float), np.asarray(size_m, float) / 2
         turn = rotation_z(yaw_rad) @ rotation_y(tilt_rad)
-        for name, signs in _BOX_FACES.items():
-            if name not in skip:
-                self.panel(centre + (np.array(signs) * half) @ turn.T, material, tile_m)
+        keep = [i for i, name in enumerate(_BOX_FACES) if name not in skip]
+        self._panels.append(centre + (_BOX_SIGNS[keep] * half) @ turn.T)
+        self._panel_meta.append((tile_m, tile_m, 0.0, 0.0, self._material_index(material), len(keep)))
 
     def bar(
         self, a_m: ArrayLike, b_m: ArrayLike, radius_m: float, material: Material, sides: int = 8
@@ -140,9 +185,10 @@ class MeshDraft:
         self.add(vertices, faces, np.concatenate([ring, ring]), uv, material)
         for centre, radius, sign in ((a, radius_a_m, -1.0), (b, radius_b_m, 1.0)):
             if radius > 0:
-                self._disc(centre, radius * ring, sign * axis, material)
+                self.disc(centre, radius * ring, sign * axis, material)
 
-    def _disc(self, centre: FloatArray, spokes: FloatArray, normal: FloatArray, material: Material) -> None:
+    def disc(self, centre: FloatArray, spokes: FloatArray, normal: FloatArray, material: Material) -> None:
+        """Add a flat disc: centre (3,), spokes (n + 1, 3) to its rim, the last the same as the first."""
         n = len(spokes) - 1
         vertices = np.concatenate([centre[None], centre + spokes])
         i = np.arange(1, n + 1)
@@ -202,12 +248,14 @@ class MeshDraft:
 
     def transform(self, rotation: FloatArray, shift_m: ArrayLike) -> None:
         """Turn and move everything added so far: rotation (3, 3), then shift (3,)."""
+        self._flush()
         shift = np.asarray(shift_m, float)
         self._vertices = [v @ rotation.T + shift for v in self._vertices]
         self._normals = [n @ rotation.T for n in self._normals]
 
     def mesh(self) -> Mesh:
         """The mesh; every part label is 0."""
+        self._flush()
         faces = np.concatenate(self._faces).astype(np.int32)
         return Mesh(
             vertices_m=np.concatenate(self._vertices).astype(np.float32),

@@ -5,6 +5,7 @@ Everything stands in the world frame: x along the street, y away from the camera
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,10 +17,16 @@ KERB_HEIGHT_M = 0.12
 STOREY_M = 3.0
 DOOR_HEIGHT_M = 2.1
 TILE_M = {
-    "asphalt": 9.0, "slabs": 2.4, "cobbles": 2.6, "bricks": 2.0, "plaster": 4.0, "concrete": 3.0, "grass": 3.0,
-    "leaves": 1.3, "bark": 1.2, "planks": 1.5, "corrugated": 1.6, "shutter": 1.6, "rust": 2.2, "roof": 2.4, "goods": 1.8,
-    "curtain": 1.0,
-}  # fmt: skip
+    "asphalt": 9.0,
+    "slabs": 2.4,
+    "cobbles": 2.6,
+    "bricks": 2.0,
+    "plaster": 4.0,
+    "concrete": 3.0,
+    "grass": 3.0,
+    "leaves": 1.3,
+    "planks": 1.5,
+}
 """Metres that one tile of a texture spans."""
 
 
@@ -168,7 +175,7 @@ def ground_items(
         )
     stone = surface("concrete", 0, (0.95, 0.95, 0.95))
     draft = MeshDraft()
-    for a, b in zip(strips, strips[1:], strict=False):
+    for a, b in pairwise(strips):
         if abs(a.z_m - b.z_m) > 0.01:
             y, high = a.y1_m, max(a.z_m, b.z_m)
             inner = 0.15 if b.z_m > a.z_m else -0.15  # the kerb stone lies on the high side
@@ -181,7 +188,7 @@ def ground_items(
                 skip=("-z", "+x", "-x"),
             )
     far = strips[-1]
-    if draft._vertices:
+    if draft.n_patches:
         items.append(Placed(draft.mesh(), np.eye(4), "kerb", "", False))
     back = MeshDraft()
     y0, y1, z = far.y1_m, far_y_m, far.z_m
@@ -208,7 +215,7 @@ def _marks(draft: MeshDraft, strip: Strip, w: float, rng: np.random.Generator) -
         draft.panel([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], material, 2.0)
 
     if strip.role == "road":
-        for a, b in zip(strip.lanes_m, strip.lanes_m[1:], strict=False):
+        for a, b in pairwise(strip.lanes_m):
             y = (a + b) / 2
             start = float(rng.uniform(0, 9))
             for x in np.arange(-w + start, w, 9.0):
@@ -223,11 +230,11 @@ def _marks(draft: MeshDraft, strip: Strip, w: float, rng: np.random.Generator) -
         x, y = float(rng.uniform(-15, 15)), float(rng.uniform(strip.y0_m + 0.5, strip.y1_m - 0.5))
         angle = np.linspace(0, 2 * np.pi, 17)
         ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], 1) * 0.33
-        draft._disc(np.array([x, y, z + 0.001]), ring, np.array([0, 0, 1.0]), iron)
+        draft.disc(np.array([x, y, z + 0.001]), ring, np.array([0, 0, 1.0]), iron)
 
 
 def facade(width_m: float, storeys: int, rng: np.random.Generator) -> MeshDraft:
-    """A house front from x = 0 to the width, its wall in the plane y = 0 facing -y, with the house behind it."""
+    """A house with its front from x = 0 to the width in the plane y = 0, facing -y."""
     draft = MeshDraft()
     wall = _wall(rng)
     ground_m = float(rng.uniform(3.2, 3.9))
@@ -311,9 +318,9 @@ def _wall_with_openings(
     """The wall cut into rows around its openings, each opening recessed with its filling."""
     skin, tile = wall
     rows = sorted({(o[1], o[3]) for o in openings})
-    # openings of one row share their height only in part: cut the wall into bands at every edge, then each band at its holes
+    # cut the wall into bands at every edge of an opening, then each band at its holes
     cuts = sorted({0.0, height, *(z for row in rows for z in row)})
-    for z0, z1 in zip(cuts, cuts[1:], strict=False):
+    for z0, z1 in pairwise(cuts):
         x = 0.0
         holes = sorted((o[0], o[2]) for o in openings if o[1] < z1 - 1e-6 and o[3] > z0 + 1e-6)
         for h0, h1 in [*holes, (width, width)]:
@@ -356,7 +363,8 @@ def _filling(
     draft.panel(back, window_glass(rng))
     bar = 0.06 if kind == "window" else 0.09
     middle = (z0 + z1) / 2, (x0 + x1) / 2
-    for a, b, c, e in ((x0, z0, x1, z0 + bar), (x0, z1 - bar, x1, z1), (x0, z0, x0 + bar, z1), (x1 - bar, z0, x1, z1),
+    for a, b, c, e in ((x0, z0, x1, z0 + bar), (x0, z1 - bar, x1, z1),
+                       (x0, z0, x0 + bar, z1), (x1 - bar, z0, x1, z1),
                        (middle[1] - bar / 2, z0, middle[1] + bar / 2, z1)):  # fmt: skip
         draft.panel([(a, d - 0.03, b), (c, d - 0.03, b), (c, d - 0.03, e), (a, d - 0.03, e)], frame)
     if kind == "window":

@@ -1,4 +1,4 @@
-"""Procedural surface textures: asphalt, slabs, grass, bricks, plaster, leaves, planks, metal, glass, print."""
+"""Procedural surface textures: asphalt, slabs, grass, bricks, plaster, leaves, planks, metal, print."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -38,12 +38,20 @@ def fractal_noise(
     return total / max(float(total.std()), 1e-6)
 
 
+def _blur(picture: FloatArray, sigma_x_px: float, sigma_y_px: float) -> FloatArray:
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_x_px, sigmaY=sigma_y_px), np.float32)
+
+
 def _paint(base: tuple[float, float, float], light: FloatArray, tint: FloatArray | None = None) -> Image:
     """sRGB picture of a base colour (0..255) times light, with an optional warm-cold tint."""
     rgb = np.asarray(base, np.float32) * light[..., None]
     if tint is not None:
         rgb = rgb + tint[..., None] * np.array([6.0, 1.0, -6.0], np.float32)
-    return np.clip(rgb, 0, 255).astype(np.uint8)
+    return _bytes(rgb)
+
+
+def _bytes(rgb: NDArray[np.floating]) -> Image:
+    return np.asarray(np.clip(rgb, 0, 255), np.uint8)
 
 
 def _wander(rng: np.random.Generator, size: int, steps: int, step_px: float) -> NDArray[np.int32]:
@@ -80,7 +88,7 @@ def _asphalt(rng: np.random.Generator) -> Image:
             1,
             -1,
         )
-        light *= 1 - rng.uniform(0.05, 0.3) * cv2.GaussianBlur(spot, None, 6)
+        light *= 1 - rng.uniform(0.05, 0.3) * _blur(spot, 6, 6)
     return _paint((108, 107, 106), light, fractal_noise(rng, size, 4, 3) * 0.15)
 
 
@@ -135,16 +143,13 @@ def _bond(
     )
     stone = np.clip(edge / 1.6, 0, 1)[..., None]
     light = tone + 0.06 * fractal_noise(rng, _SIZE, 8) + 0.05 * rng.normal(size=tone.shape).astype(np.float32)
-    return np.clip(
-        stone * _paint(base, light) + (1 - stone) * _paint(joint, 1 + 0.1 * fractal_noise(rng, _SIZE, 16)),
-        0,
-        255,
-    ).astype(np.uint8)
+    mortar = _paint(joint, 1 + 0.1 * fractal_noise(rng, _SIZE, 16))
+    return _bytes(stone * _paint(base, light) + (1 - stone) * mortar)
 
 
 def _plaster(rng: np.random.Generator) -> Image:
     light = 1 + 0.035 * fractal_noise(rng, _SIZE, 3) + 0.03 * fractal_noise(rng, _SIZE, 64, 3)
-    streak = cv2.GaussianBlur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), None, sigmaX=4, sigmaY=60)
+    streak = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 4, 60)
     light = light - 0.04 * np.abs(streak / streak.std())
     return _paint((225, 222, 216), light)
 
@@ -162,7 +167,7 @@ def _concrete(rng: np.random.Generator) -> Image:
 def _grass(rng: np.random.Generator) -> Image:
     fine = fractal_noise(rng, _SIZE, 64, 4, 0.8)
     light = 1 + 0.22 * fine + 0.14 * fractal_noise(rng, _SIZE, 4)
-    return _paint((92, 112, 58), light, fractal_noise(rng, _SIZE, 8))
+    return _paint((88, 98, 62), light, fractal_noise(rng, _SIZE, 8))
 
 
 def _leaves(rng: np.random.Generator) -> Image:
@@ -188,13 +193,13 @@ def _leaves(rng: np.random.Generator) -> Image:
 
 
 def _bark(rng: np.random.Generator) -> Image:
-    ridges = cv2.GaussianBlur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), None, sigmaX=2, sigmaY=18)
+    ridges = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 2, 18)
     return _paint((104, 88, 70), 1 + 0.25 * ridges / ridges.std() + 0.1 * fractal_noise(rng, _SIZE, 6))
 
 
 def _planks(rng: np.random.Generator) -> Image:
     boards = 12
-    grain = cv2.GaussianBlur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), None, sigmaX=1.2, sigmaY=40)
+    grain = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 1.2, 40)
     tone = np.repeat(rng.normal(1, 0.12, boards), -(-_SIZE // boards))[:_SIZE].astype(np.float32)
     light = tone[None] + 0.12 * grain / grain.std()
     for k in range(boards):
@@ -217,7 +222,7 @@ def _rust(rng: np.random.Generator) -> Image:
     paint = _paint((200, 196, 190), 1 + 0.05 * fractal_noise(rng, _SIZE, 32, 3)).astype(np.float32)
     rust = _paint((120, 70, 42), 1 + 0.2 * fractal_noise(rng, _SIZE, 16)).astype(np.float32)
     share = np.clip((noise - 1.1) * 2, 0, 1)[..., None]
-    return (paint * (1 - share) + rust * share).astype(np.uint8)
+    return _bytes(paint * (1 - share) + rust * share)
 
 
 def _roof(rng: np.random.Generator) -> Image:
