@@ -29,7 +29,8 @@ class CurveSet:
 
     detector: str
     mode: str
-    w: float
+    w: float | None
+    """Weight of eq. 7; None where it is not known."""
     candidate: Curve
     """x: share of the false candidates kept; y: share of the hits kept."""
     cars: Curve
@@ -54,10 +55,11 @@ def match_table(run: Run, detector: str, mode: str) -> MatchTable:
     rows = run.of(detector)
     code = {str(name): i for i, name in enumerate(OUTCOMES)}
     suffix = mode if f"annotation_id_{mode}" in rows else "detector"
+    raw = rows["detector_score"].astype(float)
     return MatchTable(
         n_images=int(run.metrics["n_images"]),
         n_cars=int(run.metrics["n_cars"]),
-        ranking=ranking_of(scores(run, detector, mode), rows["detector_score"].astype(float)),
+        ranking=ranking_of(raw if mode == "detector" else scores(run, detector, mode), raw),
         outcome=np.array([code[str(o)] for o in rows[f"outcome_{suffix}"]], dtype=np.int8),
         annotation_id=rows[f"annotation_id_{suffix}"].astype(np.int64),
     )
@@ -86,4 +88,4 @@ def _curve_set(run: Run, detector: str, mode: str) -> CurveSet:
     hits, false = cars.y[1:] * match.n_cars, cars.x[1:] * match.n_images
     precision = PrecisionRecall(cars.y[1:], hits / (hits + false), cars.threshold[1:])
     row = dict(run.row(detector, mode))
-    return CurveSet(detector, mode, float(row["w"]), named(candidate_roc(match)), cars, precision, row)
+    return CurveSet(detector, mode, row["w"], named(candidate_roc(match)), cars, precision, row)

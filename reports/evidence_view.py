@@ -67,7 +67,7 @@ class FrameView:
 
 def run_data(run: Run) -> DataSet:
     """The data set that the run was evaluated on: its test split."""
-    return read_dataset(run.data_dir).split("test")
+    return read_dataset(run.data_dir, run.class_name).split("test")
 
 
 def frame_views(run: Run, mode: str, image_ids: NDArray[np.int64] | None = None) -> Iterator[FrameView]:

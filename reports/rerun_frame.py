@@ -1,7 +1,6 @@
 """One frame of a recording: pictures, depth, candidates, and the 3D scene with the registered predictions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -29,18 +28,11 @@ OUTCOME_CLASSES = tuple(OUTCOME_COLOUR)
 DEPTH_UNIT = 100.0
 """Stored depth a metre: centimetres, finer than stereo resolves and far smaller on disk than millimetres."""
 DEPTH_RANGE_M = (2.0, 40.0)
+HOLE_CLASS = 255
+"""Class id of pixels without depth: Rerun would paint their 0 like the nearest depth."""
 SHOWN_MODELS = 3
 """So many best candidates after rescoring show their label and their model from the start."""
 JPEG_QUALITY = 85
-
-
-@dataclass(frozen=True)
-class FrameStyle:
-    """What the frames of one recording have in common."""
-
-    part_names: tuple[str, ...]
-    mode: str
-    metric: bool
 
 
 def candidates_path(detector: str) -> str:
@@ -60,7 +52,10 @@ def log_static(rec: rr.RecordingStream, detectors: Sequence[str], part_names: Se
         rr.AnnotationInfo(id=i + 1, label=name.replace("_", " "), color=rgb(part_colour(i + 1)))
         for i, name in enumerate(part_names)
     ]
-    rec.log(WORLD, rr.AnnotationContext([rr.AnnotationInfo(id=0, color=(0, 0, 0, 0)), *parts]), static=True)
+    hole = rr.AnnotationInfo(id=HOLE_CLASS, label="no depth", color=(12, 12, 14))
+    rec.log(
+        WORLD, rr.AnnotationContext([hole, rr.AnnotationInfo(id=0, color=(0, 0, 0, 0)), *parts]), static=True
+    )
     outcomes = [
         rr.AnnotationInfo(id=i, label=OUTCOME_NAME[name], color=rgb(OUTCOME_COLOUR[name]))
         for i, name in enumerate(OUTCOME_CLASSES)
@@ -88,7 +83,7 @@ def log_frame(rec: rr.RecordingStream, view: FrameView) -> None:
     )
     rec.log(f"{IMAGE}/left", rr.EncodedImage(contents=jpeg(view.rgb), media_type="image/jpeg"))
     depth = in_metres(view.measured, view)
-    rec.log(f"{IMAGE}/measured_depth", encoded_depth(depth))
+    log_depth(rec, f"{IMAGE}/measured_depth", depth)
     xyz, colours = stereo_points(depth, view.rgb, camera)
     rec.log(f"{WORLD}/stereo_points", rr.Points3D(apply_transform(world, xyz), colors=colours, radii=0.03))
     rec.log(f"{WORLD}/ground", _ground_grid(view.ground))
@@ -110,8 +105,15 @@ def jpeg(rgb_image: NDArray[np.uint8], quality: int = JPEG_QUALITY) -> bytes:
     return data.tobytes()
 
 
+def log_depth(rec: rr.RecordingStream, path: str, depth_m: NDArray[np.float32]) -> None:
+    """Log depth at ``path/depth``, and above it at ``path/holes`` a mask that shows holes as dark pixels."""
+    rec.log(f"{path}/depth", encoded_depth(depth_m))
+    holes = np.where(np.isfinite(depth_m) & (depth_m > 0), 0, HOLE_CLASS).astype(np.uint8)
+    rec.log(f"{path}/holes", rr.SegmentationImage(holes, opacity=1.0, draw_order=5))
+
+
 def encoded_depth(depth_m: NDArray[np.float32]) -> rr.EncodedDepthImage:
-    """A depth picture as 16-bit PNG; holes are 0, which Rerun shows as holes."""
+    """A depth picture as 16-bit PNG; holes are 0."""
     steps = np.nan_to_num(depth_m * DEPTH_UNIT, nan=0.0, posinf=0.0, neginf=0.0)
     steps = np.where(steps < np.iinfo(np.uint16).max, np.clip(np.rint(steps), 0, None), 0).astype(np.uint16)
     _, png = cv2.imencode(".png", steps)
@@ -157,7 +159,7 @@ def _log_detector(
     _log_cars(rec, f"{boxes}/cars", candidates, view)
     worst_first = sorted(candidates, key=lambda c: -c.new_rank)
     depth, labels = compose(worst_first, view.measured.shape)
-    rec.log(f"{root}/predicted_depth", encoded_depth(in_metres(depth, view)))
+    log_depth(rec, f"{root}/predicted_depth", in_metres(depth, view))
     rec.log(f"{root}/parts", rr.SegmentationImage(labels, opacity=0.65))
     _log_outlines(rec, f"{boxes}/outlines", candidates)
     top = [c for c in candidates if c.new_rank < SHOWN_MODELS]
@@ -224,7 +226,12 @@ def _log_outlines(rec: rr.RecordingStream, path: str, candidates: Sequence[Candi
         c.instance.outline_px[[*range(len(c.instance.outline_px)), 0]] + 0.5 for c in some if c.instance
     ]
     ids = [OUTCOME_CLASSES.index(c.outcome) for c in some]
-    rec.log(path, rr.LineStrips2D(strips, class_ids=ids, radii=rr.Radius.ui_points(1.0), draw_order=12))
+    rec.log(
+        path,
+        rr.LineStrips2D(
+            strips, class_ids=ids, show_labels=False, radii=rr.Radius.ui_points(1.0), draw_order=12
+        ),
+    )
 
 
 def compose(

@@ -11,11 +11,20 @@ from numpy.typing import NDArray
 from reports.curves import CurveSet, curve_sets
 from reports.evidence_view import frame_views, run_data
 from reports.palette import detector_colour, detector_name, mode_name
-from reports.rerun_frame import IMAGE, WORLD, candidates_path, log_frame, log_static, models_path
+from reports.rerun_frame import (
+    DEPTH_RANGE_M,
+    IMAGE,
+    WORLD,
+    candidates_path,
+    log_frame,
+    log_static,
+    models_path,
+)
 from reports.rerun_plot import Axis, Line, Plot
 from reports.roc import left_edge
 from reports.run_folder import Run, load_run
-from reports.tables import number, result_table
+from reports.tables import number, short_table
+from rescore.progress import track
 from rescore.store import atomic_path
 
 APPLICATION_ID = "rescore"
@@ -25,19 +34,19 @@ _CHUNK_BYTES = 2 * 2**20
 
 def write_recording(
     run_dir: Path,
-    out: Path,
+    out: Path | None = None,
     max_frames: int | None = None,
-    mode: str = "paper",
-    progress: Callable[[int, int], None] | None = None,
+    mode: str | None = None,
+    show: bool = True,
 ) -> Path:
     """Write the recording of a run; frames are streamed, so memory does not grow with their number.
 
     Args:
         run_dir: the run folder.
-        out: the file to write, ``.rrd``.
+        out: the file to write; None for ``recording.rrd`` in the run folder.
         max_frames: so many frames, evenly spread over the test set; None for all.
-        mode: the way of scoring that is compared with the detector alone.
-        progress: called with the frames done and the frames to do.
+        mode: the way of scoring that is compared with the detector alone; None for the last of metrics.json.
+        show: whether to show a progress bar.
 
     Returns:
         The path written.
@@ -45,7 +54,9 @@ def write_recording(
     run = load_run(run_dir)
     chosen = choose_frames(run, max_frames)
     part_names = run.part_names()
-    with atomic_path(Path(out)) as beside:
+    mode = mode or run.modes[-1]
+    out = Path(out) if out is not None else run.root / "recording.rrd"
+    with atomic_path(out) as beside:
         # time-dependent batches would cut the same data in other places on every run
         batches = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=_CHUNK_BYTES)
         rec = rr.RecordingStream(
@@ -59,15 +70,14 @@ def write_recording(
             plot.log(rec)
         text = rr.TextDocument(_guide(run, mode), media_type=rr.MediaType.MARKDOWN)
         rec.log("guide", text, static=True)
-        for i, view in enumerate(frame_views(run, mode, chosen)):
+        views = frame_views(run, mode, chosen)
+        for i, view in enumerate(track(views, "recording", len(chosen), show)):
             rec.set_time("frame", sequence=i)
             rec.set_time("image_id", sequence=view.image_id)
             log_frame(rec, view)
-            if progress:
-                progress(i + 1, len(chosen))
         rec.flush()
         rec.disconnect()
-    return Path(out)
+    return out
 
 
 def choose_frames(run: Run, max_frames: int | None) -> NDArray[np.int64]:
@@ -141,7 +151,7 @@ def _weight_plot(run: Run) -> tuple[Plot, ...]:
     tuning = run.tuning()
     if not tuning:
         return ()
-    values = np.concatenate([t["objective"] for t in tuning.values()])
+    values = np.concatenate([np.array(t["objective"], float) for t in tuning.values()])
     low, high = np.floor(np.nanmin(values) * 10) / 10, np.ceil(np.nanmax(values) * 10 + 1e-9) / 10
     ticks = tuple(float(v) for v in np.linspace(low, high, 6).round(3))
     name = next(iter(tuning.values()))["objective_name"].replace("_", " ")
@@ -188,9 +198,9 @@ def _frame_tab(detector: str) -> rrb.Horizontal:
         ),
     )
     depths = rrb.Vertical(
-        rrb.Spatial2DView(name="measured depth", origin=IMAGE, contents=[f"{IMAGE}/measured_depth"]),
+        rrb.Spatial2DView(name="measured depth", origin=IMAGE, contents=[f"{IMAGE}/measured_depth/**"]),
         rrb.Spatial2DView(
-            name="predicted depth, registered", origin=IMAGE, contents=[f"{root}/predicted_depth"]
+            name="predicted depth, registered", origin=IMAGE, contents=[f"{root}/predicted_depth/**"]
         ),
         rrb.TextDocumentView(name="candidates of this frame", origin=f"tables/{name}"),
         row_shares=[3, 3, 4],
@@ -218,12 +228,9 @@ def _frame_tab(detector: str) -> rrb.Horizontal:
 
 
 def _guide(run: Run, mode: str) -> str:
-    table = result_table(run.metrics)
-    columns = (0, 1, 2, 3, 4, 7, 9)
-    head = ("detector", "scores", "w", "area", "AP", "FP/image at 70%", "ceiling")
-    lines = [head, ("---", "---", *["---:"] * 5), *(tuple(row[i] for i in columns) for row in table.rows)]
-    rows = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    rows = short_table(run.metrics, levels=("0.7",)).markdown()
     m = run.metrics
+    low, high = DEPTH_RANGE_M
     return f"""# Rescored car detections
 
 {m["n_images"]} test images with {m["n_cars"]} annotated cars, {m["n_candidates"]} candidates.
@@ -232,6 +239,7 @@ and the stereo camera measures it. *D* is what is left between the two after the
 0 fits perfectly, 0.5 not at all. The score after rescoring is exp(w log l + (1 − w) log(1 − D)) (eq. 7).
 
 {rows}
+AP: average precision. 70%: false positives per image where 70% of all cars are found.
 
 ## The curves
 Dashed: {mode_name("detector")}. Solid: {mode_name(mode)}. Candidate ROC: only the candidates count.
@@ -244,7 +252,7 @@ Move through them with the timeline below (open the panel for *frame* or *image_
   yellow annotated car that no candidate hit. Thick boxes are the best three and the hits.
 - A label reads: place by detector → place after rescoring, *l* → score after rescoring, *D*. Hover any box for its
   numbers, and see the table of the frame.
-- Depth: dark near, bright far, {2} to {40} m; black is a hole.
+- Depth: dark near, bright far, {low:g} to {high:g} m; black is a hole.
 - 3D: measured points in the colours of the picture; the predicted parts of the best three candidates, one colour a
   part, after the scale and offset of eq. 6. On a car they lie in the points; on a false alarm they stick out.
   The models of the other candidates are hidden: show them in the blueprint panel under *models/rest*.

@@ -79,7 +79,7 @@ class Plot:
             origin=self.path,
             name=self.title,
             background=[255, 255, 255],
-            visual_bounds=rrb.VisualBounds2D(x_range=[-0.16, ASPECT + 0.08], y_range=[-1.1, 0.17]),
+            visual_bounds=rrb.VisualBounds2D(x_range=[-0.16, ASPECT + 0.08], y_range=[-1.17, 0.25]),
         )
 
     def _log_frame(self, rec: rr.RecordingStream) -> None:
@@ -97,9 +97,7 @@ class Plot:
             rr.LineStrips2D(frame, colors=[_AXIS], radii=axis, draw_order=-5),
             static=True,
         )
-        spots = (
-            [(x, 0.045) for x in xs] + [(-0.07, y) for y in ys] + [(ASPECT / 2, 0.125), (ASPECT / 2, -1.055)]
-        )
+        spots = [(x, 0.045) for x in xs] + [(-0.07, y) for y in ys] + [(ASPECT / 2, 0.14), (ASPECT / 2, -1.1)]
         text = [f"{v:g}" for v in (*self.x.ticks, *self.y.ticks)] + [
             f"across: {self.x.title}",
             f"up: {self.y.title}",

@@ -103,7 +103,7 @@ def draw_weight(ax: Axes, tuning: Mapping[str, Mapping[str, Any]]) -> None:
     """The objective on the validation set over w, with the chosen w marked."""
     for detector, tuned in tuning.items():
         colour = detector_colour(detector, tuple(tuning))
-        w, value = np.array(tuned["w_grid"]), np.array(tuned["objective"])
+        w, value = np.array(tuned["w_grid"]), np.array(tuned["objective"], float)
         ax.plot(
             w, value, color=colour, lw=2, label=f"{detector_name(detector, short=True)}: w = {tuned['w']:g}"
         )

@@ -1,6 +1,5 @@
 """A run folder read for looking: its match table, numbers, config and data set. Nothing is computed anew."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.store import read_json
 
 Columns = Mapping[str, NDArray[Any]]
 """A table as arrays of one length, by column name."""
@@ -47,6 +47,12 @@ class Run:
         named = self.config.get("data")
         return Path(named) if isinstance(named, str) else self.root / "data"
 
+    @property
+    def class_name(self) -> str:
+        """The class of the run, as the data set names it."""
+        settings = self.config.get("config")
+        return str(settings.get("class_name", "car")) if isinstance(settings, dict) else "car"
+
     def tuning(self) -> Mapping[str, Mapping[str, Any]]:
         """The choice of w by detector: ``w``, ``w_grid``, ``objective``, ``objective_name``; may be empty."""
         return dict(self.metrics.get("tuning", {}))
@@ -54,7 +60,7 @@ class Run:
     def part_names(self) -> tuple[str, ...]:
         """Names of the parts of the class model, label 1 first; empty where the run folder holds no model."""
         for path in sorted((self.root / "models").glob("*.json")):
-            names = _read_json(path).get("part_names")
+            names = _read_object(path).get("part_names")
             if names:
                 return tuple(str(n) for n in names)
         return ()
@@ -99,7 +105,7 @@ def load_run(run_dir: Path) -> Run:
             f"{', '.join(table.column_names)}; write it again with `rescore evaluate`"
         )
     columns = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
-    return Run(root, _read_json(root / "config.json"), _read_json(root / "metrics.json"), columns)
+    return Run(root, _read_object(root / "config.json"), _read_object(root / "metrics.json"), columns)
 
 
 def boxes_px(rows: Columns) -> NDArray[np.float64]:
@@ -107,13 +113,8 @@ def boxes_px(rows: Columns) -> NDArray[np.float64]:
     return np.stack([rows[k] for k in ("x0", "y0", "x1", "y1")], axis=1).astype(float)
 
 
-def _read_json(path: Path) -> Mapping[str, Any]:
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise RescoreError(
-            f"{path}: expected JSON, got {error}; write it again with `rescore evaluate`"
-        ) from None
+def _read_object(path: Path) -> Mapping[str, Any]:
+    value = read_json(path, "the results of a run")
     if not isinstance(value, dict):
-        raise RescoreError(f"{path}: expected a JSON object, got {type(value).__name__}; write it again")
+        raise RescoreError(f"{path}: expected a JSON object, got {type(value).__name__}; evaluate again")
     return value

@@ -12,6 +12,7 @@ from reports.palette import detector_name, mode_name
 
 RECALLS = ("0.5", "0.6", "0.7", "0.8")
 
+_SPLIT_TEXT = {"all": "all splits"}
 _SHORT_MODE = {"detector": "alone", "paper": "with depth"}
 
 REASON_TEXT = {
@@ -78,21 +79,29 @@ def result_table(metrics: Mapping[str, Any]) -> Table:
     return Table("Results on the test set", head, rows, text_columns=2)
 
 
-def terminal_table(metrics: Mapping[str, Any]) -> RichTable:
-    """The result table with short names, for a terminal of 80 columns."""
-    full = result_table(metrics)
-    names = [
+def short_table(metrics: Mapping[str, Any], levels: Sequence[str] = RECALLS) -> Table:
+    """The results with short names and fewer columns; ``levels`` picks the recalls."""
+    rows = tuple(
         (
             f"{detector_name(row['detector'], short=True)}, {_SHORT_MODE.get(row['mode'], row['mode'])}",
-            *cells[2:],
+            number(row["w"], 2),
+            number(row["auc"]),
+            number(row["average_precision"]),
+            *(number(row["fppi_at_recall"].get(r), 2) for r in levels),
+            number(row["recall_ceiling"]),
         )
-        for row, cells in zip(metrics["rows"], full.rows, strict=True)
-    ]
-    head = ("detector, scores", "w", "area", "AP", *(f"{float(r):.0%}" for r in RECALLS), "ceiling")
-    return Table(full.title, head, tuple(names)).rich(
-        f"{metrics['n_cars']} cars in {metrics['n_images']} images. area: under the candidate ROC. AP: average "
-        "precision. 50% to 80%: false positives per image where this share of all cars is found (– never). "
-        "ceiling: share of the cars found by all candidates."
+        for row in metrics["rows"]
+    )
+    head = ("detector, scores", "w", "area", "AP", *(f"{float(r):.0%}" for r in levels), "ceiling")
+    return Table("Results on the test set", head, rows)
+
+
+def terminal_table(metrics: Mapping[str, Any]) -> RichTable:
+    """The result table for a terminal of 80 columns."""
+    return short_table(metrics).rich(
+        f"{metrics['n_cars']} cars in {metrics['n_images']} images. area: under the candidate ROC. "
+        "AP: average precision. 50% to 80%: false positives per image where this share of all cars is found "
+        "(– never). ceiling: share of the cars found by all candidates."
     )
 
 
@@ -113,7 +122,7 @@ def reason_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table:
     )
 
 
-def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], modes: Sequence[str]) -> Table | None:
+def kind_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table | None:
     """What the false alarms show, by kind of rendered thing; None where the kinds are unknown."""
     if "kind" not in columns or not any(str(k) for k in columns["kind"]):
         return None
@@ -127,6 +136,32 @@ def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], modes: Sequ
     )
     rows = tuple((kind.replace("_", " "), *(str(per[d].get(kind, 0)) for d in detectors)) for kind in kinds)
     return Table("False alarms by what they show", ("kind", *(detector_name(d) for d in detectors)), rows)
+
+
+def stereo_table(stereo: Mapping[str, Any]) -> Table | None:
+    """Error of the measured disparity by split and region; None where there is no truth to compare with."""
+    splits = stereo.get("splits", {})
+    rows = tuple(
+        (
+            _SPLIT_TEXT.get(split, split),
+            {"car": "cars"}.get(region, region),
+            percent(values.get("density")),
+            number(values.get("end_point_error_px"), 2),
+            percent(values.get("wrong_share")),
+            percent(values.get("wrong_share_measured")),
+        )
+        for split, regions in splits.items()
+        for region, values in regions.items()
+    )
+    if not rows:
+        return None
+    head = ("split", "pixels", "measured", "mean error (px)", "wrong, of all", "wrong, of measured")
+    return Table("Error of the measured disparity", head, rows, text_columns=2)
+
+
+def percent(value: float | None) -> str:
+    """A share as per cent with one decimal; a dash where there is none."""
+    return "–" if value is None else f"{value:.1%}"
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -1,0 +1,140 @@
+"""Which candidates rescoring moved most, for better and for worse, with their pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reports.curves import match_table
+from reports.evidence_view import CandidateView, FrameView, frame_views
+from reports.palette import OUTCOME_NAME, detector_name
+from reports.pictures import CandidatePanels, candidate_panels
+from reports.run_folder import Run
+from reports.tables import REASON_TEXT
+
+
+@dataclass(frozen=True)
+class Mover:
+    """One candidate of the gallery."""
+
+    detector: str
+    image_id: int
+    rank: int
+    """Place by detector score in its image, 0 is best."""
+    outcome: str
+    kind: str
+    before: int
+    """Place among all candidates of the detector by its score, 1 is best."""
+    after: int
+    """The same after rescoring."""
+    n: int
+    likelihood: float
+    posterior: float
+    depth_difference: float
+    evidence: str
+    panels: CandidatePanels
+    metric: bool
+
+    @property
+    def title(self) -> str:
+        """What happened, in words."""
+        what = f"{OUTCOME_NAME[self.outcome]}{f' ({self.kind})' if self.kind else ''}"
+        direction = "rose" if self.after < self.before else "fell"
+        return f"{what} {direction} from place {self.before} to {self.after} of {self.n}"
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """One group of the gallery."""
+
+    title: str
+    text: str
+    movers: tuple[Mover, ...]
+
+
+def build_gallery(run: Run, mode: str, per_shelf: int = 6) -> tuple[Shelf, ...]:
+    """The largest moves of each detector: right ones and wrong ones."""
+    picks = {d: _picks(run, d, mode, per_shelf) for d in run.detectors}
+    wanted = {
+        (d, image, rank) for d, p in picks.items() for _, items in p.items() for image, rank, *_ in items
+    }
+    images = np.array(sorted({image for _, image, _ in wanted}), dtype=np.int64)
+    found: dict[tuple[str, int, int], tuple[CandidateView, FrameView, CandidatePanels]] = {}
+    for view in frame_views(run, mode, images):
+        for detector, candidates in view.candidates.items():
+            for c in candidates:
+                key = (detector, view.image_id, c.rank)
+                if key in wanted:
+                    found[key] = (c, view, candidate_panels(view, c))
+    shelves = []
+    for detector, groups in picks.items():
+        for (title, text), items in groups.items():
+            movers = tuple(_mover(detector, item, found) for item in items)
+            if movers:
+                shelves.append(Shelf(f"{detector_name(detector)}: {title}", text, movers))
+    return tuple(shelves)
+
+
+_GROUPS = {
+    ("right moves", "False alarms that fell and hits that rose: what the depth is for."): (
+        "false_alarm",
+        "hit",
+    ),
+    ("wrong moves", "Hits that fell and false alarms that rose: what it costs."): ("hit", "false_alarm"),
+}
+_Item = tuple[int, int, int, int, int]
+
+
+def _picks(run: Run, detector: str, mode: str, per_shelf: int) -> dict[tuple[str, str], list[_Item]]:
+    """(image, rank, place before, place after, n) of the candidates that moved most, by group."""
+    rows = run.of(detector)
+    before = places(match_table(run, detector, "detector").ranking)
+    after = places(match_table(run, detector, mode).ranking)
+    outcome = rows[f"outcome_{mode}" if f"outcome_{mode}" in rows else "outcome_detector"]
+    groups = {}
+    for words, (falling, rising) in _GROUPS.items():
+        moved = np.where(outcome == falling, after - before, np.where(outcome == rising, before - after, 0))
+        best = [i for i in np.argsort(-moved, kind="stable")[:per_shelf] if moved[i] > 0]
+        groups[words] = [
+            (int(rows["image_id"][i]), int(rows["rank"][i]), int(before[i]), int(after[i]), len(before))
+            for i in best
+        ]
+    return groups
+
+
+def places(ranking: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Place of each candidate, 1 is best; candidates of equal ranking in the order given."""
+    place = np.empty(len(ranking), np.int64)
+    place[np.argsort(-ranking, kind="stable")] = np.arange(1, len(ranking) + 1)
+    return place
+
+
+def _mover(
+    detector: str,
+    item: _Item,
+    found: dict[tuple[str, int, int], tuple[CandidateView, FrameView, CandidatePanels]],
+) -> Mover:
+    image_id, rank, before, after, n = item
+    c, view, panels = found[detector, image_id, rank]
+    return Mover(
+        detector=detector,
+        image_id=image_id,
+        rank=rank,
+        outcome=c.outcome,
+        kind=c.kind.replace("_", " "),
+        before=before,
+        after=after,
+        n=n,
+        likelihood=c.likelihood,
+        posterior=c.posterior,
+        depth_difference=c.depth_difference,
+        evidence=REASON_TEXT.get(c.status, c.status),
+        panels=panels,
+        metric=view.metric,
+    )
+
+
+def count_movers(shelves: Sequence[Shelf]) -> int:
+    """Number of candidates shown."""
+    return sum(len(s.movers) for s in shelves)

@@ -1,0 +1,124 @@
+"""The report of a run: one HTML file that needs no network."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from reports.curves import curve_sets
+from reports.figures import (
+    Figure,
+    candidate_roc_figure,
+    car_roc_figure,
+    precision_recall_figure,
+    weight_figure,
+)
+from reports.gallery import build_gallery
+from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, detector_name
+from reports.pictures import RESIDUAL_LIMIT_M
+from reports.roc import write_curves
+from reports.run_folder import Run, load_run
+from reports.tables import Table, kind_table, number, reason_table, result_table, stereo_table
+from rescore.store import atomic_path
+
+HEADLINE_RECALL = "0.7"
+
+
+def build_report(run_dir: Path) -> Path:
+    """Draw the curves of a run folder as PNG and write its ``report.html``; the path of the latter.
+
+    Raises:
+        RescoreError: the run folder lacks results.
+    """
+    run = load_run(Path(run_dir))
+    write_curves(run, run.root / "curves")
+    page = render_report(run)
+    out = run.root / "report.html"
+    with atomic_path(out) as beside:
+        beside.write_text(page, encoding="utf-8")
+    return out
+
+
+def render_report(run: Run) -> str:
+    """The page of a run as text."""
+    loader = PackageLoader("reports", "templates")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    mode = run.modes[-1]
+    return environment.get_template("report.html.j2").render(
+        headline=headline(run.metrics),
+        metrics=run.metrics,
+        figures=_figures(run),
+        tables=_tables(run),
+        shelves=build_gallery(run, mode) if len(run.modes) > 1 else (),
+        outcomes=[(OUTCOME_NAME[o], OUTCOME_COLOUR[o]) for o in OUTCOMES],
+        residual_limit_m=RESIDUAL_LIMIT_M,
+        number=number,
+        detector_name=detector_name,
+        made_from=_made_from(run.config),
+        config_text=json.dumps(run.config, indent=1, ensure_ascii=False),
+        plotly_js=Markup(get_plotlyjs()),
+    )
+
+
+def headline(metrics: Mapping[str, Any]) -> list[str]:
+    """The result in one sentence a detector."""
+    sentences = []
+    level = f"{float(HEADLINE_RECALL):.0%}"
+    for detector in dict.fromkeys(row["detector"] for row in metrics["rows"]):
+        rows = {row["mode"]: row for row in metrics["rows"] if row["detector"] == detector}
+        before, after = rows["detector"], list(rows.values())[-1]
+        name = detector_name(detector)
+        precision = number(before["average_precision"])
+        false = _false_positives(before["fppi_at_recall"].get(HEADLINE_RECALL), level)
+        if after is before:
+            sentences.append(f"{name}: average precision {precision}, {false}.")
+            continue
+        new_false = _false_positives(after["fppi_at_recall"].get(HEADLINE_RECALL), level)
+        sentences.append(
+            f"{name}: with stereo depth (w = {number(after['w'], 2)}), average precision goes from {precision} to "
+            f"{number(after['average_precision'])}; from {false} to {new_false}."
+        )
+    return sentences
+
+
+def _false_positives(value: float | None, level: str) -> str:
+    if value is None:
+        return f"never finding {level} of the cars"
+    return f"{value:.2f} false positives per image at {level} of the cars"
+
+
+def _figures(run: Run) -> list[Figure]:
+    curves = curve_sets(run)
+    figures = [
+        candidate_roc_figure(curves, run.metrics),
+        car_roc_figure(curves, run.metrics),
+        precision_recall_figure(curves, run.metrics),
+    ]
+    tuning = run.tuning()
+    return [*figures, weight_figure(tuning)] if tuning else figures
+
+
+def _tables(run: Run) -> dict[str, Table | None]:
+    return {
+        "results": result_table(run.metrics),
+        "reasons": reason_table(run.candidates, run.detectors),
+        "kinds": kind_table(run.candidates, run.detectors),
+        "stereo": stereo_table(run.metrics.get("stereo", {})),
+    }
+
+
+def _made_from(config: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What was run, as name and value."""
+    versions = config.get("versions", {})
+    settings = config.get("config", {})
+    rows = [
+        ("command", config.get("command")),
+        ("preset", settings.get("preset") if isinstance(settings, dict) else None),
+        ("seed", config.get("seed")),
+        ("versions", ", ".join(f"{name} {version}" for name, version in versions.items()) or None),
+    ]
+    return [(name, str(value)) for name, value in rows if value is not None]
