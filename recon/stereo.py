@@ -179,12 +179,13 @@ def write_disparity(path: Path, disparity_px: NDArray[np.float32]) -> None:
         raise RescoreError(
             f"{path}: expected an (h, w) float disparity, got {disparity_px.shape} {disparity_px.dtype}"
         )
-    value = np.rint(np.nan_to_num(disparity_px.astype(np.float64), nan=0.0) * PNG_SCALE)
-    if value.size and (value.min() < 0 or value.max() > np.iinfo(np.uint16).max):
+    known = disparity_px[~np.isnan(disparity_px)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    if low < 0 or high * PNG_SCALE > np.iinfo(np.uint16).max:
         raise RescoreError(
-            f"{path}: disparities must lie in [0, 256) pixels, got {np.nanmin(disparity_px):g} to "
-            f"{np.nanmax(disparity_px):g}; mark holes as NaN"
+            f"{path}: disparities must lie in [0, 256) pixels, got {low:g} to {high:g}; mark holes as NaN"
         )
+    value = np.rint(np.nan_to_num(disparity_px.astype(np.float64), nan=0.0) * PNG_SCALE)
     done, encoded = cv2.imencode(".png", value.astype(np.uint16))
     if not done:
         raise RescoreError(f"{path}: could not encode a disparity of shape {disparity_px.shape} as PNG")

@@ -221,7 +221,7 @@ def test_sunlit_ball_is_lambertian():
 
 
 def test_haze_fades_to_the_horizon():
-    # a black wall at 40 m in haze of 0.01 per metre: 1 - exp(-0.4) = 0.3297 of the horizon's 0.5 straight ahead
+    # a black wall at 40 m in haze of 0.01 per metre: 1 - exp(-0.4) = 0.3297 of the horizon's 0.5
     light = Light((0, 0, 1), (0, 0, 0), (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), 0.5, haze_per_m=0.01)
     mesh = quad([(-30, 40, -20), (30, 40, -20), (30, 40, 30), (-30, 40, 30)], Material("black", (0, 0, 0)))
     picture = linear(render_rgb(scene(Placed(mesh, np.eye(4), "wall"), light=light)))

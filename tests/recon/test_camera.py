@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, StereoCamera, default_camera
+from recon.errors import RescoreError
+
+CAMERA = PinholeCamera(700.0, 690.0, 320.0, 250.0, 640, 480)
+
+
+def test_projection_is_the_matrix_product():
+    point = np.array([1.2, -0.4, 8.0])
+    u, v, w = CAMERA.matrix @ point
+    np.testing.assert_allclose(CAMERA.project(point), [u / w, v / w], rtol=1e-14)
+    # 700 * 1.2 / 8 + 320 = 425; 690 * -0.4 / 8 + 250 = 215.5
+    np.testing.assert_allclose(CAMERA.project(point), [425, 215.5])
+
+
+@given(st.floats(0, 640), st.floats(0, 480), st.floats(0.1, 200))
+def test_depth_times_ray_projects_back_to_the_pixel(u, v, depth):
+    ray = CAMERA.rays(np.array([u, v]))
+    assert ray[2] == 1
+    np.testing.assert_allclose(CAMERA.project(depth * ray), [u, v], atol=1e-9)
+
+
+def test_rays_keep_the_shape_of_their_pixels():
+    assert CAMERA.rays(np.zeros((3, 4, 2))).shape == (3, 4, 3)
+
+
+def test_disparity_of_a_depth_and_back():
+    # 700 px * 0.5 m / 14 m = 25 px
+    stereo = StereoCamera(CAMERA, 0.5)
+    assert stereo.disparity_px(np.array([14.0]))[0] == pytest.approx(25)
+    depth = np.array([[2.0, 14.0, 80.0]])
+    np.testing.assert_allclose(stereo.depth_m(stereo.disparity_px(depth)), depth, rtol=1e-6)
+
+
+def test_nothing_measured_has_no_depth():
+    stereo = StereoCamera(CAMERA, 0.5)
+    assert np.isnan(stereo.depth_m(np.array([np.nan, 0.0, -1.0]))).all()
+    assert np.isnan(stereo.disparity_px(np.array([np.nan, 0.0, -1.0]))).all()
+
+
+def test_disparity_is_the_difference_of_the_columns_of_the_two_eyes():
+    stereo = StereoCamera(CAMERA, 0.5)
+    point = np.array([1.0, 0.3, 9.0])
+    left, right = CAMERA.project(point), CAMERA.project(point - [0.5, 0, 0])
+    assert left[0] - right[0] == pytest.approx(float(stereo.disparity_px(point[2:])[0]), rel=1e-6)
+
+
+def test_ground_points_lie_on_the_plane_and_project_back():
+    ground = GroundPlane(1.6, 0.05)
+    uv = np.stack(np.meshgrid([0.0, 320, 639], [300.0, 400, 479]), axis=-1)
+    points = ground.intersect(CAMERA.rays(uv))
+    np.testing.assert_allclose(points @ ground.up, -1.6, atol=1e-12)
+    np.testing.assert_allclose(CAMERA.project(points), uv, atol=1e-9)
+
+
+def test_ground_below_a_level_camera():
+    # 100 rows below the middle: z = fy * height / 100 = 690 * 1.6 / 100 = 11.04 m
+    point = GroundPlane(1.6).intersect(CAMERA.rays(np.array([320.0, 350.0])))
+    np.testing.assert_allclose(point, [0, 1.6, 11.04])
+
+
+def test_ground_straight_ahead_of_a_pitched_camera():
+    # looking down by 30 degrees from 2 m: the middle of the picture meets the ground after 2 / sin 30 = 4 m
+    point = GroundPlane(2.0, np.pi / 6).intersect(CAMERA.rays(np.array([320.0, 250.0])))
+    np.testing.assert_allclose(point, [0, 0, 4.0], atol=1e-12)
+
+
+def test_no_ground_on_and_above_the_horizon():
+    # the horizon of a camera pitched down by p lies fy tan p above the principal point
+    ground = GroundPlane(1.5, 0.1)
+    horizon = 250 - 690 * np.tan(0.1)
+    points = ground.intersect(
+        CAMERA.rays(np.array([[320, horizon - 50], [320, horizon], [320, horizon + 5]]))
+    )
+    np.testing.assert_array_equal(np.isnan(points[:, 2]), [True, True, False])
+
+
+def test_default_camera_sees_41_degrees_and_looks_at_the_middle():
+    # 2 atan(1 / 2.8) = 39.3 degrees
+    camera = default_camera(640, 480)
+    assert (camera.cx_px, camera.cy_px) == (319.5, 239.5)
+    assert np.degrees(2 * np.arctan(240 / camera.fy_px)) == pytest.approx(39.3, abs=0.05)
+    assert DEFAULT_GROUND.up @ [0, -1, 0] == 1
+
+
+@pytest.mark.parametrize(
+    "build", [lambda: PinholeCamera(0, 1, 0, 0, 2, 2), lambda: PinholeCamera(1, 1, 0, 0, 0, 2)]
+)
+def test_impossible_cameras_are_refused(build):
+    with pytest.raises(RescoreError, match="must be positive"):
+        build()
+
+
+def test_a_negative_baseline_names_swapped_eyes():
+    with pytest.raises(RescoreError, match="left and right may be swapped"):
+        StereoCamera(CAMERA, -0.5)
+
+
+def test_a_camera_under_the_ground_is_refused():
+    with pytest.raises(RescoreError, match="must be above the ground, got height_m=-1"):
+        GroundPlane(-1.0)
