@@ -88,14 +88,12 @@ def label_candidates(found: Detections, truth: Truth) -> tuple[NDArray[np.bool_]
     """For each detection (n,): is it a car, and does it count for calibration.
 
     A detection is a car when it overlaps an annotated car by an IoU of at least 0.5, whether or not another
-    one has found that car too. One that is no car and overlaps an ignored one so far, or lies in it by half of
-    its own area, does not count.
+    one has found that car too. One that is no car and overlaps an ignored one so far, or lies in it by half
+    of its own area, does not count.
     """
     car = iou_matrix(found.xyxy_px, truth.xyxy_px[~truth.ignore])
     is_car = np.asarray((car >= MIN_IOU).any(axis=1))
     regions = truth.xyxy_px[truth.ignore]
-    n, m = len(found), len(regions)
-    pairs = np.repeat(found.xyxy_px, m, axis=0), np.tile(regions, (n, 1))
-    overlap, of_own_area = (x.reshape(n, m) for x in paired_overlap(*pairs))
+    overlap, of_own_area = paired_overlap(found.xyxy_px[:, None], regions[None])
     ignored = np.asarray(((overlap >= MIN_IOU) | (of_own_area >= 0.5)).any(axis=1))
     return is_car, is_car | ~ignored

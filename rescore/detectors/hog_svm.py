@@ -47,7 +47,7 @@ class HogConfig:
     stride_px: int = 4
     """Step of the window on a level of the pyramid; half a cell places boxes better than a whole one."""
     padding_px: tuple[int, int] = (32, 16)
-    """Mirrored border of each level (x, y): cars cut by the picture's edge."""
+    """Mirrored border of the scanned picture (x, y), in window pixels: for cars cut by the edge."""
     svm_c: float = 0.01
     """Soft margin of the SVM, as in the paper of Dalal and Triggs."""
     floor: float = -1.2
@@ -99,23 +99,29 @@ class HogDetector:
         if not len(found):
             return Detections(np.empty((0, 4)), np.empty(0))
         corner_size = np.asarray(found, dtype=float)
-        scale = corner_size[:, 2] / window.width_px
-        boxes = window.boxes(corner_size[:, :2] / zoom, scale / zoom)
+        # OpenCV rounds sizes to pixels and cuts windows at the picture's edge: the level tells the size
+        step = np.log(self.config.scan.scale_step)
+        rough = (corner_size[:, 2:] / [window.width_px, window.height_px]).max(axis=1)
+        scale = np.exp(step * np.round(np.log(rough) / step))
+        boxes = window.boxes((corner_size[:, :2] - self.config.padding_px) / zoom, scale / zoom)
         return ordered(boxes, np.asarray(score, dtype=float).ravel())
 
     def zoomed(self, rgb: NDArray[np.uint8]) -> tuple[GrayImage, float]:
-        """The grey picture that is scanned, and its size over that of the given one."""
+        """The grey picture that is scanned, with its border, and its size over that of the given one."""
         zoom = self.config.window.object_width_px / self.config.scan.smallest_car_px
         picture = gray(rgb)
         size = round(picture.shape[1] * zoom), round(picture.shape[0] * zoom)
-        return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR), np.uint8), zoom
+        zoomed = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
+        # not left to detectMultiScale: it cuts windows in its own border, so that their place is lost
+        x, y = self.config.padding_px
+        return np.asarray(cv2.copyMakeBorder(zoomed, y, y, x, x, cv2.BORDER_REFLECT_101), np.uint8), zoom
 
     def scan_arguments(self) -> dict[str, Any]:
         """Keyword arguments of the detectMultiScale call."""
         return {
             "hitThreshold": self.config.floor,
             "winStride": (self.config.stride_px, self.config.stride_px),
-            "padding": self.config.padding_px,
+            "padding": (0, 0),
             "scale": self.config.scan.scale_step,
             "groupThreshold": 0,
         }
