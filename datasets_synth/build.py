@@ -231,8 +231,8 @@ def _finish(out: Path, config: SynthConfig, seed: int, records: Sequence[dict[st
 def _stereo_statistics(config: SynthConfig, records: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Errors of the measured disparity by split and region."""
     out: dict[str, Any] = {
-        "definition": "wrong: off by more than 3 px and 5 % of the truth (KITTI D1); wrong_share counts "
-        "every pixel with truth, holes filled from the background; wrong_share_measured counts measured pixels",
+        "wrong": "off by more than 3 px and 5 % of the truth (KITTI D1); wrong_share counts every pixel with "
+        "truth, holes filled from the background; wrong_share_measured counts measured pixels",
         "sgbm": asdict(config.sgbm),
         "splits": {},
     }

@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from datasets_synth.street import (
+    DOOR_HEIGHT_M,
+    KERB_HEIGHT_M,
+    facade,
+    ground_height_m,
+    ground_items,
+    sample_strips,
+)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_strips_join_without_gaps_and_carry_the_lane_asked_for(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    wanted = float(rng.uniform(8, 44))
+    strips = sample_strips(wanted, rng)
+    assert strips[0].y0_m < 0  # the camera stands on ground
+    for a, b in zip(strips, strips[1:], strict=False):
+        assert a.y1_m == pytest.approx(b.y0_m)
+        assert a.y1_m > a.y0_m
+    lanes = [y for s in strips if s.role == "road" for y in s.lanes_m]
+    assert min(abs(y - wanted) for y in lanes) < 1e-9
+    for strip in strips:
+        assert strip.z_m in (0.0, KERB_HEIGHT_M)
+        assert strip.z_m == 0.0 or not strip.lanes_m  # cars stand on the ground plane of the camera
+        for lane in strip.lanes_m:
+            assert strip.y0_m + 0.9 < lane < strip.y1_m - 0.9
+
+
+def test_the_kerb_is_a_real_step_and_the_ground_lies_where_the_strips_say() -> None:
+    rng = np.random.default_rng(2)
+    strips = sample_strips(12.0, rng)
+    road = next(s for s in strips if s.role == "road")
+    assert ground_height_m(strips, road.y0_m + 0.1) == 0.0
+    assert ground_height_m(strips, road.y0_m - 0.1) == KERB_HEIGHT_M
+    items = ground_items(strips, 30.0, 100.0, rng)
+    kerb = next(i for i in items if i.kind == "kerb")
+    assert kerb.mesh.vertices_m[:, 2].max() == pytest.approx(KERB_HEIGHT_M, abs=0.01)
+    assert {i.kind for i in items} <= {"road", "pavement", "verge", "square", "kerb"}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_house_has_storeys_of_three_metres_and_nothing_reaches_far_into_the_street(seed: int) -> None:
+    mesh = facade(10.0, 3, np.random.default_rng(seed)).mesh()
+    low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+    # ground floor of 3.2 to 3.9 m, two storeys of 3 m, an eave of 0.6 m, a roof of at most 0.9 x 4 m
+    assert 3.2 + 6 + 0.6 - 0.01 <= high[2] <= 3.9 + 6 + 0.6 + 3.7
+    assert low[2] >= -0.2
+    assert low[1] >= -1.1
+    assert DOOR_HEIGHT_M == 2.1
