@@ -35,7 +35,7 @@ def candidate_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any])
         "Candidate ROC",
         traces,
         _axis("false-positive rate: share of the false candidates accepted", [-0.01, 1.01]),
-        _axis("true-positive rate: share of the hits accepted", [0, 1.02]),
+        _axis("true-positive rate (share of hits)", [0, 1.02]),
         f"Counts the {metrics['n_candidates']} candidates only. A car that no candidate found does not appear here; "
         "candidates on ignored objects are left out.",
         _alt("Candidate ROC", curves, "auc", "area"),
@@ -64,7 +64,7 @@ def car_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Fi
         "Cars found against false positives",
         traces,
         x,
-        _axis(f"true-positive rate: share of all {metrics['n_cars']} annotated cars", [0, 1.02]),
+        _axis(f"share of all {metrics['n_cars']} annotated cars", [0, 1.02]),
         f"Counts all {metrics['n_cars']} annotated cars, missed ones too, and all {metrics['n_images']} images, also "
         "those without a car. A second candidate on the same car is a false positive.",
         _alt(
@@ -88,8 +88,8 @@ def precision_recall_figure(curves: Sequence[CurveSet], metrics: Mapping[str, An
         "Precision and recall",
         traces,
         _axis(f"recall: share of all {metrics['n_cars']} annotated cars", [0, 1.01]),
-        _axis("precision: share of accepted candidates that are hits", [0, 1.02]),
-        "The same counts as above.",
+        _axis("precision (hits among accepted)", [0, 1.02]),
+        "Precision: share of the accepted candidates that are hits. Recall: share of all annotated cars found.",
         _alt("Precision against recall", curves, "average_precision", "average precision"),
     )
 

@@ -72,23 +72,33 @@ def headline(metrics: Mapping[str, Any]) -> list[str]:
         rows = {row["mode"]: row for row in metrics["rows"] if row["detector"] == detector}
         before, after = rows["detector"], list(rows.values())[-1]
         name = detector_name(detector)
-        precision = number(before["average_precision"])
-        false = _false_positives(before["fppi_at_recall"].get(HEADLINE_RECALL), level)
+        false = [row["fppi_at_recall"].get(HEADLINE_RECALL) for row in (before, after)]
         if after is before:
-            sentences.append(f"{name}: average precision {precision}, {false}.")
+            precision = number(before["average_precision"])
+            sentences.append(f"{name}: average precision {precision}, {_false_positives(false[:1], level)}.")
             continue
-        new_false = _false_positives(after["fppi_at_recall"].get(HEADLINE_RECALL), level)
+        w, precision = (
+            number(after["w"], 2),
+            _from_to(before["average_precision"], after["average_precision"], 3),
+        )
         sentences.append(
-            f"{name}: with stereo depth (w = {number(after['w'], 2)}), average precision goes from {precision} to "
-            f"{number(after['average_precision'])}; from {false} to {new_false}."
+            f"{name}: with stereo depth (w = {w}), average precision goes {precision}, {_false_positives(false, level)}."
         )
     return sentences
 
 
-def _false_positives(value: float | None, level: str) -> str:
-    if value is None:
-        return f"never finding {level} of the cars"
-    return f"{value:.2f} false positives per image at {level} of the cars"
+def _false_positives(values: list[float | None], level: str) -> str:
+    what = f"false positives per image where {level} of all cars are found"
+    if all(v is None for v in values):
+        return f"and {level} of all cars are never found"
+    if len(values) == 1:
+        return f"{number(values[0], 2)} {what}"
+    return f"and {what} go {_from_to(*values, 2)}"
+
+
+def _from_to(before: float | None, after: float | None, digits: int) -> str:
+    texts = ("never reached" if v is None else number(v, digits) for v in (before, after))
+    return "from {} to {}".format(*texts)
 
 
 def _figures(run: Run) -> list[Figure]:

@@ -90,6 +90,14 @@ def part_colour(label: int) -> str:
     return "#303030" if label == 0 else _PARTS[(label - 1) % len(_PARTS)]
 
 
+_BRIGHT = {BLUE: "#56B4E9", VERMILION: "#FF8C42", GREEN: "#2ED3A2"}
+
+
+def on_dark(colour: str) -> str:
+    """The colour to use on a dark page: the deep hues are too dim there, the others stay."""
+    return _BRIGHT.get(colour, colour)
+
+
 def rgb(colour: str) -> tuple[int, int, int]:
     """Red, green and blue in 0..255 of ``#RRGGBB``."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

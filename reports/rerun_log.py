@@ -101,7 +101,7 @@ def _plots(run: Run) -> tuple[Plot, ...]:
             Axis("share of the false candidates accepted", 0, 1, _SHARES),
             share,
             _lines(curves, lambda c: (c.candidate.x, c.candidate.y, f"area {number(c.row['auc'])}")),
-            (0.42, 0.06),
+            (0.7, 0.06),
         ),
         Plot(
             "curves/car_roc",
@@ -111,7 +111,7 @@ def _plots(run: Run) -> tuple[Plot, ...]:
             _lines(
                 curves, lambda c: (c.cars.x, c.cars.y, f"AP {number(c.row['average_precision'])}"), steps=True
             ),
-            (0.46, 0.06),
+            (0.7, 0.06),
         ),
         Plot(
             "curves/precision_recall",
@@ -126,7 +126,7 @@ def _plots(run: Run) -> tuple[Plot, ...]:
                     f"AP {number(c.row['average_precision'])}",
                 ),
             ),
-            (0.05, 0.06),
+            (0.32, 0.06),
         ),
     ]
     return (*plots, *_weight_plot(run))
@@ -167,7 +167,7 @@ def _weight_plot(run: Run) -> tuple[Plot, ...]:
     )
     x = Axis("w (1: detector alone, 0: depth alone)", 0, 1, _SHARES)
     y = Axis(f"{name} on the validation set", float(low), float(high), ticks)
-    return (Plot("curves/weight", "choice of w", x, y, lines, (0.3, 0.06)),)
+    return (Plot("curves/weight", "choice of w", x, y, lines, (0.5, 0.06)),)
 
 
 def _blueprint(run: Run, plots: tuple[Plot, ...]) -> rrb.Blueprint:

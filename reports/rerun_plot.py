@@ -12,12 +12,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from reports.palette import rgb
+from reports.palette import on_dark, rgb
 
 ASPECT = 1.3
-_GRID = (225, 225, 225)
-_AXIS = (70, 70, 70)
-_LABEL = (240, 240, 240)
+_BACKGROUND = (22, 24, 29)
+_GRID = (52, 56, 64)
+_AXIS = (150, 156, 165)
+_LABEL = (225, 228, 232)
 _DASH = 0.022
 
 
@@ -61,7 +62,7 @@ class Plot:
     y: Axis
     lines: tuple[Line, ...]
     legend_at: tuple[float, float]
-    """Left end and bottom line of the legend, as shares of the width and height."""
+    """Middle and bottom line of the legend, as shares of the width and height."""
 
     def place(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         """View coordinates (n, 2) of data points."""
@@ -78,7 +79,7 @@ class Plot:
         return rrb.Spatial2DView(
             origin=self.path,
             name=self.title,
-            background=[255, 255, 255],
+            background=_BACKGROUND,
             visual_bounds=rrb.VisualBounds2D(x_range=[-0.16, ASPECT + 0.08], y_range=[-1.17, 0.25]),
         )
 
@@ -97,7 +98,11 @@ class Plot:
             rr.LineStrips2D(frame, colors=[_AXIS], radii=axis, draw_order=-5),
             static=True,
         )
-        spots = [(x, 0.045) for x in xs] + [(-0.07, y) for y in ys] + [(ASPECT / 2, 0.14), (ASPECT / 2, -1.1)]
+        spots = (
+            [(x, 0.045) for x in xs]
+            + [(-0.07, y - 0.035) for y in ys]
+            + [(ASPECT / 2, 0.14), (ASPECT / 2, -1.1)]
+        )
         text = [f"{v:g}" for v in (*self.x.ticks, *self.y.ticks)] + [
             f"across: {self.x.title}",
             f"up: {self.y.title}",
@@ -109,18 +114,13 @@ class Plot:
         path = f"{self.path}/{rr.escape_entity_path_part(line.name)}"
         points = self.place(x, y)
         strips = dashes(points, _DASH) if line.dashed else [points]
-        colour, width = rgb(line.colour), rr.Radius.ui_points(1.6)
+        colour, width = rgb(on_dark(line.colour)), rr.Radius.ui_points(1.6)
         rec.log(path, rr.LineStrips2D(strips, colors=[colour], radii=width, draw_order=index), static=True)
-        left, bottom = self.legend_at[0] * ASPECT, -self.legend_at[1]
-        level = bottom - 0.075 * (len(self.lines) - 1 - index)
-        key = np.array([(left, level), (left + 0.12, level)])
-        keys = dashes(key, _DASH) if line.dashed else [key]
-        rec.log(
-            f"{path}/key", rr.LineStrips2D(keys, colors=[colour], radii=width, draw_order=20), static=True
-        )
-        # labels are centred on their point; their estimated width puts the left end at the key
-        middle = left + 0.15 + 0.0105 * len(line.legend)
-        _log_labels(rec, f"{path}/key_text", [(middle, level - 0.03)], [line.legend])
+        # a label keeps its size on screen, so no drawn key could stay beside it: the text bears the colour
+        key = "– –" if line.dashed else "——"
+        level = -self.legend_at[1] - 0.085 * (len(self.lines) - 1 - index)
+        spot = (self.legend_at[0] * ASPECT, level - 0.04)
+        _log_labels(rec, f"{path}/key", [spot], [f"{key} {line.legend}"], colour)
 
 
 def dashes(points: NDArray[np.float64], length: float) -> list[NDArray[np.float64]]:
@@ -142,7 +142,11 @@ def dashes(points: NDArray[np.float64], length: float) -> list[NDArray[np.float6
 
 
 def _log_labels(
-    rec: rr.RecordingStream, path: str, spots: Sequence[tuple[float, float]], text: Sequence[str]
+    rec: rr.RecordingStream,
+    path: str,
+    spots: Sequence[tuple[float, float]],
+    text: Sequence[str],
+    colour: tuple[int, int, int] = _LABEL,
 ) -> None:
     none = rr.Radius.ui_points(0)
-    rec.log(path, rr.Points2D(spots, labels=text, radii=none, colors=[_LABEL], show_labels=True), static=True)
+    rec.log(path, rr.Points2D(spots, labels=text, radii=none, colors=[colour], show_labels=True), static=True)

@@ -45,14 +45,9 @@ class Table:
 
     def rich(self, caption: str | None = None) -> RichTable:
         """The table for the terminal."""
-        table = RichTable(
-            title=self.title,
-            title_justify="left",
-            box=SIMPLE_HEAD,
-            pad_edge=False,
-            caption=caption,
-            caption_justify="left",
-        )
+        # a table of 80 columns has no room for frames and double gaps
+        table = RichTable(title=self.title, title_justify="left", caption=caption, caption_justify="left")
+        table.box, table.pad_edge, table.padding = SIMPLE_HEAD, False, (0, 1, 0, 0)
         for i, name in enumerate(self.head):
             table.add_column(name, justify="left" if i < self.text_columns else "right", no_wrap=True)
         for row in self.rows:

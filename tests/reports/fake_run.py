@@ -154,12 +154,26 @@ def make_run(root: Path, n_frames: int = 5, seed: int = 3) -> Path:
         "n_cars": truth.n_cars,
         "n_candidates": everything.num_rows,
         "rows": rows,
-        "stereo": {"car": {"density": 0.93, "end_point_error_px": 1.2, "share_over_3_px": 0.18}},
+        "stereo": {"splits": {"test": {"car": _STEREO, "elsewhere": _STEREO | {"wrong_share": 0.07}}}},
+        "tuning": {d: _tuning(w) for d, w in WEIGHTS.items()},
         "reasons": {},
     }
     (root / "metrics.json").write_text(json.dumps(metrics))
-    (root / "config.json").write_text(json.dumps({"seed": seed, "versions": {"rescore": "0.1.0"}}))
+    (root / "config.json").write_text(
+        json.dumps(
+            {"seed": seed, "stereo": {}, "config": {"preset": "fake"}, "versions": {"rescore": "0.1.0"}}
+        )
+    )
     return root
+
+
+_STEREO = {"density": 0.93, "end_point_error_px": 1.25, "wrong_share": 0.18, "wrong_share_measured": None}
+
+
+def _tuning(w: float) -> dict[str, object]:
+    grid = np.linspace(0, 1, 21)
+    value = [None, *(0.7 - 0.3 * (grid[1:] - w) ** 2).tolist()]
+    return {"w": w, "objective_name": "average_precision", "w_grid": grid.tolist(), "objective": value}
 
 
 def _summary(match: MatchTable) -> dict[str, object]:

@@ -1,0 +1,23 @@
+from pathlib import Path
+
+import pytest
+import rerun as rr
+from fake_run import make_run
+
+from reports.run_folder import Run, load_run
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _strict_rerun():
+    """Without it, a value of the wrong shape would be a warning and the data would be missing."""
+    rr.set_strict_mode(True)
+
+
+@pytest.fixture(scope="session")
+def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(tmp_path_factory.mktemp("run"), n_frames=5)
+
+
+@pytest.fixture(scope="session")
+def run(run_dir: Path) -> Run:
+    return load_run(run_dir)

@@ -1,0 +1,94 @@
+"""The curves of a run and their pictures."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from reports.curves import curve_sets, match_table, scores
+from reports.palette import detector_colour
+from reports.roc import draw_candidate_roc, draw_car_roc, draw_weight, styles, write_curves
+from reports.run_folder import Run, boxes_px
+from rescore.formats.coco import read_dataset
+from rescore.matching import TruthTable, greedy_match, ranking_of
+from rescore.metrics import candidate_roc, recall_curve, summarise
+
+
+def test_curves_are_those_of_rescore_metrics_on_a_fresh_match(run: Run):
+    truth = TruthTable.of(read_dataset(run.root / "data").split("test"))
+    for curves in curve_sets(run):
+        rows = run.of(curves.detector)
+        ranking = ranking_of(scores(run, curves.detector, curves.mode), rows["detector_score"])
+        match = greedy_match(rows["image_id"], boxes_px(rows), ranking, truth)
+        for ours, theirs in ((curves.candidate, candidate_roc(match)), (curves.cars, recall_curve(match))):
+            np.testing.assert_array_equal(ours.x, theirs.x)
+            np.testing.assert_array_equal(ours.y, theirs.y)
+        assert curves.row["average_precision"] == summarise(match).average_precision
+
+
+def test_thresholds_are_scores_that_accept_what_the_point_counts(run: Run):
+    for curves in curve_sets(run):
+        match = match_table(run, curves.detector, curves.mode)
+        score = scores(run, curves.detector, curves.mode)
+        assert np.isinf(curves.cars.threshold[0])
+        for x, y, t in list(zip(curves.cars.x, curves.cars.y, curves.cars.threshold, strict=True))[1:]:
+            accepted = score >= t
+            assert y * match.n_cars == pytest.approx((match.outcome[accepted] == 0).sum())
+            assert x * match.n_images == pytest.approx(np.isin(match.outcome[accepted], [1, 2]).sum())
+
+
+def test_precision_times_accepted_is_the_number_of_hits(run: Run):
+    for curves in curve_sets(run):
+        accepted = np.arange(1, len(curves.precision.recall) + 1)
+        # every score of this run differs, so each point accepts one candidate more
+        hits = curves.precision.precision * accepted
+        np.testing.assert_allclose(hits, curves.precision.recall * run.metrics["n_cars"], atol=1e-9)
+
+
+def test_pictures_are_drawn_and_differ(run: Run, tmp_path: Path):
+    paths = write_curves(run, tmp_path)
+    names = ["candidate_roc.png", "car_roc.png", "precision_recall.png", "weight.png"]
+    assert [p.name for p in paths] == names
+    pictures = [cv2.imread(str(p)) for p in paths]
+    for picture in pictures:
+        assert min(picture.shape[:2]) >= 600
+        assert 5 < picture.std() < 128
+    assert not np.array_equal(pictures[0], pictures[1])
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
+
+
+def test_drawn_lines_are_the_curves_and_the_axes_say_what_they_count(run: Run):
+    curves = curve_sets(run)
+    axes = Figure().add_subplot()
+    draw_candidate_roc(axes, curves, run.metrics)
+    for line, c in zip(axes.lines, curves, strict=False):
+        np.testing.assert_array_equal(line.get_xydata().T, [c.candidate.x, c.candidate.y])
+    assert "share of the false candidates" in axes.get_xlabel()
+    axes = Figure().add_subplot()
+    draw_car_roc(axes, curves, run.metrics)
+    assert f"all {run.metrics['n_cars']} annotated cars" in axes.get_ylabel()
+    assert "per image" in axes.get_xlabel()
+    legend = [t.get_text() for t in axes.get_legend().get_texts()]
+    assert all(f"{c.row['average_precision']:.3f}" in text for text, c in zip(legend, curves, strict=True))
+
+
+def test_the_marked_weight_is_the_chosen_one_and_a_null_objective_is_left_out(run: Run):
+    axes = Figure().add_subplot()
+    tuning = {
+        "hog": {"w": 0.5, "w_grid": [0, 0.5, 1], "objective": [None, 0.8, 0.6], "objective_name": "auc"}
+    }
+    draw_weight(axes, tuning)
+    assert axes.lines[1].get_xydata().tolist() == [[0.5, 0.8]]
+    assert np.isnan(axes.lines[0].get_ydata()[0])
+
+
+def test_the_detector_alone_is_dashed_and_detectors_differ_in_colour(run: Run):
+    curves = curve_sets(run)
+    for c, style in zip(curves, styles(curves), strict=True):
+        assert (style["ls"] == "--") == (c.mode == "detector")
+    assert len({style["color"] for style in styles(curves)}) == 2
+    assert detector_colour("mine", ("hog", "mine", "yours")) != detector_colour(
+        "yours", ("hog", "mine", "yours")
+    )

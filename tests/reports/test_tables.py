@@ -1,0 +1,80 @@
+import io
+
+import numpy as np
+from rich.console import Console
+
+from reports.run_folder import Run
+from reports.tables import kind_table, reason_table, result_table, short_table, stereo_table, terminal_table
+
+
+def test_the_result_table_shows_metrics_json(run: Run):
+    table = result_table(run.metrics)
+    assert len(table.rows) == len(run.metrics["rows"]) == 4
+    for cells, row in zip(table.rows, run.metrics["rows"], strict=True):
+        shown = dict(zip(table.head, cells, strict=True))
+        assert float(shown["area (ROC)"]) == round(row["auc"], 3)
+        assert float(shown["average precision"]) == round(row["average_precision"], 3)
+        assert float(shown["recall ceiling"]) == round(row["recall_ceiling"], 3)
+        assert shown["w"] == f"{row['w']:.2f}"
+        assert shown["FP/image at 70%"] == f"{row['fppi_at_recall']['0.7']:.2f}"
+
+
+def test_what_is_undefined_or_never_reached_is_a_dash():
+    row = {
+        "detector": "mine",
+        "mode": "detector",
+        "w": None,
+        "auc": None,
+        "average_precision": float("nan"),
+        "recall_ceiling": 0.25,
+        "fppi_at_recall": {"0.5": None, "0.6": None, "0.7": None, "0.8": None},
+    }
+    cells = result_table({"rows": [row]}).rows[0]
+    assert cells == ("mine", "detector alone", *["–"] * 7, "0.250")
+
+
+def test_the_terminal_table_fits_80_columns(run: Run):
+    out = io.StringIO()
+    Console(file=out, width=80).print(terminal_table(run.metrics))
+    text = out.getvalue()
+    assert "…" not in text
+    assert max(len(line) for line in text.splitlines()) <= 80
+    for row in run.metrics["rows"]:
+        assert f"{row['auc']:.3f}" in text
+
+
+def test_markdown_has_one_cell_a_column(run: Run):
+    lines = short_table(run.metrics, levels=("0.7",)).markdown().splitlines()
+    assert {line.count("|") for line in lines} == {7}
+    assert lines[1].startswith("| --- | ---: |")
+
+
+def test_reasons_count_every_candidate_once():
+    columns = {
+        "detector": np.array(["a", "a", "a", "b"], object),
+        "status": np.array(["no_outline", "ok", "ok", "ok"], object),
+    }
+    table = reason_table(columns, ["a", "b"])
+    assert table.rows == (
+        ("depth compared", "2 (67%)", "1 (100%)"),
+        ("no outline found", "1 (33%)", "0 (0%)"),
+    )
+
+
+def test_kinds_count_false_alarms_alone():
+    columns = {
+        "detector": np.array(["a", "a", "a", "b"], object),
+        "outcome_detector": np.array(["false_alarm", "hit", "false_alarm", "duplicate"], object),
+        "kind": np.array(["low_wall", "car", "hedge", "car"], object),
+    }
+    table = kind_table(columns, ["a", "b"])
+    assert table is not None
+    assert table.rows == (("hedge", "1", "0"), ("low wall", "1", "0"))
+    assert kind_table(columns | {"kind": np.array([""] * 4, object)}, ["a", "b"]) is None
+
+
+def test_stereo_errors_are_listed_by_split_and_region(run: Run):
+    table = stereo_table(run.metrics["stereo"])
+    assert table is not None
+    assert table.rows[0] == ("test", "cars", "93.0%", "1.25", "18.0%", "–")
+    assert stereo_table({}) is None
