@@ -1,26 +1,27 @@
 """The painted body of a car as a smooth lofted surface: profile curves, cross-sections and end caps.
 
-Only the left half (y >= 0) is built. Along the car the station t counts metres from the nose; the section at a
-station goes from the middle of the underside over the sill, the side and the roof edge to the middle of the top.
+Only the left half (y >= 0) is built. Along the car the station t counts metres from the nose; the
+section at a station goes from the middle of the underside over the sill, the side and the roof edge to the
+middle of the top.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from datasets_synth.car_shapes import CarShape
-from datasets_synth.mesh_build import Floats, Soup, grid_corners, join, soup_of
+from datasets_synth.mesh_build import Floats, Soup, grid_corners, join, smooth_normals, soup_of
 
 BOTTOM, SIDE, TOP, FRONT_CAP, REAR_CAP = range(5)
 """Zones of the body's faces."""
 
-_STATIONS = 66
+_STATIONS = 56
 _SIDE_ROWS_LOW = 8
-_SIDE_ROWS_HIGH = 5
 _CROWN_ROWS = 6
-_CAP_COLUMNS = 9
+_CAP_COLUMNS = 8
 _CREASE_RAD = float(np.deg2rad(38.0))
 
 
@@ -47,6 +48,11 @@ class BodyLines:
     """The curves that define the body of a shape."""
 
     shape: CarShape
+
+    @property
+    def side_rows_high(self) -> int:
+        """Rows of faces between belt and roof edge: none higher than about 12 cm."""
+        return max(4, round((self.shape.height - self.shape.belt_front_z) / 0.12))
 
     @cached_property
     def profile(self) -> tuple[Floats, Floats]:
@@ -113,7 +119,7 @@ class BodyLines:
         belt = self.belt_z(t)
         h = np.clip((z - s.clearance) / (belt - s.clearance), 0, None)
         y = self._plan_half_width(t) - 0.075 * np.clip(1 - h / 0.4, 0, 1) ** 2
-        # A shallow hollow under the shoulder line, a swelling over the sill: what makes doors look like sheet metal.
+        # A shallow hollow under the shoulder line, a tuck over the sill: doors look like sheet metal.
         y = y - 0.018 * np.exp(-(((h - 0.62) / 0.14) ** 2)) - 0.02 * np.clip((h - 0.82) / 0.18, 0, 1) ** 2
         soft = 0.02
         above = soft * np.logaddexp(0, (z - belt) / soft)
@@ -177,7 +183,7 @@ def _smooth_curve(points: Floats, corners: list[tuple[float, float]]) -> tuple[F
     """A dense curve: parabolas between corners through the point between them, the corners then rounded."""
     rows = [i for i, p in enumerate(points) if (float(p[0]), float(p[1])) in corners]
     pieces = []
-    for i, j in zip(rows[:-1], rows[1:], strict=True):
+    for i, j in pairwise(rows):
         u = np.linspace(0, 1, 200, endpoint=False)[:, None]
         a, b = points[i], points[j]
         if j == i + 2:
@@ -206,7 +212,7 @@ def loft_body(lines: BodyLines) -> Soup:
     shape = lines.shape
     t = lines.stations()
     section_y, section_z = _sections(lines, t)
-    n_side = _SIDE_ROWS_LOW + _SIDE_ROWS_HIGH
+    n_side = _SIDE_ROWS_LOW + lines.side_rows_high
     shifted = t[:, None] + lines.end_shift(t[:, None], section_y, section_z)
     points = np.stack([shifted, section_y, section_z], axis=-1)
     bottom_row = np.stack([shifted[:, :1], 0 * section_y[:, :1], section_z[:, :1]], axis=-1)
@@ -225,20 +231,20 @@ def loft_body(lines: BodyLines) -> Soup:
         along = {FRONT_CAP: np.zeros((1, 1)), REAR_CAP: np.full((1, 1), shape.length)}.get(zone, t[:, None])
         station = np.broadcast_to(along, grid.shape[:2])
         corners = grid_corners(np.stack([x, y, grid[..., 2], station], axis=-1), flip=zone == FRONT_CAP)
-        soups.append(soup_of(corners[..., :3], zone, crease_rad=_CREASE_RAD, station=corners[..., 3]))
+        soups.append(soup_of(corners[..., :3], zone=zone, crease_rad=_CREASE_RAD, station=corners[..., 3]))
     return _with_common_normals(join(soups))
 
 
 def _with_common_normals(soup: Soup) -> Soup:
     """The soup with normals smoothed across its zones."""
-    both = join([soup, Soup(  # the mirror half, so that normals on the middle plane come out symmetric
-        (soup.corners_m * [1, -1, 1])[:, ::-1], soup.normals, soup.zone, soup.material, soup.part, soup.station)])  # fmt: skip
-    whole = soup_of(both.corners_m, crease_rad=_CREASE_RAD)
-    return replace(soup, normals=whole.normals[: len(soup)])
+    # With the other half, so that normals on the middle plane come out symmetric.
+    other = (soup.corners_m * [1.0, -1.0, 1.0])[:, ::-1]
+    whole = smooth_normals(np.concatenate([soup.corners_m, other]), _CREASE_RAD)
+    return replace(soup, normals=whole[: len(soup)])
 
 
 def _sections(lines: BodyLines, t: Floats) -> tuple[Floats, Floats]:
-    """Half-sections at stations t: y and z, shape (stations, rows), from the sill to the middle of the top."""
+    """Half-sections at stations t: y and z, shape (stations, rows), from sill to middle of the top."""
     s = lines.shape
     edge, crown = lines.edge_z(t), lines.crown(t)
     belt = np.minimum(lines.belt_z(t), s.clearance + 0.86 * (edge - s.clearance))
@@ -248,7 +254,7 @@ def _sections(lines: BodyLines, t: Floats) -> tuple[Floats, Floats]:
         + 0.08 * np.clip(1 - (s.length - t) / 0.6, 0, 1) ** 2
     )
     low = np.linspace(0, 1, _SIDE_ROWS_LOW + 1)
-    high = np.linspace(0, 1, _SIDE_ROWS_HIGH + 1)[1:]
+    high = np.linspace(0, 1, lines.side_rows_high + 1)[1:]
     z_low = bottom[:, None] + (belt - bottom)[:, None] * low
     z_high = belt[:, None] + (edge - belt)[:, None] * high
     z_side = np.concatenate([z_low, z_high], axis=1)

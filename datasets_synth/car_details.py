@@ -1,5 +1,7 @@
 """Things that stand on the body: wheels, mirrors, handles, roof rails."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from datasets_synth.car_body import BodyLines
@@ -10,6 +12,7 @@ from datasets_synth.parts import PART_LABEL
 _AROUND = 32
 """Corners of a wheel's circle."""
 TYRE_WIDTH_M = 0.205
+_CREASE_RAD = float(np.deg2rad(50))
 
 
 def wheel(lines: BodyLines, axle_t: float, part: str) -> Soup:
@@ -23,26 +26,29 @@ def wheel(lines: BodyLines, axle_t: float, part: str) -> Soup:
     label = PART_LABEL[part]
     shoulder = 0.985 * r
     tyre_rings = [
-        (rim_r, inner + 0.03), (0.95 * r, inner), (r, inner + 0.03), (r, outer - 0.04), (shoulder, outer - 0.018),
-        (0.94 * r, outer - 0.003), (rim_r, outer - 0.012),
+        (rim_r, inner + 0.03), (0.95 * r, inner), (r, inner + 0.03), (r, outer - 0.04),
+        (shoulder, outer - 0.018), (0.94 * r, outer - 0.003), (rim_r, outer - 0.012),
     ]  # fmt: skip
     lip = [(rim_r, outer - 0.012), (0.94 * rim_r, outer - 0.006), (0.90 * rim_r, outer - 0.022)]
     dish = [(0.90 * rim_r, outer - 0.022), (0.88 * rim_r, outer - 0.09), (0.0, outer - 0.09)]
     pieces = [
-        soup_of(_lathe(tyre_rings, centre), 0, Finish.TYRE, label, np.deg2rad(50)),
-        soup_of(_lathe(lip, centre), 0, Finish.RIM, label, np.deg2rad(50)),
-        soup_of(_lathe(dish, centre), 0, Finish.DARK, label),
-        soup_of(_lathe([(rim_r, inner + 0.03), (0.0, inner + 0.03)][::-1], centre), 0, Finish.DARK, label),
-        soup_of(_spokes(s.spokes, 0.92 * rim_r, outer - 0.02, centre), 0, Finish.RIM, label),
+        soup_of(_lathe(tyre_rings, centre), material=Finish.TYRE, part=label, crease_rad=_CREASE_RAD),
+        soup_of(_lathe(lip, centre), material=Finish.RIM, part=label, crease_rad=_CREASE_RAD),
+        soup_of(_lathe(dish, centre), material=Finish.DARK, part=label),
+        soup_of(
+            _lathe([(rim_r, inner + 0.03), (0.0, inner + 0.03)][::-1], centre),
+            material=Finish.DARK,
+            part=label,
+        ),
+        soup_of(_spokes(s.spokes, 0.92 * rim_r, outer - 0.02, centre), material=Finish.RIM, part=label),
     ]
     return join(pieces)
 
 
 def _lathe(rings: list[tuple[float, float]], centre: Floats) -> Floats:
-    """Faces of a surface of revolution about the y axis through centre; rings are (radius, y), inside to outside."""
+    """Faces of a surface of revolution about the y axis through centre; rings are (radius, y)."""
     angle = np.linspace(0, 2 * np.pi, _AROUND + 1)
     angle[-1] = 0.0
-    # Half a step: the lowest points of the polygon's tread lie on the ground.
     radius, y = np.array(rings).T[..., None]
     points = np.stack(
         [
@@ -81,7 +87,7 @@ def _spokes(count: int, radius: float, y: float, centre: Floats) -> Floats:
         axis=-1,
     )
     middle = np.array([centre[0], y + 0.012, centre[2]])
-    faces += [np.stack([middle, b, a]) for a, b in zip(rim[:-1], rim[1:], strict=True)]
+    faces += [np.stack([middle, b, a]) for a, b in pairwise(rim)]
     return np.stack(faces)
 
 
@@ -119,14 +125,17 @@ def mirror(lines: BodyLines) -> Soup:
     finish = Finish.CLADDING if s.body_type == "van" else Finish.PAINT
     return join(
         [
-            soup_of(ellipsoid(centre, radii), 0, finish, label),
+            soup_of(ellipsoid(centre, radii), material=finish, part=label),
             soup_of(
                 ellipsoid((x - 0.062, centre[1], z), (0.018, radii[1] * 0.9, radii[2] * 0.85), rings=4),
-                0,
-                Finish.GLASS,
-                label,
+                material=Finish.GLASS,
+                part=label,
             ),
-            soup_of(ellipsoid((x, y + 0.02, z - 0.05), (0.05, 0.06, 0.02), rings=4), 0, Finish.TRIM, label),
+            soup_of(
+                ellipsoid((x, y + 0.02, z - 0.05), (0.05, 0.06, 0.02), rings=4),
+                material=Finish.TRIM,
+                part=label,
+            ),
         ]
     )
 
@@ -140,7 +149,9 @@ def handle(lines: BodyLines, t: float) -> Soup:
     recess = ellipsoid((0.5 * s.length - t, y - 0.002, z - 0.004), (0.115, 0.006, 0.030), rings=4)
     grip = ellipsoid((0.5 * s.length - t, y + 0.018, z + 0.004), (0.10, 0.016, 0.013), rings=4)
     label = PART_LABEL["left_body"]
-    return join([soup_of(recess, 0, Finish.SEAM, label), soup_of(grip, 0, finish, label)])
+    return join(
+        [soup_of(recess, material=Finish.SEAM, part=label), soup_of(grip, material=finish, part=label)]
+    )
 
 
 def roof_rail(lines: BodyLines) -> Soup:
@@ -152,7 +163,7 @@ def roof_rail(lines: BodyLines) -> Soup:
     z = lines.edge_z(t) + crown * 0.80
     lift = 0.030 * np.clip(np.minimum(np.arange(14), np.arange(14)[::-1]) / 1.0, 0, 1)
     around = np.linspace(0, 2 * np.pi, 7)
-    radius = 0.016
+    radius = 0.016 * (lift > 0)[:, None]  # closed at both ends
     points = np.stack(
         [
             np.broadcast_to((0.5 * s.length - t)[:, None], (14, 7)),
@@ -161,4 +172,6 @@ def roof_rail(lines: BodyLines) -> Soup:
         ],
         axis=-1,
     )
-    return soup_of(grid_corners(points), 0, Finish.CHROME, PART_LABEL["roof"], np.deg2rad(70))
+    return soup_of(
+        grid_corners(points), material=Finish.CHROME, part=PART_LABEL["roof"], crease_rad=np.deg2rad(70)
+    )

@@ -1,7 +1,7 @@
 """What is drawn on the lofted body: parts, windows, seams, lamps, grille, plates, wheel arches.
 
-Every region is a level function over the surface. The surface is cut along its outline, so that outlines are sharp
-at any size.
+Every region is a level function over the surface. The surface is cut along its outline, so that outlines are
+sharp at any size.
 """
 
 from collections.abc import Callable
@@ -90,6 +90,7 @@ def _paint(
     zones: tuple[int, ...],
     levels: Level | tuple[Level, ...],
     finish: Finish | None = None,
+    *,
     part: str | None = None,
     only: Finish | None = None,
 ) -> Soup:
@@ -115,14 +116,19 @@ def _zones_to_parts(soup: Soup, lines: BodyLines) -> Soup:
     s = lines.shape
     rear_top = "trunk" if s.has_deck else "rear"
     steps = (
-        (s.length, rear_top), (s.tail_t, "rear_window"), (s.roof_rear_t, "roof"), (s.roof_front_t, "windshield"),
+        (s.tail_t, "rear_window"), (s.roof_rear_t, "roof"), (s.roof_front_t, "windshield"),
         (s.cowl_t, "hood"), (0.06, "front"),
     )  # fmt: skip
     out = soup.painted(soup.zone == BOTTOM, int(Finish.DARK))
     for zone, part in ((SIDE, "left_body"), (FRONT_CAP, "front"), (REAR_CAP, "rear"), (TOP, rear_top)):
         out = out.painted(out.zone == zone, part=PART_LABEL[part])
-    for limit, part in steps[1:]:
-        out = _paint(out, lines, (TOP,), lambda p, limit=limit: p.s - limit, part=part)  # type: ignore[misc]
+    for limit, part in steps:
+
+        def ahead(p: Points, limit: float = limit) -> Floats:
+            return p.s - limit
+
+        out = _paint(out, lines, (TOP,), ahead, part=part)
+
     # Round corners of nose and tail belong to the face that they turn into.
     out = _paint(out, lines, (SIDE,), lambda p: p.t - 0.10, part="front")
     return _paint(out, lines, (SIDE,), lambda p: s.length - 0.10 - p.t, part="rear")
@@ -138,9 +144,11 @@ def _low_trim(soup: Soup, lines: BodyLines) -> Soup:
         return out
     radius = arch_radius(lines) + 0.065
     for axle in s.axles_t:
-        out = _paint(
-            out, lines, (SIDE,), lambda p, a=axle: np.hypot(p.t - a, p.z - s.wheel_radius) - radius, Finish.CLADDING
-        )  # type: ignore[misc]  # fmt: skip
+
+        def ring(p: Points, axle: float = axle) -> Floats:
+            return np.hypot(p.t - axle, p.z - s.wheel_radius) - radius
+
+        out = _paint(out, lines, (SIDE,), ring, Finish.CLADDING)
     return out
 
 
@@ -188,7 +196,7 @@ def _side_windows(soup: Soup, lines: BodyLines) -> Soup:
         over_belt = lines.belt_z(p.s) + 0.012 - p.z
         return smooth_max(under_roof, over_belt, _window_end(p, lines), radius=0.06)
 
-    out = _paint(soup, lines, (SIDE,), opening, Finish.SEAL, "left_windows")
+    out = _paint(soup, lines, (SIDE,), opening, Finish.SEAL, part="left_windows")
 
     out = _paint(out, lines, (SIDE,), lambda p: opening(p) + 0.022, Finish.GLASS)
     for centre, width in _pillars(lines):
@@ -233,7 +241,7 @@ def _windscreen(soup: Soup, lines: BodyLines) -> Soup:
         side = p.y - _top_half_width(lines, p.s) + 0.035
         return smooth_max(side, s.cowl_t - p.s, p.s - s.roof_front_t + 0.0, radius=0.06)
 
-    out = _paint(soup, lines, (TOP,), level, Finish.SEAL, "windshield")
+    out = _paint(soup, lines, (TOP,), level, Finish.SEAL, part="windshield")
     return _paint(out, lines, (TOP,), lambda p: level(p) + 0.022, Finish.GLASS)
 
 
@@ -246,7 +254,7 @@ def _rear_window(soup: Soup, lines: BodyLines) -> Soup:
         head, foot = lines.top_z(np.array([s.roof_rear_t, s.tail_t])) - [0.05, -0.07]
         return smooth_max(side, s.roof_rear_t - 0.05 - p.s, p.z - head, foot - p.z, radius=0.06)
 
-    out = _paint(soup, lines, (TOP,), level, Finish.SEAL, "rear_window")
+    out = _paint(soup, lines, (TOP,), level, Finish.SEAL, part="rear_window")
     return _paint(out, lines, (TOP,), lambda p: level(p) + 0.018, Finish.GLASS)
 
 
@@ -302,7 +310,8 @@ def _front_face(soup: Soup, lines: BodyLines) -> Soup:
 
         return (lambda p: z0 - p.z, lambda p: p.z - z1, side)
 
-    def box(y0: float, z0: float, y1: float, z1: float, slant: float = 0.0, corner: float = 0.02) -> Level:
+    def box(*limits: float, slant: float = 0.0, corner: float = 0.02) -> Level:
+        y0, z0, y1, z1 = limits
         return lambda p: box_level(wrapped(p), p.z - slant * (wrapped(p) - y0), (y0, z0, y1, z1), corner)
 
     tall = s.body_type in ("suv", "van", "pickup")
@@ -386,7 +395,9 @@ def _bed(soup: Soup, lines: BodyLines) -> Soup:
     out, inside = _divide(soup, lines, (TOP,), *outline)
     hub = np.array([0.5 * (s.length - start - end), 0.0, 0.0])
     floor = s.wheel_radius + arch_radius(lines) + 0.02  # above the wheel wells
-    return recess(out, inside, 2, floor, hub, int(Finish.CLADDING), PART_LABEL["trunk"])
+    return recess(
+        out, inside, axis=2, floor=floor, hub_m=hub, material=Finish.CLADDING, part=PART_LABEL["trunk"]
+    )
 
 
 def _wheel_wells(soup: Soup, lines: BodyLines) -> Soup:
@@ -400,5 +411,7 @@ def _wheel_wells(soup: Soup, lines: BodyLines) -> Soup:
 
         out, inside = _divide(out, lines, (SIDE, BOTTOM), circle, lambda p: inner - p.y)
         hub = np.array([0.5 * s.length - axle, 0.0, s.wheel_radius])
-        out = recess(out, inside, 1, inner, hub, int(Finish.DARK), PART_LABEL["left_body"])
+        out = recess(
+            out, inside, axis=1, floor=inner, hub_m=hub, material=Finish.DARK, part=PART_LABEL["left_body"]
+        )
     return out

@@ -11,7 +11,7 @@ SHAPES_PER_TYPE = 8
 
 @dataclass(frozen=True)
 class CarShape:
-    """Measures of one car in metres. Stations are distances from the nose (t), heights are above ground (z)."""
+    """Measures of one car in metres. Stations (t) count from the nose, heights (z) from the ground."""
 
     shape_id: str
     body_type: str
@@ -68,68 +68,100 @@ class CarShape:
 # windscreen behind the cowl, "cowl" is measured from the front axle.
 _Range = tuple[float, float]
 _RANGES: dict[str, dict[str, _Range]] = {
-    "hatchback": dict(
-        length=(3.65, 4.40), width=(1.68, 1.82), height=(1.44, 1.56), overhang=(0.76, 0.88), rear_axle=(0.60, 0.76),
-        wheel_radius=(0.295, 0.335), clearance=(0.17, 0.20), hood_z=(0.70, 0.80), cowl=(0.22, 0.40),
-        cowl_z=(0.95, 1.03), screen=(0.72, 0.95), rear_roof=(0.38, 0.66), roof_drop=(0.04, 0.09),
-        rear_tail=(0.07, 0.16), tail_z=(0.94, 1.04), deck_drop=(0.03, 0.06), belt=(0.88, 0.94), belt_rise=(0.02, 0.09),
-        lean=(14, 20), pillar=(0.54, 0.60),
-    ),
-    "sedan": dict(
-        length=(4.35, 5.10), width=(1.74, 1.90), height=(1.40, 1.50), overhang=(0.80, 0.94), rear_axle=(0.95, 1.10),
-        wheel_radius=(0.305, 0.345), clearance=(0.16, 0.19), hood_z=(0.68, 0.76), cowl=(0.40, 0.62),
-        cowl_z=(0.93, 1.00), screen=(0.72, 0.92), rear_roof=(1.30, 1.52), roof_drop=(0.03, 0.07),
-        rear_tail=(0.52, 0.80), tail_z=(1.01, 1.09), deck_drop=(0.02, 0.06), belt=(0.88, 0.93), belt_rise=(0.03, 0.09),
-        lean=(18, 24), pillar=(0.52, 0.57),
-    ),
-    "estate": dict(
-        length=(4.40, 4.98), width=(1.74, 1.88), height=(1.43, 1.54), overhang=(0.80, 0.94), rear_axle=(0.95, 1.10),
-        wheel_radius=(0.305, 0.345), clearance=(0.16, 0.20), hood_z=(0.69, 0.77), cowl=(0.36, 0.56),
-        cowl_z=(0.93, 1.00), screen=(0.72, 0.92), rear_roof=(0.34, 0.62), roof_drop=(0.05, 0.10),
-        rear_tail=(0.08, 0.18), tail_z=(0.98, 1.06), deck_drop=(0.03, 0.06), belt=(0.88, 0.93), belt_rise=(0.02, 0.08),
-        lean=(17, 22), pillar=(0.52, 0.57),
-    ),
-    "suv": dict(
-        length=(4.15, 4.95), width=(1.80, 1.98), height=(1.60, 1.80), overhang=(0.78, 0.92), rear_axle=(0.74, 0.95),
-        wheel_radius=(0.335, 0.380), clearance=(0.22, 0.27), hood_z=(0.90, 1.02), cowl=(0.32, 0.55),
-        cowl_z=(1.10, 1.20), screen=(0.62, 0.85), rear_roof=(0.30, 0.60), roof_drop=(0.04, 0.10),
-        rear_tail=(0.07, 0.16), tail_z=(1.10, 1.20), deck_drop=(0.03, 0.06), belt=(1.04, 1.11), belt_rise=(0.02, 0.09),
-        lean=(13, 19), pillar=(0.53, 0.58),
-    ),
-    "van": dict(
-        length=(4.40, 5.50), width=(1.82, 2.02), height=(1.82, 2.25), overhang=(0.86, 0.98), rear_axle=(0.75, 1.00),
-        wheel_radius=(0.315, 0.350), clearance=(0.20, 0.24), hood_z=(0.92, 1.04), cowl=(-0.05, 0.22),
-        cowl_z=(1.16, 1.28), screen=(0.62, 0.85), rear_roof=(0.10, 0.22), roof_drop=(0.02, 0.05),
-        rear_tail=(0.03, 0.06), tail_z=(1.12, 1.25), deck_drop=(0.02, 0.04), belt=(1.06, 1.14), belt_rise=(0.0, 0.03),
-        lean=(5, 9), pillar=(0.42, 0.46),
-    ),
-    "minivan": dict(
-        length=(4.30, 5.10), width=(1.78, 1.96), height=(1.60, 1.84), overhang=(0.84, 0.96), rear_axle=(0.72, 0.98),
-        wheel_radius=(0.310, 0.345), clearance=(0.17, 0.20), hood_z=(0.78, 0.88), cowl=(-0.02, 0.22),
-        cowl_z=(1.06, 1.14), screen=(0.85, 1.10), rear_roof=(0.24, 0.46), roof_drop=(0.03, 0.08),
-        rear_tail=(0.05, 0.12), tail_z=(1.06, 1.16), deck_drop=(0.03, 0.05), belt=(0.95, 1.02), belt_rise=(0.02, 0.08),
-        lean=(10, 15), pillar=(0.50, 0.55),
-    ),
-    "pickup": dict(
-        length=(5.05, 5.55), width=(1.80, 1.98), height=(1.74, 1.90), overhang=(0.86, 0.96), rear_axle=(1.10, 1.28),
-        wheel_radius=(0.360, 0.400), clearance=(0.28, 0.34), hood_z=(1.00, 1.10), cowl=(0.50, 0.68),
-        cowl_z=(1.18, 1.26), screen=(0.58, 0.75), rear_roof=(1.80, 2.25), roof_drop=(0.03, 0.06),
-        rear_tail=(1.58, 1.95), tail_z=(1.16, 1.24), deck_drop=(0.00, 0.02), belt=(1.12, 1.18), belt_rise=(0.0, 0.04),
-        lean=(13, 18), pillar=(0.48, 0.53),
-    ),
-    "coupe": dict(
-        length=(4.10, 4.75), width=(1.76, 1.92), height=(1.26, 1.40), overhang=(0.82, 0.96), rear_axle=(0.80, 1.00),
-        wheel_radius=(0.315, 0.350), clearance=(0.13, 0.16), hood_z=(0.62, 0.70), cowl=(0.48, 0.72),
-        cowl_z=(0.88, 0.95), screen=(0.75, 0.95), rear_roof=(1.35, 1.65), roof_drop=(0.03, 0.07),
-        rear_tail=(0.36, 0.62), tail_z=(0.93, 1.01), deck_drop=(0.02, 0.05), belt=(0.83, 0.88), belt_rise=(0.04, 0.10),
-        lean=(20, 26), pillar=(0.60, 0.66),
-    ),
+    "hatchback": {
+        "length": (3.65, 4.40), "width": (1.68, 1.82), "height": (1.44, 1.56),
+        "overhang": (0.76, 0.88), "rear_axle": (0.60, 0.76),
+        "wheel_radius": (0.295, 0.335), "clearance": (0.17, 0.20), "hood_z": (0.70, 0.80),
+        "cowl": (0.22, 0.40),
+        "cowl_z": (0.95, 1.03), "screen": (0.72, 0.95), "rear_roof": (0.38, 0.66),
+        "roof_drop": (0.04, 0.09),
+        "rear_tail": (0.07, 0.16), "tail_z": (0.94, 1.04), "deck_drop": (0.03, 0.06),
+        "belt": (0.88, 0.94), "belt_rise": (0.02, 0.09),
+        "lean": (14, 20), "pillar": (0.54, 0.60),
+    },
+    "sedan": {
+        "length": (4.35, 5.10), "width": (1.74, 1.90), "height": (1.40, 1.50),
+        "overhang": (0.80, 0.94), "rear_axle": (0.95, 1.10),
+        "wheel_radius": (0.305, 0.345), "clearance": (0.16, 0.19), "hood_z": (0.68, 0.76),
+        "cowl": (0.40, 0.62),
+        "cowl_z": (0.93, 1.00), "screen": (0.72, 0.92), "rear_roof": (1.30, 1.52),
+        "roof_drop": (0.03, 0.07),
+        "rear_tail": (0.52, 0.80), "tail_z": (1.01, 1.09), "deck_drop": (0.02, 0.06),
+        "belt": (0.88, 0.93), "belt_rise": (0.03, 0.09),
+        "lean": (18, 24), "pillar": (0.52, 0.57),
+    },
+    "estate": {
+        "length": (4.40, 4.98), "width": (1.74, 1.88), "height": (1.43, 1.54),
+        "overhang": (0.80, 0.94), "rear_axle": (0.95, 1.10),
+        "wheel_radius": (0.305, 0.345), "clearance": (0.16, 0.20), "hood_z": (0.69, 0.77),
+        "cowl": (0.36, 0.56),
+        "cowl_z": (0.93, 1.00), "screen": (0.72, 0.92), "rear_roof": (0.34, 0.62),
+        "roof_drop": (0.05, 0.10),
+        "rear_tail": (0.08, 0.18), "tail_z": (0.98, 1.06), "deck_drop": (0.03, 0.06),
+        "belt": (0.88, 0.93), "belt_rise": (0.02, 0.08),
+        "lean": (17, 22), "pillar": (0.52, 0.57),
+    },
+    "suv": {
+        "length": (4.15, 4.95), "width": (1.80, 1.98), "height": (1.60, 1.80),
+        "overhang": (0.78, 0.92), "rear_axle": (0.74, 0.95),
+        "wheel_radius": (0.335, 0.380), "clearance": (0.22, 0.27), "hood_z": (0.90, 1.02),
+        "cowl": (0.32, 0.55),
+        "cowl_z": (1.10, 1.20), "screen": (0.62, 0.85), "rear_roof": (0.30, 0.60),
+        "roof_drop": (0.04, 0.10),
+        "rear_tail": (0.07, 0.16), "tail_z": (1.10, 1.20), "deck_drop": (0.03, 0.06),
+        "belt": (1.04, 1.11), "belt_rise": (0.02, 0.09),
+        "lean": (13, 19), "pillar": (0.53, 0.58),
+    },
+    "van": {
+        "length": (4.40, 5.50), "width": (1.82, 2.02), "height": (1.82, 2.25),
+        "overhang": (0.86, 0.98), "rear_axle": (0.75, 1.00),
+        "wheel_radius": (0.315, 0.350), "clearance": (0.20, 0.24), "hood_z": (0.92, 1.04),
+        "cowl": (-0.05, 0.22),
+        "cowl_z": (1.16, 1.28), "screen": (0.62, 0.85), "rear_roof": (0.10, 0.22),
+        "roof_drop": (0.02, 0.05),
+        "rear_tail": (0.03, 0.06), "tail_z": (1.12, 1.25), "deck_drop": (0.02, 0.04),
+        "belt": (1.06, 1.14), "belt_rise": (0.0, 0.03),
+        "lean": (5, 9), "pillar": (0.42, 0.46),
+    },
+    "minivan": {
+        "length": (4.30, 5.10), "width": (1.78, 1.96), "height": (1.60, 1.84),
+        "overhang": (0.84, 0.96), "rear_axle": (0.72, 0.98),
+        "wheel_radius": (0.310, 0.345), "clearance": (0.17, 0.20), "hood_z": (0.78, 0.88),
+        "cowl": (-0.02, 0.22),
+        "cowl_z": (1.06, 1.14), "screen": (0.85, 1.10), "rear_roof": (0.24, 0.46),
+        "roof_drop": (0.03, 0.08),
+        "rear_tail": (0.05, 0.12), "tail_z": (1.06, 1.16), "deck_drop": (0.03, 0.05),
+        "belt": (0.95, 1.02), "belt_rise": (0.02, 0.08),
+        "lean": (10, 15), "pillar": (0.50, 0.55),
+    },
+    "pickup": {
+        "length": (5.05, 5.55), "width": (1.80, 1.98), "height": (1.74, 1.90),
+        "overhang": (0.86, 0.96), "rear_axle": (1.10, 1.28),
+        "wheel_radius": (0.360, 0.400), "clearance": (0.28, 0.34), "hood_z": (1.00, 1.10),
+        "cowl": (0.50, 0.68),
+        "cowl_z": (1.18, 1.26), "screen": (0.58, 0.75), "rear_roof": (1.80, 2.25),
+        "roof_drop": (0.03, 0.06),
+        "rear_tail": (1.58, 1.95), "tail_z": (1.16, 1.24), "deck_drop": (0.00, 0.02),
+        "belt": (1.12, 1.18), "belt_rise": (0.0, 0.04),
+        "lean": (13, 18), "pillar": (0.48, 0.53),
+    },
+    "coupe": {
+        "length": (4.10, 4.75), "width": (1.76, 1.92), "height": (1.26, 1.40),
+        "overhang": (0.82, 0.96), "rear_axle": (0.80, 1.00),
+        "wheel_radius": (0.315, 0.350), "clearance": (0.13, 0.16), "hood_z": (0.62, 0.70),
+        "cowl": (0.48, 0.72),
+        "cowl_z": (0.88, 0.95), "screen": (0.75, 0.95), "rear_roof": (1.35, 1.65),
+        "roof_drop": (0.03, 0.07),
+        "rear_tail": (0.36, 0.62), "tail_z": (0.93, 1.01), "deck_drop": (0.02, 0.05),
+        "belt": (0.83, 0.88), "belt_rise": (0.04, 0.10),
+        "lean": (20, 26), "pillar": (0.60, 0.66),
+    },
 }  # fmt: skip
 
 
 @lru_cache(maxsize=1)
 def car_shapes() -> tuple[CarShape, ...]:
-    """All shapes of the family, always the same, `SHAPES_PER_TYPE` of each body type, spread over its ranges."""
+    """All shapes of the family, always the same: `SHAPES_PER_TYPE` of each body type."""
     shapes: list[CarShape] = []
     for number, body_type in enumerate(BODY_TYPES):
         rng = np.random.default_rng([20090411, number])

@@ -23,7 +23,7 @@ def box_level(u: Floats, v: Floats, box: tuple[float, float, float, float], corn
 
 
 def line_level(u: Floats, v: Floats, start: tuple[float, float], end: tuple[float, float]) -> Floats:
-    """Signed distance to the line through two points: positive to the right of start -> end (u right, v up)."""
+    """Signed distance to the line through two points: positive right of start -> end (u right, v up)."""
     du, dv = end[0] - start[0], end[1] - start[1]
     return np.asarray(((u - start[0]) * dv - (v - start[1]) * du) / np.hypot(du, dv))
 

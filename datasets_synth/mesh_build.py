@@ -15,7 +15,7 @@ from datasets_synth.mesh import Material, Mesh
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SNAP_M = 0.0015
+_SNAP_M = 0.0022
 """A corner nearer to the level line than this counts as lying on it: fewer slivers."""
 _MIN_AREA_M2 = 1e-10
 
@@ -67,6 +67,7 @@ class Soup:
 
 def soup_of(
     corners_m: Floats,
+    *,
     zone: int = 0,
     material: int = 0,
     part: int = 0,
@@ -219,7 +220,7 @@ def _split(soup: Soup, index: NDArray[np.intp], v: Floats, lone_sign: int) -> li
 
 
 def _between(a: Floats, b: Floats, va: Floats, vb: Floats) -> Floats:
-    """Where the value is 0 between a and b, computed from the negative end: the same for both faces of an edge."""
+    """Where the value is 0 between a and b, from the negative end: equal on both sides of an edge."""
     swap = (va > 0)[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)
     v_low, v_high = np.minimum(va, vb), np.maximum(va, vb)
@@ -259,7 +260,7 @@ def _edges(soup: Soup) -> Floats:
 
 
 def recess(
-    soup: Soup, inside: Mask, axis: int, floor: float, hub_m: Floats, material: int, part: int
+    soup: Soup, inside: Mask, *, axis: int, floor: float, hub_m: Floats, material: int, part: int
 ) -> Soup:
     """The surface with a hole instead of the faces inside, closed by walls along one axis and a flat floor.
 

@@ -1,0 +1,168 @@
+"""A user's own meshes: axes, materials, textures, parts, errors."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from datasets_synth.mesh_import import load_meshes
+from datasets_synth.parts import PART_LABEL
+from recon.errors import RescoreError
+
+BODY_M = (1.8, 1.4, 4.2)
+"""Width (x), height (y), length (z) of the test car: glTF axes."""
+
+
+def box_lines(
+    size: tuple[float, float, float], low: tuple[float, float, float], first: int
+) -> tuple[list[str], list[str]]:
+    """OBJ vertex and face lines of a box with outward faces."""
+    box = trimesh.creation.box(extents=size)
+    v = box.vertices + np.array(low) + np.array(size) / 2
+    return (
+        [f"v {x} {y} {z}" for x, y, z in v],
+        ["f " + " ".join(f"{i + first}/{i % 4 + 1}" for i in face) for face in box.faces],
+    )  # fmt: skip
+
+
+def write_obj(folder: Path, scale: float = 1.0) -> None:
+    """A body with a texture and a green nose plate (at +Z) in the group "front"."""
+    picture = np.zeros((4, 4, 3), np.uint8)
+    picture[:2, :, 0] = 255  # upper half red, lower half blue
+    picture[2:, :, 2] = 255
+    Image.fromarray(picture).save(folder / "skin.png")
+    (folder / "car.mtl").write_text(
+        "newmtl skin\nKd 1 1 1\nmap_Kd skin.png\n\nnewmtl green\nKd 0 0.5 0\nKs 1 1 1\nNs 80\n"
+    )
+    w, h, d = (scale * c for c in BODY_M)
+    body = box_lines((w, h, d), (3.0, 1.0, -1.0), 1)
+    nose = box_lines((w, 0.5 * h, 0.1 * scale), (3.0, 1.0, d - 1.0), 9)
+    lines = ["mtllib car.mtl", *body[0], *nose[0], "vt 0.1 0.9", "vt 0.9 0.9", "vt 0.9 0.1", "vt 0.1 0.1"]
+    lines += ["g shell", "usemtl skin", *body[1], "g front", "usemtl green", *nose[1]]
+    (folder / "car.obj").write_text("\n".join(lines) + "\n")
+
+
+def test_obj_with_two_materials_keeps_both_and_turns_the_axes(tmp_path: Path) -> None:
+    write_obj(tmp_path)
+    (car,) = load_meshes(tmp_path)
+    assert car.shape_id == "car"
+    assert car.size_m == pytest.approx((4.3, 1.8, 1.4))
+    mesh = car.mesh
+    by_name = {m.name: i for i, m in enumerate(mesh.materials)}
+    assert set(by_name) == {"skin", "green"}
+    skin, green = mesh.materials[by_name["skin"]], mesh.materials[by_name["green"]]
+    assert skin.texture is not None
+    assert skin.texture.shape == (4, 4, 3)
+    assert tuple(skin.texture[0, 0]) == (255, 0, 0)
+    # sRGB 0.5 is 127 / 255 in the file's 8 bits: ((0.498 + 0.055) / 1.055)^2.4 = 0.212.
+    assert green.rgb == pytest.approx((0, 0.212, 0), abs=2e-3)
+    assert green.texture is None
+    nose = mesh.face_material == by_name["green"]
+    assert (int(nose.sum()), int((~nose).sum())) == (12, 12)
+    v = mesh.vertices_m[mesh.faces]
+    assert v[nose][..., 0].min() > 2.0  # the nose is at +x
+    assert v[..., 2].min() == pytest.approx(0, abs=1e-6)
+    assert np.allclose(v.reshape(-1, 3).min(0) + v.reshape(-1, 3).max(0), [0, 0, 1.4], atol=1e-5)
+    assert set(mesh.face_part[nose]) == {PART_LABEL["front"]}
+    assert set(mesh.face_part[~nose]) == {0}
+    assert set(np.round(mesh.corner_uv[~nose].ravel(), 3)) == {np.float32(0.1), np.float32(0.9)}
+
+
+def test_faces_look_outwards_after_turning(tmp_path: Path) -> None:
+    write_obj(tmp_path)
+    mesh = load_meshes(tmp_path)[0].mesh
+    body = mesh.face_part == 0
+    v = mesh.vertices_m[mesh.faces][body].astype(float)
+    normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
+    centre = v.reshape(-1, 3).mean(0)
+    assert ((normal * (v.mean(1) - centre)).sum(1) > 0).all()
+    assert ((mesh.corner_normals[body].mean(1) * normal).sum(1) > 0).all()
+
+
+def test_glb_keeps_colours_texture_and_node_transforms(tmp_path: Path) -> None:
+    body = trimesh.creation.box(extents=BODY_M)
+    red = trimesh.visual.material.PBRMaterial(
+        name="red", baseColorFactor=[255, 0, 0, 255], roughnessFactor=0.2
+    )
+    body.visual = trimesh.visual.TextureVisuals(material=red)
+    lid = trimesh.creation.box(extents=(1.0, 0.2, 1.0))
+    image = Image.fromarray(np.full((2, 2, 3), 99, np.uint8))
+    paper = trimesh.visual.material.PBRMaterial(name="paper", baseColorTexture=image)
+    lid.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(lid.vertices), 2)) + 0.25, material=paper)
+    scene = trimesh.Scene()
+    scene.add_geometry(
+        body, geom_name="shell", transform=trimesh.transformations.translation_matrix([0, 0.7, 0])
+    )
+    scene.add_geometry(
+        lid, geom_name="roof", transform=trimesh.transformations.translation_matrix([0, 1.5, -0.5])
+    )
+    scene.export(tmp_path / "two.glb")
+    (car,) = load_meshes(tmp_path)
+    assert car.size_m == pytest.approx((4.2, 1.8, 1.6), abs=1e-5)
+    by_name = {m.name: m for m in car.mesh.materials}
+    assert by_name["red"].rgb == pytest.approx((1, 0, 0))
+    assert by_name["red"].specular == pytest.approx(0.4)
+    texture = by_name["paper"].texture
+    assert texture is not None
+    assert (texture == 99).all()
+    lid_faces = car.mesh.face_part == PART_LABEL["roof"]
+    v = car.mesh.vertices_m[car.mesh.faces[lid_faces]]
+    # The lid's middle stood at z = -0.5 in glTF: 0.5 m towards the tail.
+    assert v[..., 0].mean() == pytest.approx(-0.5, abs=0.01)
+    assert v[..., 2].min() == pytest.approx(1.4, abs=1e-5)
+
+
+def test_ply_colours_become_materials(tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=BODY_M)
+    colours = np.where(box.face_normals[:, 1:2] > 0.5, [[255, 255, 255, 255]], [[0, 0, 128, 255]])
+    box.visual = trimesh.visual.ColorVisuals(box, face_colors=colours.astype(np.uint8))
+    box.unmerge_vertices()
+    box.visual = trimesh.visual.ColorVisuals(
+        box, vertex_colors=np.repeat(colours, 3, axis=0).astype(np.uint8)
+    )
+    box.export(tmp_path / "painted.ply")
+    (car,) = load_meshes(tmp_path)
+    mesh = car.mesh
+    assert len(mesh.materials) == 2
+    top = (mesh.vertices_m[mesh.faces][..., 2] > 1.39).all(1)
+    rgb = np.array([m.rgb for m in mesh.materials])[mesh.face_material]
+    assert np.allclose(rgb[top], 1)
+    # sRGB 128 / 255: linear 0.2159.
+    assert np.allclose(rgb[~top], [0, 0, 0.2159], atol=1e-3)
+
+
+def test_files_come_in_the_order_of_their_names(tmp_path: Path) -> None:
+    for name in ("b.ply", "a.glb", "b.glb"):
+        trimesh.creation.box(extents=BODY_M).export(tmp_path / name)
+    assert [car.shape_id for car in load_meshes(tmp_path)] == ["a", "b.glb", "b.ply"]
+
+
+def test_errors_say_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(RescoreError, match="expected a folder of car meshes, got .*nowhere"):
+        load_meshes(tmp_path / "nowhere")
+    with pytest.raises(RescoreError, match=r"expected OBJ, GLB or PLY files in .*found none"):
+        load_meshes(tmp_path)
+    (tmp_path / "broken.glb").write_bytes(b"not a mesh at all")
+    with pytest.raises(RescoreError, match=r"broken\.glb: expected a readable mesh file"):
+        load_meshes(tmp_path)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(100.0, "centimetres"), (1000.0, "millimetres")])
+def test_wrong_units_are_named(tmp_path: Path, scale: float, unit: str) -> None:
+    write_obj(tmp_path, scale)
+    with pytest.raises(RescoreError, match=rf"car\.obj: .*in {unit}\?.*scale the mesh to metres"):
+        load_meshes(tmp_path)
+
+
+def test_wrong_axes_are_named(tmp_path: Path) -> None:
+    trimesh.creation.box(extents=(4.2, 1.4, 1.8)).export(tmp_path / "sideways.ply")
+    with pytest.raises(RescoreError, match=r"sideways\.ply: expected \+Y up and the nose along \+Z"):
+        load_meshes(tmp_path)
+
+
+def test_points_without_faces_are_refused(tmp_path: Path) -> None:
+    trimesh.PointCloud(np.random.default_rng(0).uniform(0, 3, (20, 3))).export(tmp_path / "points.ply")
+    with pytest.raises(RescoreError, match=r"points\.ply: expected"):
+        load_meshes(tmp_path)
