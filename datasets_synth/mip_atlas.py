@@ -65,7 +65,7 @@ def _linear_table() -> FloatArray:
 
 def linear_from_srgb(srgb: NDArray[np.uint8]) -> FloatArray:
     """Linear colour in [0, 1] of sRGB bytes, same shape (IEC 61966-2-1)."""
-    return _linear_table()[srgb]
+    return np.asarray(np.take(_linear_table(), srgb))
 
 
 @lru_cache(maxsize=1)
@@ -113,18 +113,22 @@ def build_atlas(textures: Sequence[NDArray[np.uint8]]) -> MipAtlas:
 
 def _pyramid(texture: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     """The texture and its halves down to one texel on the shorter side; averaged in linear light."""
-    linear = linear_from_srgb(texture)
+    linear = np.take(_linear_16bit_table(), texture)  # 16 bits are enough to average, and quick
     while max(linear.shape[:2]) > MAX_TEXTURE_PX:
         linear = _half(linear)
-    levels = [srgb_from_linear(linear)]
+    levels = [np.take(_srgb_table(), linear)]
     while min(linear.shape[:2]) > 1:
         linear = _half(linear)
-        levels.append(srgb_from_linear(linear))
+        levels.append(np.take(_srgb_table(), linear))
     return levels
 
 
-def _half(linear: FloatArray) -> FloatArray:
+@lru_cache(maxsize=1)
+def _linear_16bit_table() -> NDArray[np.uint16]:
+    return np.asarray(np.rint(65535 * _linear_table()), np.uint16)
+
+
+def _half(linear: NDArray[np.uint16]) -> NDArray[np.uint16]:
     h, w = linear.shape[:2]
-    return np.asarray(
-        cv2.resize(linear, (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA), np.float32
-    )
+    half = cv2.resize(linear, (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA)
+    return np.asarray(half, np.uint16)

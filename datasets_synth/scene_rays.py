@@ -16,6 +16,11 @@ FLAT_M = 0.3
 serves both, and a sheet on the ground shades nothing."""
 
 
+def rows(array: FloatArray, index: NDArray[np.integer]) -> FloatArray:
+    """The rows of an array (m, ...) at an index (n,): several times faster than ``array[index]``."""
+    return np.asarray(np.take(array, index, axis=0), np.float32)
+
+
 @dataclass(frozen=True, eq=False)
 class Hits:
     """Where n rays meet the scene first."""
@@ -28,6 +33,10 @@ class Hits:
     """Shape (n, 2): weights of the second and the third corner."""
     normal: FloatArray
     """Shape (n, 3): unit geometric normal, not turned to the viewer."""
+
+    def at(self, index: NDArray[np.intp]) -> "Hits":
+        """The hits of some of the rays."""
+        return Hits(self.t[index], self.face[index], rows(self.barycentric, index), rows(self.normal, index))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from datasets_synth.contact import ContactShade, contact_shade
 from datasets_synth.mesh import Light, Placed
 from datasets_synth.mip_atlas import MipAtlas, build_atlas
-from datasets_synth.scene_rays import MISS, FaceTable, Hits, SceneRays, build_scene_rays
+from datasets_synth.scene_rays import MISS, FaceTable, Hits, SceneRays, build_scene_rays, rows
 from datasets_synth.sky import environment_radiance, ground_radiance, mean_sky, sky_radiance
 
 FloatArray = NDArray[np.float32]
@@ -47,12 +47,15 @@ class Shader:
         distance_per_t = np.sqrt(np.einsum("ij,ij->i", rays[:, 3:], rays[:, 3:]))
         view = rays[:, 3:] / distance_per_t[:, None]
         hit = np.flatnonzero(hits.face != MISS)
+        if len(hit) == len(rays):
+            return self._surfaces(rays, view, distance_per_t, hits)
         sky = np.flatnonzero(hits.face == MISS)
         colour = np.empty((len(rays), 3), np.float32)
         sunlit = np.zeros(len(rays), np.bool_)
-        colour[sky] = sky_radiance(view[sky], self.light)
-        part = Hits(hits.t[hit], hits.face[hit], hits.barycentric[hit], hits.normal[hit])
-        colour[hit], sunlit[hit] = self._surfaces(rays[hit], view[hit], distance_per_t[hit], part)
+        colour[sky] = sky_radiance(rows(view, sky), self.light)
+        colour[hit], sunlit[hit] = self._surfaces(
+            rows(rays, hit), rows(view, hit), distance_per_t[hit], hits.at(hit)
+        )
         return colour, sunlit
 
     def _surfaces(
@@ -81,11 +84,11 @@ class Shader:
         self, hits: Hits, material: NDArray[np.int32], distance: FloatArray, cosine: FloatArray
     ) -> FloatArray:
         """Linear albedo (n, 3); textures at the mip level of the pixel's footprint."""
-        albedo = self.materials.rgb[material]
+        albedo = rows(self.materials.rgb, material)
         texture = self.materials.texture[material]
         at = np.flatnonzero(texture >= 0)
         if len(at):
-            part = Hits(hits.t[at], hits.face[at], hits.barycentric[at], hits.normal[at])
+            part = hits.at(at)
             texels_per_m = self.rays.table.uv_per_m[part.face] * self.materials.texture_px[material[at]]
             # the footprint is cos times longer along the slope than across; a level between the two keeps
             # some of the texture of a road without much aliasing
@@ -101,7 +104,7 @@ class Shader:
         to_sun = np.array(self.light.sun_direction, np.float32)
         cosine = np.clip(np.einsum("ij,j->i", normal, to_sun), 0, 1)
         facing = np.flatnonzero(cosine > 0)
-        start = point[facing] + flat[facing] * SHADOW_OFFSET_M
+        start = rows(point, facing) + rows(flat, facing) * SHADOW_OFFSET_M
         rays = np.concatenate([start, np.broadcast_to(to_sun, start.shape)], axis=1)
         sunlit = np.zeros(len(point), np.bool_)
         sunlit[facing] = ~self.rays.shadowed(rays)
@@ -120,16 +123,17 @@ class Shader:
         sun = np.array(self.light.sun_rgb, np.float32)
         to_sun = np.array(self.light.sun_direction, np.float32)
         at = np.flatnonzero((m.specular[material] > 0) & (sun_cos > 0))
-        half = to_sun - view[at]
+        half = to_sun - rows(view, at)
         half /= np.linalg.norm(half, axis=1, keepdims=True)
-        shine = np.clip(_dot(half, normal[at]), 0, 1) ** m.shininess[material[at]]
+        shine = np.clip(_dot(half, rows(normal, at)), 0, 1) ** m.shininess[material[at]]
         colour[at] += (m.specular[material[at]] * shine)[:, None] * sun
 
         at = np.flatnonzero(m.mirror[material] > 0)
-        cosine = np.clip(-_dot(view[at], normal[at]), 0, 1)
+        towards, facing = rows(view, at), rows(normal, at)
+        cosine = np.clip(-_dot(towards, facing), 0, 1)
         base = m.mirror[material[at]]
         share = (base + (1 - base) * (1 - cosine) ** 5)[:, None]
-        mirrored = view[at] + 2 * cosine[:, None] * normal[at]
+        mirrored = towards + 2 * cosine[:, None] * facing
         mirrored /= np.linalg.norm(mirrored, axis=1, keepdims=True)
         colour[at] += share * (environment_radiance(mirrored, self.light) - colour[at])
 
@@ -173,8 +177,9 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 def _interpolate(corner_values: FloatArray, hits: Hits) -> FloatArray:
     """Values (n, k) at the hits from those of the corners (m, 3, k)."""
     u, v = hits.barycentric[:, :1], hits.barycentric[:, 1:]
-    corner = corner_values[hits.face]
-    return np.asarray((1 - u - v) * corner[:, 0] + u * corner[:, 1] + v * corner[:, 2], np.float32)
+    corner = rows(corner_values, hits.face)
+    first = corner[:, 0]
+    return np.asarray(first + u * (corner[:, 1] - first) + v * (corner[:, 2] - first), np.float32)
 
 
 def _turn_to_viewer(flat: FloatArray, smooth: FloatArray, view: FloatArray) -> tuple[FloatArray, FloatArray]:

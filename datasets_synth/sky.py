@@ -54,7 +54,7 @@ def _cloud_cover(direction: FloatArray, light: Light) -> FloatArray:
     height = np.maximum(direction[:, 2], 0.02)
     shift = np.array(light.sun_direction[:2], np.float32) * 1013.0
     xy = direction[:, :2] / height[:, None] * 40.0 + shift
-    xy = np.mod(xy, _CLOUD_PX).astype(np.float32)
+    xy = (xy - np.floor(xy / _CLOUD_PX) * _CLOUD_PX).astype(np.float32)
     noise = sample_bilinear(_cloud_noise(), xy, cv2.BORDER_WRAP)
     cover = np.clip((noise - 0.45) * 3, 0, 1)
     return np.asarray(cover * np.clip((direction[:, 2] - 0.05) * 6, 0, 1), np.float32)
