@@ -1,7 +1,7 @@
 """The config of a whole run, its presets, and the reading of a user's changes to it."""
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -61,7 +61,21 @@ def run_preset(name: str) -> RunConfig:
     Raises:
         RescoreError: no such preset.
     """
-    return RunConfig(preset=name, synth=synth_preset(name))
+    config = RunConfig(preset=name, synth=synth_preset(name))
+    if name != "tiny":
+        return config
+    # of three training frames every car must serve, and floors must be low for anything to be found
+    mining = replace(config.hog.mining, rounds=0, jitter_copies=12, min_visibility=0.3)
+    boosted = replace(
+        config.boosted,
+        floor=-50.0,
+        mining=mining,
+        fragments=replace(config.boosted.fragments, count=200),
+        boosting=replace(config.boosted.boosting, rounds=30),
+    )
+    return config.model_copy(
+        update={"hog": replace(config.hog, floor=-5.0, mining=mining), "boosted": boosted}
+    )
 
 
 def with_changes(config: RunConfig, file: Path) -> RunConfig:

@@ -12,7 +12,10 @@ T = TypeVar("T")
 def track(items: Iterable[T], description: str, total: int, show: bool = True) -> Iterator[T]:
     """The items one after another, with a bar that counts them."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not show) as progress:
+    console = Console(stderr=True)
+    # in a log file a bar is noise
+    hidden = not (show and console.is_terminal)
+    with Progress(*columns, console=console, transient=True, disable=hidden) as progress:
         bar = progress.add_task(description, total=total)
         for item in items:
             yield item
