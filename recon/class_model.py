@@ -1,4 +1,4 @@
-"""The 3D class model of section 3.1: view bins, part-labelled images, class skeleton and part planes; and its file."""
+"""The 3D class model of section 3.1: view bins, part-labelled images, skeleton and part planes; and its file."""
 
 import json
 import os
@@ -31,13 +31,13 @@ class ClassPart:
     centroid: FloatArray
     """S_j, shape (3,)."""
     plane: FloatArray
-    """Q_j = (a, b, c, d) with a X + b Y + c Z + d = 0 (eq. 1); (a, b, c) is a unit vector that points outward."""
+    """Q_j = (a, b, c, d) with a X + b Y + c Z + d = 0 (eq. 1); (a, b, c) has length 1 and points outward."""
     outline: FloatArray
     """Bounding polygon (m, 3) for pictures and extents; plays no role in the planes."""
     primitive: int
-    """Index of the chosen orientation in the library of primitives; -1 where the part was seen in one view only."""
+    """Index of the chosen orientation in the library of primitives; -1 where only one view shows the part."""
     view_count: int
-    """Number of labelled views it was learned from. 1: the plane faces that view, at the depth of its neighbours."""
+    """Labelled views it was learned from. 1: the plane faces that view, at the mean depth of its parts."""
 
     def __post_init__(self) -> None:
         if self.centroid.shape != (3,) or self.plane.shape != (4,) or self.outline.shape[1:] != (3,):
@@ -85,15 +85,15 @@ class ClassModel:
                 return view
         have = ", ".join(str(v.view_bin) for v in self.views)
         raise RescoreError(
-            f"class model {self.class_name!r}: expected a labelled view of bin {view_bin}, has bins {have or 'none'}; "
-            "learn the model with a view of it"
+            f"class model {self.class_name!r}: expected a labelled view of bin {view_bin}, "
+            f"has bins {have or 'none'}; learn the model with a view of it"
         )
 
     @property
     def extents(self) -> FloatArray:
         """Size along x, y and z of all part outlines, shape (3,), in units of the model."""
         points = np.concatenate([p.outline for p in self.parts])
-        return np.ptp(points, axis=0)
+        return np.asarray(np.ptp(points, axis=0))
 
     def save(self, path: Path) -> None:
         """Write one readable JSON file; ``load`` gives back exactly this model."""

@@ -1,6 +1,6 @@
 """The ground line (section 4.3): where the object touches the ground in the image, and its points in 3D."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -20,6 +20,10 @@ class GroundLineConfig:
     contact_height: float = 0.06
     """Columns of a part whose lowest pixel is within this share of the object's height of the part's lowest
     are its contact; at least one pixel."""
+    slope_from_view: float = 1.0
+    """How far the slope of the line is that of the view bin: 1 takes the direction in which the parts stand in the
+    class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of error in one contact is
+    metres of depth far away, so that free lines put the two ends of a far object at different depths."""
     line_tolerance: float = 0.08
     """Parts whose contact is within this share of the object's height of the line stand on it."""
 
@@ -38,7 +42,7 @@ def ground_line(
     labels: NDArray[np.uint8],
     x0_px: int,
     y0_px: int,
-    ground_labels: Sequence[int],
+    feet_cam: Mapping[int, FloatArray],
     camera: PinholeCamera,
     ground: GroundPlane,
     config: GroundLineConfig,
@@ -49,21 +53,26 @@ def ground_line(
         labels: part labels of a window, shape (h, w), 0 for none.
         x0_px: image column of the window's first column.
         y0_px: image row of the window's first row.
-        ground_labels: labels of the parts that may touch the ground.
+        feet_cam: where the parts that may touch the ground stand in the class model, by label, shape (3,), turned
+            into the camera frame; any origin and scale.
         camera: the camera M.
         ground: the ground plane Q_g.
         config: settings.
     """
-    contacts = _contacts(labels, ground_labels, config)
+    contacts = _contacts(labels, list(feet_cam), config)
     if not contacts:
         return Failure(
             Reason.NO_GROUND_CONTACT,
-            f"one of the parts {list(ground_labels)} expected in the image, found none",
+            f"one of the parts {list(feet_cam)} expected in the image, found none",
         )
     at = np.array(list(contacts.values())) + np.array([x0_px, y0_px])
     height = float(np.ptp(np.nonzero(labels)[0]) + 1)
     slope, offset, on_line = _fit(at, config.line_tolerance * height)
     labels_on_line = [label for label, use in zip(contacts, on_line, strict=True) if use]
+    expected = _view_slope(at[on_line], np.array([feet_cam[k] for k in labels_on_line]), camera, ground)
+    if expected is not None:
+        slope += config.slope_from_view * (expected - slope)
+        offset = float(np.mean(at[on_line, 1] - slope * at[on_line, 0]))
     feet = np.stack([at[on_line, 0], slope * at[on_line, 0] + offset], axis=1)
     points = ground.intersect(camera.rays(feet))
     if not np.isfinite(points).all():
@@ -97,11 +106,30 @@ def _contacts(
     return found
 
 
+def _view_slope(
+    at: FloatArray, feet_cam: FloatArray, camera: PinholeCamera, ground: GroundPlane
+) -> float | None:
+    """Slope in the image of the direction from the left to the right foot, seen at the middle of the contacts (n, 2).
+
+    None where there is one foot, the middle is not on the ground, or the direction points along the ray.
+    """
+    first, last = np.argmin(at[:, 0]), np.argmax(at[:, 0])
+    along = feet_cam[last] - feet_cam[first]
+    along = along - (along @ ground.up) * ground.up
+    middle = ground.intersect(camera.rays(at.mean(axis=0)))
+    if first == last or not np.isfinite(middle).all() or np.linalg.norm(along) < 1e-6:
+        return None
+    # a short step: the line is straight in the image, and both ends stay in front of the camera
+    step = 0.01 * middle[2] * along / np.linalg.norm(along)
+    du, dv = camera.project(middle + step) - camera.project(middle - step)
+    return float(dv / du) if abs(du) > abs(dv) else None
+
+
 def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, NDArray[np.bool_]]:
     """Slope and offset of v = slope u + offset, and which contacts (n, 2) it is fitted to.
 
-    A corner view has contacts on two lines. The line is the one that most contacts agree with, the longer where
-    several do; steep lines are no ground lines. A single contact gives a level line.
+    A corner view has contacts on two lines. The line is the one that most contacts agree with, the longer
+    where several do; steep lines are no ground lines. A single contact gives a level line.
     """
     best: tuple[int, float] = (0, 0.0)
     on_line = np.zeros(len(at), bool)

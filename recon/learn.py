@@ -1,4 +1,4 @@
-"""Learning a class model from part-labelled views (section 3.2). Nothing is known of the cameras but the view bins."""
+"""Learning a class model from part-labelled views (section 3.2). Of the cameras only the view bins are known."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -33,7 +33,7 @@ class LearnConfig:
     min_facing: float = 0.1
     """A primitive may not explain a part in a view to which it is turned by less than this cosine."""
     refine_rounds: int = 3
-    """Rounds that match boundaries by shape contexts and turn the chosen primitive to fit; 0 keeps the primitive."""
+    """Rounds that match boundaries by shape contexts and turn the primitive to fit; 0 keeps the primitive."""
     outlier: float = 0.15
     """Residuals beyond this share of the part's size count no more than this."""
     shape_context: ShapeContextConfig = field(default_factory=lambda: ShapeContextConfig(position_weight=4.0))
@@ -74,8 +74,8 @@ def _check_instances(views: Sequence[PartView]) -> None:
         bins_of.setdefault(view.instance_id, set()).add(view.view_bin)
     if not any(len(bins) >= 2 for bins in bins_of.values()):
         raise RescoreError(
-            f"learning: expected at least two views of one instance from different bins, got {len(views)} views of "
-            f"{len(bins_of)} instances; label another view of an instance"
+            "learning: expected at least two views of one instance from different bins, got "
+            f"{len(views)} views of {len(bins_of)} instances; label another view of an instance"
         )
 
 
@@ -88,7 +88,6 @@ class _Observations:
         self.centroid = np.full((len(views), part_count, 2), np.nan)
         self.boundary: dict[tuple[int, int], FloatArray] = {}
         """By (view, label): points (m, 2) evenly spaced along the boundary of the part's largest region."""
-        self.neighbours: dict[tuple[int, int], set[int]] = {}
         for i, view in enumerate(views):
             self._observe(i, view, config)
 
@@ -184,8 +183,11 @@ def _shows(normals: FloatArray, pair: _Pair, config: LearnConfig) -> NDArray[np.
 
 
 def _library_cost(normals: FloatArray, pair: _Pair, config: LearnConfig) -> FloatArray:
-    """How badly each primitive explains a pair, shape (k,): mean squared distance of the carried boundary to the
-    seen one and back, in part sizes, capped. The whole library at once, so by nearest points; matches come later."""
+    """How badly each primitive explains a pair, shape (k,).
+
+    Mean squared distance of the carried boundary to the seen one and back, in part sizes, capped. It is for the
+    whole library at once, so by nearest points; shape contexts match the points for the chosen one.
+    """
     cost = np.full(len(normals), config.outlier**2)
     use = _shows(normals, pair, config)
     carried = _carried(normals[use], pair)
@@ -220,7 +222,7 @@ def _correspondences(normal: FloatArray, pair: _Pair, config: LearnConfig) -> Fl
 def _refined(
     normal: FloatArray, matched: Sequence[tuple[_Pair, FloatArray]], config: LearnConfig
 ) -> FloatArray:
-    """The normal near a given one whose cross-view transforms fit the correspondences best (least squares)."""
+    """The normal near a given one whose cross-view transforms fit the correspondences best."""
     across = np.linalg.svd(normal[None])[2][1:]
 
     def turned(turn: FloatArray) -> FloatArray:
@@ -257,7 +259,7 @@ def _centroid_from_one_view(label: int, view: int, seen: _Observations, structur
 
 
 def _in_model_units(parts: Sequence[ClassPart]) -> tuple[ClassPart, ...]:
-    """Parts scaled so that their outlines span length 1 along x, the origin in the middle of the centroids."""
+    """Parts scaled so that outlines span length 1 along x, the origin in the middle of the centroids."""
     points = np.concatenate([p.outline for p in parts])
     scale = 1.0 / max(float(np.ptp(points[:, 0])), 1e-9)
     origin = np.mean([p.centroid for p in parts], axis=0)

@@ -11,7 +11,7 @@ IntArray = NDArray[np.int32]
 
 
 def mask_rings(mask: NDArray[np.bool_]) -> tuple[IntArray, ...]:
-    """Rings (m, 2) of pixel centres around every region and hole of a mask; ``fill_rings`` undoes it exactly."""
+    """Rings (m, 2) of pixel centres around every region and hole of a mask; ``fill_rings`` undoes it."""
     rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     return tuple(np.asarray(r, np.int32).reshape(-1, 2) for r in rings)
 
@@ -32,7 +32,7 @@ def fill_polygon(polygon_px: FloatArray, height_px: int, width_px: int) -> NDArr
 
 
 def largest_outline(mask: NDArray[np.bool_]) -> FloatArray | None:
-    """The outer ring (m, 2) of the largest connected region, pixel-centre coordinates; None for an empty mask."""
+    """The outer ring (m, 2) of the largest connected region, pixel centres; None for an empty mask."""
     rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not rings:
         return None

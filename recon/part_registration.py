@@ -53,7 +53,7 @@ class CanonicalGrid:
         """Scale (n, 2) and shift (n, 2): image pixel centres = scale * grid pixel centres + shift."""
         size = xyxy_px[:, 2:] - xyxy_px[:, :2]
         scale = size / np.array([self.box_width_px, self.box_height_px])
-        # edges map linearly: image_edge = x0 + scale * (grid_edge - margin); centres lie half a pixel before the edge
+        # edges map linearly: image_edge = x0 + scale * (grid_edge - margin); centre = edge - 0.5
         shift = xyxy_px[:, :2] + scale * (0.5 - self.margin_px) - 0.5
         return scale, shift
 
@@ -85,7 +85,7 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     scale = np.array([grid.box_width_px / labels.shape[1], grid.box_height_px / labels.shape[0]])
 
     def canonical(points: FloatArray) -> FloatArray:
-        return (points + 0.5) * scale + grid.margin_px - 0.5
+        return np.asarray((points + 0.5) * scale + grid.margin_px - 0.5)
 
     ring = largest_outline(labels > 0)
     if ring is None or len(ring) < 8:
@@ -115,7 +115,7 @@ def _grown_half_pixel(ring: FloatArray) -> FloatArray:
     """A ring of border pixel centres moved to the pixels' outer edges: scaled about its middle."""
     low, high = ring.min(axis=0), ring.max(axis=0)
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 0.5)
-    return middle + (ring - middle) * (half + 0.5) / half
+    return np.asarray(middle + (ring - middle) * (half + 0.5) / half)
 
 
 def _region_rings(labels: NDArray[np.uint8]) -> tuple[tuple[tuple[int, slice], ...], FloatArray]:
@@ -156,7 +156,7 @@ def register_parts(
     if not cost <= config.max_cost:
         return Failure(
             Reason.REGISTRATION_FAILED,
-            f"mean chi-squared cost of the outline match at most {config.max_cost:g} expected, got {cost:.2f}",
+            f"mean chi-squared cost of the match at most {config.max_cost:g} expected, got {cost:.2f}",
         )
     warped = view.warp @ points[partner]
     return RegisteredParts(tuple((label, warped[rows]) for label, rows in view.rings), cost)

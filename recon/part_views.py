@@ -31,8 +31,8 @@ class PartView:
             raise ValueError(f"labels must be (h, w) uint8, got {self.labels.shape} {self.labels.dtype}")
         if not self.labels.any():
             raise RescoreError(
-                f"labelled view of {self.instance_id!r}, bin {self.view_bin}: expected at least one labelled part, "
-                "got an empty image; label it or leave it out"
+                f"labelled view of {self.instance_id!r}, bin {self.view_bin}: expected at least one labelled "
+                "part, got an empty image; label it or leave it out"
             )
 
 

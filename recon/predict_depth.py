@@ -14,12 +14,12 @@ Float32Array = NDArray[np.float32]
 class PlacingConfig:
     """When a part counts as placed."""
 
-    min_angle_rad: float = float(np.deg2rad(8.0))
+    min_angle_rad: float = float(np.deg2rad(12.0))
     """A plane that the rays of its part meet at a smaller angle (median) is seen edge-on: its depth would be
     noise, so the part is not placed."""
     max_depth_range: float = 1.0
-    """Depths farther from the ground line than this many object lengths (diagonals of the model's extents, scaled by
-    the outline's width) are dropped; a part with more than half of its pixels dropped is not placed."""
+    """Depths farther from the ground line than this many object lengths (diagonals of the model's extents,
+    scaled by the outline's width) are dropped; a part with more than half of its pixels dropped is not placed."""
     min_placed: float = 0.5
     """Smallest share of the labelled pixels that must get a depth."""
 

@@ -1,7 +1,7 @@
 """Oriented planar primitives and the cross-view transforms that they induce (section 3.2, the generic phase).
 
-Under scaled orthographic projection with known rotations the transform between two views of a plane is affine and
-known in closed form, so this phase needs no training images.
+Under scaled orthographic projection with known rotations the transform between two views of a plane is
+affine and known in closed form, so this phase needs no training images.
 """
 
 import numpy as np
@@ -31,7 +31,7 @@ def primitive_normals() -> FloatArray:
 
 
 def lift(normals: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Matrices (k, 3, 2) that take image offsets of a view to offsets in the object frame on planes through a point.
+    """Matrices (k, 3, 2) from image offsets of a view to offsets in the object frame on planes through a point.
 
     The offset e obeys R e = u (two rows of ``rotation``) and n . e = 0. Not finite for a plane seen edge-on.
     """
@@ -45,7 +45,7 @@ def lift(normals: FloatArray, rotation: FloatArray) -> FloatArray:
 
 
 def cross_view_transforms(normals: FloatArray, rotation_a: FloatArray, rotation_b: FloatArray) -> FloatArray:
-    """2 x 2 matrices (k, 2, 2) from image offsets in view a to offsets in view b for planes with these normals.
+    """Matrices (k, 2, 2) from image offsets in view a to offsets in view b for planes with these normals.
 
     In object units; divide by the scale of b and multiply by that of a for pixels.
     """

@@ -1,4 +1,4 @@
-"""Reconstruction of candidates (section 4): segment, register parts, find the ground line, place planes, predict depth."""
+"""Reconstruction of candidates (section 4): outline, parts, ground line, planes, predicted depth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -122,7 +122,6 @@ def segment(
         return ()
     windows = _canonical_windows(rgb, xyxy_px, view.grid)
     start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
-    start = start - np.float32(config.segment.initial_grow * view.grid.box_height_px)
     phi = evolve(start, edge_indicator(windows, config.segment), config.segment)
     return tuple(_zero_level(p, view.phi, config) for p in phi)
 
@@ -144,10 +143,11 @@ def _instance(
     to_image = _grid_to_image(view.grid, box_px)
     outline_px = to_image(outline)
     labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
-    line = ground_line(labels, x0_px, y0_px, ground_labels(model), camera, ground, config.ground_line)
+    cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
+    feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
+    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line)
     if isinstance(line, Failure):
         return line
-    cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
     placed = _place(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
     if placed.placed_share < config.placing.min_placed:
         why = "; ".join(f"{model.part_names[k - 1]}: {text}" for k, text in placed.unplaced.items())
@@ -178,8 +178,8 @@ def view_rotation(
     """Rotation (3, 3) from the object frame to the camera frame for an object in a box.
 
     T_alpha says how the object is turned towards the ray on which it is seen. Under perspective that ray is
-    not the optical axis, so the view frame is turned about the vertical onto the ray through the middle of the
-    box; and the vertical is that of the ground plane, which replaces the elevation at which the model was labelled.
+    not the optical axis, so the view frame is turned about the vertical onto the ray through the middle of
+    the box; and the vertical is that of the ground plane, which replaces the elevation of the labelled views.
     """
     centre = (box_px[:2] + box_px[2:]) / 2 - 0.5
     ray = camera.rays(centre)
@@ -189,11 +189,11 @@ def view_rotation(
     return np.asarray(cam_from_view @ model.bins.level_view_from_object(view_bin))
 
 
-def ground_labels(model: ClassModel) -> tuple[int, ...]:
-    """Labels of the parts whose outline reaches the lowest tenth of the model: they stand on the ground."""
-    low = {p.label: float(p.outline[:, 2].min()) for p in model.parts}
-    limit = min(low.values()) + 0.1 * model.extents[2]
-    return tuple(label for label, z in low.items() if z <= limit)
+def feet(model: ClassModel) -> dict[int, FloatArray]:
+    """Where the parts stand that reach the lowest tenth of the model: their lowest outline point (3,), by label."""
+    low = {p.label: p.outline[np.argmin(p.outline[:, 2])] for p in model.parts}
+    limit = min(float(point[2]) for point in low.values()) + 0.1 * model.extents[2]
+    return {label: point for label, point in low.items() if point[2] <= limit}
 
 
 def _check_box(box_px: FloatArray, camera: PinholeCamera, config: ReconstructConfig) -> Failure | None:
@@ -224,7 +224,8 @@ def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: Canoni
         crop = rgb[low[1] : high[1], low[0] : high[0]]
         if (scale > 1).any():
             # shrinking needs a blur first, or edges alias; a box filter of one grid pixel is enough
-            crop = cv2.blur(crop, (max(1, round(scale[0])), max(1, round(scale[1]))))
+            blurred = cv2.blur(crop, (max(1, round(scale[0])), max(1, round(scale[1]))))
+            crop = np.asarray(blurred, np.uint8)
         affine = np.array([[scale[0], 0, shift[0] - low[0]], [0, scale[1], shift[1] - low[1]]])
         window = cv2.warpAffine(
             crop,
@@ -249,7 +250,7 @@ def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfi
     if iou < config.min_outline_iou:
         return Failure(
             Reason.NO_OUTLINE,
-            f"an outline that overlaps its start by at least {config.min_outline_iou:g} expected, got {iou:.2f}",
+            f"an outline that keeps {config.min_outline_iou:g} of its start (IoU) expected, got {iou:.2f}",
         )
     return outline
 

@@ -1,7 +1,7 @@
 """Outlines by distance-regularised level-set evolution (section 4.1).
 
-After C. Li, C. Xu, C. Gui and M. D. Fox, "Distance regularized level set evolution and its application to image
-segmentation", IEEE Trans. Image Processing 19(12), 2010. The level set phi is negative inside. All candidates
+After C. Li, C. Xu, C. Gui and M. D. Fox, "Distance regularized level set evolution and its application to
+image segmentation", IEEE Trans. Image Processing 19(12), 2010. The level set phi is negative inside. All candidates
 of a frame evolve together, as one stack of small images on the canonical grid of their view bin.
 """
 
@@ -25,7 +25,7 @@ class SegmentConfig:
     """Pseudo time of one step; ``time_step * distance_weight`` must stay below 1/4."""
     distance_weight: float = 0.05
     """mu: weight of the double-well distance regulariser."""
-    length_weight: float = 4.0
+    length_weight: float = 2.0
     """lambda: weight of the edge-weighted length."""
     area_weight: float = 0.0
     """alpha: weight of the edge-weighted area; positive shrinks, negative grows."""
@@ -33,12 +33,10 @@ class SegmentConfig:
     """epsilon: half width of the smoothed delta function."""
     smooth_sigma_px: float = 1.0
     """Gaussian before the gradient, canonical pixels."""
-    edge_percentile: float = 75.0
-    """The gradient at this percentile of a window halves the edge indicator, so that dim pictures work."""
+    edge_scale: float = 1.0
+    """The gradient that halves the edge indicator, in root-mean-square gradients of the window: dim pictures work."""
     max_shift: float = 0.15
     """The outline stays within this share of the box height of where it started."""
-    initial_grow: float = 0.0
-    """The start is the labelled outline moved outward by this share of the box height."""
 
     def __post_init__(self) -> None:
         if not 0 < self.time_step * self.distance_weight < 0.25:
@@ -60,8 +58,9 @@ def edge_indicator(lab: Float32Array, config: SegmentConfig) -> Float32Array:
         dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
         dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
         energy[i] = (dx * dx + dy * dy).reshape(*lab.shape[1:3], -1).sum(axis=2)
-    half = np.percentile(energy, config.edge_percentile, axis=(1, 2), keepdims=True).astype(np.float32)
-    return np.asarray(1.0 / (1.0 + energy / np.maximum(half, 1e-6)), np.float32)
+    half = config.edge_scale**2 * energy.mean(axis=(1, 2), keepdims=True)
+    # the floor is far below one grey level a pixel, so that a blank window has no edges
+    return np.asarray(1.0 / (1.0 + energy / np.maximum(half, np.float32(1e-4))), np.float32)
 
 
 def evolve(phi: Float32Array, edge: Float32Array, config: SegmentConfig) -> Float32Array:

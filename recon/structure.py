@@ -36,12 +36,13 @@ def solve_structure(uv: FloatArray, rotation: FloatArray) -> Structure:
         RescoreError: the views do not determine the structure.
     """
     views, count, _ = uv.shape
-    seen = np.isfinite(uv).all(axis=2)
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(uv).all(axis=2))
     solved = np.nonzero(seen.sum(axis=0) >= 2)[0]
     used = np.nonzero(seen[:, solved].any(axis=1))[0]
     if len(solved) < 2 or len(used) < 2:
         raise RescoreError(
-            f"skeleton: expected at least two parts that two views show, got {len(solved)}; label views of nearer bins"
+            f"skeleton: expected at least two parts that two views show, got {len(solved)}; "
+            "label views of nearer bins"
         )
     system = _system(uv[np.ix_(used, solved)], seen[np.ix_(used, solved)], rotation[used])
     n, v = len(solved), len(used)
@@ -56,8 +57,8 @@ def solve_structure(uv: FloatArray, rotation: FloatArray) -> Structure:
     step, _, rank, singular = np.linalg.lstsq(system @ free, -system @ start, rcond=None)
     if rank < free.shape[1] or singular[-1] < 1e-4 * singular[0]:
         raise RescoreError(
-            "skeleton: expected views that fix the depth of the parts, got views from the same or opposite bins; "
-            "label views of other bins"
+            "skeleton: expected views that fix the depth of the parts, got views from the same or opposite "
+            "bins; label views of other bins"
         )
     solution = start + free @ step
     scale, points = np.full(views, np.nan), np.full((count, 3), np.nan)

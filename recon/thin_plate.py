@@ -13,9 +13,9 @@ FloatArray = NDArray[np.float64]
 def thin_plate_operator(controls: FloatArray, points: FloatArray, regularisation: float) -> FloatArray:
     """The matrix W (p, m) with ``W @ targets`` = where the spline sends ``points`` (p, 2).
 
-    The spline sends ``controls`` (m, 2) near ``targets`` (m, 2): exactly for regularisation 0; the larger, the
-    more affine. The value is in units of the squared mean control distance. W depends on no target, so one
-    matrix serves every candidate of a view bin. Needs three controls that are not on one line.
+    The spline sends ``controls`` (m, 2) near ``targets`` (m, 2): exactly for regularisation 0; the larger,
+    the more affine. The value is in units of the squared mean control distance. W depends on no target, so
+    one matrix serves every candidate of a view bin. Needs three controls that are not on one line.
     """
     m = len(controls)
     between = _distance_squared(controls, controls)
@@ -35,7 +35,7 @@ def _distance_squared(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _kernel(r2: FloatArray) -> FloatArray:
     """U(r) = r^2 log r^2, 0 at r = 0."""
-    return r2 * np.log(np.where(r2 > 0, r2, 1.0))
+    return np.asarray(r2 * np.log(np.where(r2 > 0, r2, 1.0)))
 
 
 def _affine(points: FloatArray) -> FloatArray:

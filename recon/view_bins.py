@@ -1,4 +1,4 @@
-"""The view bins of section 3.1: k directions on a circle at a fixed elevation, each with its rotation T_alpha.
+"""The view bins of section 3.1: k directions on a circle at a fixed elevation, each with its T_alpha.
 
 Frames: the object frame has x forward (the nose), y left, z up; a view frame has x right, y down,
 z forward, as a camera has. Bin ``b`` is seen from azimuth ``b * 360 / k`` degrees, counter-clockwise seen
@@ -15,8 +15,8 @@ from recon.errors import RescoreError
 
 FloatArray = NDArray[np.float64]
 
-ELEVATION_RAD = float(np.deg2rad(10.0))
-"""Elevation at which views are labelled: low enough to look like a street, high enough to see roof and hood."""
+ELEVATION_RAD = float(np.deg2rad(5.0))
+"""Elevation at which views are labelled: low, as in a street, but roof and hood can be seen."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class ViewBins:
     def __post_init__(self) -> None:
         if self.count < 1 or not -np.pi / 2 < self.elevation_rad < np.pi / 2:
             raise RescoreError(
-                f"view bins: expected at least one bin and an elevation within 90 degrees, got {self}; mend the config"
+                f"view bins: expected at least one bin and an elevation within 90 degrees, got {self}; "
+                "mend the config"
             )
 
     def azimuth_rad(self, view_bin: int) -> float:

@@ -1,0 +1,100 @@
+"""Level sets: a disk is found, phi stays a signed distance, candidates do not influence each other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recon.segment import SegmentConfig, edge_indicator, evolve, signed_distance
+
+CONFIG = SegmentConfig()
+
+
+def disk(radius: float, centre: tuple[float, float] = (40.0, 40.0), size: int = 80) -> NDArray[np.bool_]:
+    y, x = np.mgrid[:size, :size]
+    return np.asarray((x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2)
+
+
+def picture(mask: NDArray[np.bool_], low: float = 20.0, high: float = 70.0) -> NDArray[np.float32]:
+    return np.repeat(np.where(mask, high, low)[..., None], 3, axis=2).astype(np.float32)
+
+
+def iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+@pytest.mark.parametrize("start_radius", [19.0, 25.0])
+def test_outline_converges_to_a_disk(start_radius: float) -> None:
+    target = disk(22)
+    edge = edge_indicator(picture(target)[None], CONFIG)
+    config = replace(CONFIG, steps=120)
+    phi = evolve(signed_distance(disk(start_radius))[None], edge, config)[0]
+    assert iou(phi < 0, target) > 0.95
+    assert iou(phi < 0, target) > iou(disk(start_radius), target)
+
+
+def test_phi_stays_a_signed_distance_near_the_outline() -> None:
+    phi = evolve(signed_distance(disk(25))[None], edge_indicator(picture(disk(22))[None], CONFIG), CONFIG)[0]
+    dy, dx = np.gradient(phi)
+    slope = np.hypot(dx, dy)[np.abs(phi) < 2]
+    assert np.median(slope) == pytest.approx(1.0, abs=0.1)
+    assert np.percentile(slope, 5) > 0.7
+    assert np.percentile(slope, 95) < 1.3
+
+
+def test_no_edges_and_no_area_leave_a_shrinking_circle() -> None:
+    # curvature flow of a circle: r^2(t) = r0^2 - 2 lambda g t; the delta function halves nothing at |grad phi| = 1
+    config = SegmentConfig(steps=20, time_step=2.0, length_weight=0.5, area_weight=0.0, max_shift=1.0)
+    edge = np.ones((1, 80, 80), np.float32)
+    phi = evolve(signed_distance(disk(20))[None], edge, config)
+    before, after = (signed_distance(disk(20)) < 0).sum(), (phi[0] < 0).sum()
+    assert 0.5 * before < after < before
+
+
+def test_area_term_grows_and_shrinks() -> None:
+    edge = np.ones((1, 80, 80), np.float32)
+    start = signed_distance(disk(20))[None]
+    area = {
+        sign: int(
+            (evolve(start, edge, replace(CONFIG, steps=20, length_weight=0.0, area_weight=sign)) < 0).sum()
+        )
+        for sign in (-1.0, 1.0)
+    }
+    assert area[1.0] < (start < 0).sum() < area[-1.0]
+
+
+def test_outline_stays_within_its_reach() -> None:
+    config = SegmentConfig(steps=100, length_weight=0.0, area_weight=-3.0, max_shift=0.05)
+    edge = np.ones((1, 80, 80), np.float32)
+    phi = evolve(signed_distance(disk(20))[None], edge, config)[0]
+    # max_shift is 0.05 * 80 = 4 pixels, and the delta function is 1.5 pixels wide
+    assert not ((phi < 0) & ~disk(20 + 4 + 3)).any()
+
+
+def test_a_stack_gives_what_each_gives_alone() -> None:
+    starts = np.stack([signed_distance(disk(r)) for r in (15, 20, 26)])
+    edges = edge_indicator(np.stack([picture(disk(r)) for r in (18, 22, 24)]), CONFIG)
+    together = evolve(starts, edges, CONFIG)
+    for i in range(3):
+        alone = evolve(starts[i : i + 1], edge_indicator(picture(disk((18, 22, 24)[i]))[None], CONFIG), CONFIG)
+        np.testing.assert_array_equal(together[i], alone[0])
+
+
+def test_edge_indicator_does_not_depend_on_contrast() -> None:
+    dim = edge_indicator(picture(disk(22), 40, 42)[None], CONFIG)
+    strong = edge_indicator(picture(disk(22), 0, 100)[None], CONFIG)
+    assert 0 < dim.min() and dim.max() <= 1
+    np.testing.assert_allclose(dim, strong, atol=0.02)
+
+
+def test_signed_distance_of_a_half_plane() -> None:
+    mask = np.zeros((5, 6), bool)
+    mask[:, :3] = True
+    # the border runs between columns 2 and 3
+    np.testing.assert_allclose(signed_distance(mask)[2], [-2.5, -1.5, -0.5, 0.5, 1.5, 2.5])
+
+
+def test_unstable_steps_are_refused() -> None:
+    with pytest.raises(ValueError, match="time_step"):
+        SegmentConfig(time_step=10, distance_weight=0.05)
