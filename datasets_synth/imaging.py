@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets_synth.mesh import Imaging
-from datasets_synth.mip_atlas import srgb_from_linear
+from datasets_synth.mip_textures import srgb_from_linear
 
 FloatArray = NDArray[np.float32]
 

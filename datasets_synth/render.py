@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from datasets_synth.imaging import expose, rectification_shift
 from datasets_synth.mesh import Scene
-from datasets_synth.mip_atlas import srgb_from_linear
+from datasets_synth.mip_textures import srgb_from_linear
 from datasets_synth.scene_rays import MISS, Hits, SceneRays
 from datasets_synth.shade import Shader, build_shader
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from datasets_synth.contact import ContactShade, contact_shade
 from datasets_synth.mesh import Light, Placed
-from datasets_synth.mip_atlas import MipAtlas, build_atlas
+from datasets_synth.mip_textures import MipTexture, mip_texture, sample_textures
 from datasets_synth.scene_rays import MISS, FaceTable, Hits, SceneRays, build_scene_rays, rows
 from datasets_synth.sky import environment_radiance, ground_radiance, mean_sky, sky_radiance
 
@@ -23,7 +23,7 @@ class MaterialTable:
 
     rgb: FloatArray
     texture: NDArray[np.int32]
-    """Index into the atlas, -1 for none."""
+    """Index into the textures, -1 for none."""
     texture_px: FloatArray
     """Root of the number of texels of the texture."""
     specular: FloatArray
@@ -37,7 +37,7 @@ class Shader:
 
     rays: SceneRays
     materials: MaterialTable
-    atlas: MipAtlas
+    textures: tuple[MipTexture, ...]
     contact: ContactShade
     light: Light
     focal_px: float
@@ -94,7 +94,9 @@ class Shader:
             # some of the texture of a road without much aliasing
             footprint_m = distance[at] / self.focal_px / np.maximum(cosine[at], 0.02) ** 0.7
             level = np.log2(np.maximum(texels_per_m * footprint_m, 1))
-            albedo[at] *= self.atlas.sample(texture[at], _interpolate(self.rays.table.corner_uv, part), level)
+            albedo[at] *= sample_textures(
+                self.textures, texture[at], _interpolate(self.rays.table.corner_uv, part), level
+            )
         return albedo
 
     def _sun(
@@ -148,7 +150,12 @@ def build_shader(items: tuple[Placed, ...], light: Light, focal_px: float) -> Sh
             index[id(material.texture)] = len(textures)
             textures.append(material.texture)
     return Shader(
-        rays, _material_table(rays.table, index), build_atlas(textures), contact_shade(items), light, focal_px
+        rays,
+        _material_table(rays.table, index),
+        tuple(mip_texture(t) for t in textures),
+        contact_shade(items),
+        light,
+        focal_px,
     )
 
 

@@ -6,7 +6,7 @@ import pytest
 from simple_scenes import CAMERA, CLEAN, ball, box, ground, noise_texture, pose, quad, scene, unit, wall
 
 from datasets_synth.mesh import Imaging, Light, Material, Placed
-from datasets_synth.mip_atlas import linear_from_srgb
+from datasets_synth.mip_textures import linear_from_srgb
 from datasets_synth.render import render_pair, render_rgb
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.stereo import SgbmConfig, compute_disparity
@@ -86,7 +86,7 @@ def test_texture_lies_where_its_coordinates_say():
     row = linear(render_rgb(s))[60, :, 0]
     column = 79.5 + 200 * (-4 + 8 * np.array([0.375, 0.5, 0.625])) / 10  # x = -4 + 8 u at z = 10
     seen = np.interp(column, np.arange(160), row) / row[80:84].mean()
-    srgb = np.array([80, 120, 160])  # the atlas interpolates bytes: the middle of 80 and 160 is 120
+    srgb = np.array([80, 120, 160])  # bytes are interpolated: the middle of 80 and 160 is 120
     middle = linear(np.array([120], np.uint8))[0]
     np.testing.assert_allclose(seen, linear(srgb.astype(np.uint8)) / middle, rtol=0.08)
 
