@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ def test_strips_join_without_gaps_and_carry_the_lane_asked_for(seed: int) -> Non
     wanted = float(rng.uniform(8, 44))
     strips = sample_strips(wanted, rng)
     assert strips[0].y0_m < 0  # the camera stands on ground
-    for a, b in zip(strips, strips[1:], strict=False):
+    for a, b in pairwise(strips):
         assert a.y1_m == pytest.approx(b.y0_m)
         assert a.y1_m > a.y0_m
     lanes = [y for s in strips if s.role == "road" for y in s.lanes_m]

@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+
+from datasets_synth.car_models import ParametricCar, cars_of_splits
+from datasets_synth.car_shapes import car_shapes
+from datasets_synth.distractors import PROPS
+from datasets_synth.layout import GROUND_KINDS, Footprint, footprint, sample_scene
+from datasets_synth.mesh import Scene
+from datasets_synth.presets import MAX_CARS, SplitSize, synth_preset
+from datasets_synth.truth import azimuth_deg
+from recon.errors import RescoreError
+from rescore.frames import SPLITS
+
+CONFIG = synth_preset("paper")
+CARS = tuple(ParametricCar(s) for s in car_shapes()[::25])
+PICTURES = (np.full((60, 100, 3), 128, np.uint8),)
+
+
+@pytest.fixture(scope="module")
+def scenes() -> list[Scene]:
+    return [sample_scene(CONFIG, CARS, np.random.default_rng(s), s % 3, PICTURES) for s in range(14)]
+
+
+def test_footprints_meet_where_rectangles_overlap() -> None:
+    square = Footprint(0, 0, 1, 1)
+    assert square.meets(Footprint(1.9, 0, 1, 1))
+    assert not square.meets(Footprint(2.1, 0, 1, 1))
+    # turned by 45 degrees a unit square reaches sqrt(2) = 1.414 along x, so 2.3 < 2.414 overlaps ...
+    assert square.meets(Footprint(2.3, 0, 1, 1, np.pi / 4))
+    # ... while past the corner their bounding boxes overlap and they do not
+    assert not square.meets(Footprint(1.9, 1.9, 1, 1, np.pi / 4))
+
+
+def test_nothing_solid_intersects(scenes: list[Scene]) -> None:
+    pairs = 0
+    for scene in scenes:
+        solid = [footprint(i) for i in scene.items if i.kind not in GROUND_KINDS | {"facade"}]
+        # beyond the last strip trees and hedges of an open far side may touch; all others keep their distance
+        last_strip_ends = min(
+            i.mesh.vertices_m[:, 1].min() for i in scene.items if i.mesh.vertices_m[:, 1].max() > 100
+        )
+        front = [f for f in solid if f.y_m < last_strip_ends]
+        for i, a in enumerate(front):
+            for b in front[i + 1 :]:
+                pairs += 1
+                assert not a.meets(b)
+    assert pairs > 100
+
+
+def test_everything_stands_on_its_ground(scenes: list[Scene]) -> None:
+    for scene in scenes:
+        tops = [
+            (
+                i.mesh.vertices_m[:, 1].min(),
+                i.mesh.vertices_m[:, 1].max(),
+                round(float(i.mesh.vertices_m[:, 2].min()), 3),
+            )
+            for i in scene.items
+            if i.kind in GROUND_KINDS - {"kerb"}
+        ]
+        for item in scene.items:
+            if item.kind in GROUND_KINDS:
+                continue
+            y, z = item.world_from_object[1, 3], item.world_from_object[2, 3]
+            under = {top for low, high, top in tops if low - 0.5 <= y <= high + 0.5}
+            assert round(float(z), 3) in under
+
+
+def test_cars_are_seen_from_their_left_side_on_the_road(scenes: list[Scene]) -> None:
+    seen = 0
+    for scene in scenes:
+        for item in scene.items:
+            if item.kind != "car":
+                continue
+            azimuth = azimuth_deg(scene.left_from_world @ item.world_from_object)
+            # the car across the street is seen from its nose or its tail instead
+            if 60 < azimuth < 120:
+                seen += 1
+                assert 75 <= azimuth <= 105
+                assert item.world_from_object[2, 3] == 0.0
+                assert 7.0 <= item.world_from_object[1, 3] <= 46.0
+                assert item.shape_id in {c.shape_id for c in CARS}
+    assert seen >= 10
+
+
+def test_kinds_are_known_and_the_camera_stands_over_the_street(scenes: list[Scene]) -> None:
+    known = GROUND_KINDS | {"facade", "car"} | {p.kind for p in PROPS}
+    for scene in scenes:
+        assert {i.kind for i in scene.items} <= known
+        eye = np.linalg.inv(scene.left_from_world)[:3, 3]
+        assert np.allclose(eye[:2], 0)
+        assert 1.2 <= eye[2] <= 1.7
+        assert np.allclose(scene.left_from_world[:3, :3] @ scene.left_from_world[:3, :3].T, np.eye(3))
+        assert np.linalg.det(scene.left_from_world[:3, :3]) == pytest.approx(1)
+
+
+def test_the_same_seed_gives_the_same_street() -> None:
+    a, b = (sample_scene(CONFIG, CARS, np.random.default_rng(5), 1, PICTURES) for _ in range(2))
+    assert [i.kind for i in a.items] == [i.kind for i in b.items]
+    assert all(
+        np.array_equal(x.world_from_object, y.world_from_object)
+        for x, y in zip(a.items, b.items, strict=True)
+    )
+    assert all(
+        np.array_equal(x.mesh.vertices_m, y.mesh.vertices_m) for x, y in zip(a.items, b.items, strict=True)
+    )
+
+
+def test_without_pictures_there_are_no_posters() -> None:
+    needing = {p.kind for p in PROPS if p.needs_pictures}
+    for seed in range(6):
+        scene = sample_scene(CONFIG, CARS, np.random.default_rng(seed), 0)
+        assert not needing & {i.kind for i in scene.items}
+
+
+def test_no_two_splits_share_a_shape_and_all_have_every_body_type() -> None:
+    cars = cars_of_splits()
+    ids = {split: {c.shape_id for c in cars[split]} for split in SPLITS}
+    for a in SPLITS:
+        for b in SPLITS:
+            assert a == b or not ids[a] & ids[b]
+    assert set.union(*ids.values()) == {s.shape_id for s in car_shapes()}
+    kinds = {split: {c.shape.body_type for c in cars[split]} for split in SPLITS}  # type: ignore[attr-defined]
+    assert all(kinds[split] == kinds["train"] for split in SPLITS)
+
+
+def test_the_paper_preset_has_the_sizes_of_the_report() -> None:
+    assert CONFIG.splits["test"] == SplitSize(109, 127)
+    assert CONFIG.splits["validation"].n_images == 20
+    assert set(CONFIG.splits) == set(SPLITS)
+
+
+def test_an_unknown_preset_and_an_impossible_size_are_refused() -> None:
+    with pytest.raises(RescoreError, match=r"preset: expected one of demo, paper, tiny, got 'papre'"):
+        synth_preset("papre")
+    with pytest.raises(RescoreError, match=f"at most {MAX_CARS} cars an image"):
+        SplitSize(2, 2 * MAX_CARS + 1)
