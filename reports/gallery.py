@@ -95,6 +95,9 @@ def _picks(run: Run, detector: str, mode: str, per_shelf: int) -> dict[tuple[str
     groups = {}
     for words, (falling, rising) in _GROUPS.items():
         moved = np.where(outcome == falling, after - before, np.where(outcome == rising, before - after, 0))
+        if falling == "false_alarm":
+            # a candidate without evidence keeps its score: others moved past it, depth did nothing to it
+            moved = np.where(np.isfinite(rows["depth_difference"]), moved, 0)
         best = [i for i in np.argsort(-moved, kind="stable")[:per_shelf] if moved[i] > 0]
         groups[words] = [
             (int(rows["image_id"][i]), int(rows["rank"][i]), int(before[i]), int(after[i]), len(before))

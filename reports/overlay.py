@@ -111,7 +111,7 @@ def stereo_points(
     depth_m: NDArray[np.floating],
     rgb: NDArray[np.uint8],
     camera: PinholeCamera,
-    max_points: int = 14_000,
+    max_points: int = 24_000,
     max_depth_m: float = 60.0,
 ) -> tuple[FloatArray, NDArray[np.uint8]]:
     """Measured points (n, 3) in the camera frame and their colours (n, 3), thinned on a pixel grid."""

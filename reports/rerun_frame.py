@@ -17,8 +17,7 @@ from reports.overlay import (
     stereo_points,
     world_from_camera,
 )
-from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, detector_name, part_colour, rgb
-from reports.tables import REASON_TEXT
+from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, part_colour, rgb
 
 WORLD = "world"
 CAMERA = f"{WORLD}/camera"
@@ -132,19 +131,36 @@ def candidate_label(c: CandidateView) -> str:
 
 def frame_table(view: FrameView, detector: str) -> str:
     """The candidates of a frame as Markdown, best after rescoring first."""
-    head = "| rank | before | after | D | outcome | depth evidence | shows |\n"
-    lines = [head, "| ---: | ---: | ---: | ---: | --- | --- | --- |\n"]
-    for c in sorted(view.candidates[detector], key=lambda c: c.new_rank):
-        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else "–"
-        lines.append(
-            f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {c.posterior:.3f} | {d} | "
-            f"{OUTCOME_NAME[c.outcome]} | {REASON_TEXT.get(c.status, c.status)} | {c.kind.replace('_', ' ')} |\n"
-        )
     found = {c.annotation_id for c in view.candidates[detector] if c.outcome == "hit"}
     cars = [int(i) for i in view.truth.annotation_id[~view.truth.ignore]]
-    title = f"### Image {view.image_id}: {detector_name(detector)}\n\n"
-    cars_text = f"{len(cars)} annotated cars, {sum(i in found for i in cars)} among the candidates.\n\n"
-    return title + cars_text + "".join(lines)
+    lines = [
+        f"**Image {view.image_id}**: {len(cars)} annotated cars, {sum(i in found for i in cars)} of them hit.\n\n",
+        "| place | before | after | D | outcome | shows |\n",
+        "| ---: | ---: | ---: | ---: | --- | --- |\n",
+    ]
+    for c in sorted(view.candidates[detector], key=lambda c: c.new_rank):
+        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else c.status.replace("_", " ")
+        lines.append(
+            f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {c.posterior:.3f} | {d} | "
+            f"{OUTCOME_NAME[c.outcome]} | {c.kind.replace('_', ' ')} |\n"
+        )
+    return "".join(lines)
+
+
+def label_spots(xyxy_px: NDArray[np.float64], width_px: int, height_px: int) -> NDArray[np.float64]:
+    """Where labels (n, 2) stand: under their boxes, moved down where they would lie on an earlier label.
+
+    The size of a label in picture pixels depends on the zoom; assumed is a picture that fills its view.
+    """
+    w, h = 0.36 * width_px, 0.042 * height_px * 640 / 480
+    spots: list[tuple[float, float]] = []
+    for x0, _, x1, y1 in xyxy_px:
+        x = float(np.clip((x0 + x1) / 2, w / 2, width_px - w / 2))
+        y = float(min(y1, height_px - 1.5 * h))
+        while any(abs(x - ox) < w and abs(y - oy) < h for ox, oy in spots):
+            y += h / 4
+        spots.append((x, y))
+    return np.array(spots).reshape(-1, 2)
 
 
 def _log_detector(
@@ -154,8 +170,9 @@ def _log_detector(
     boxes = candidates_path(detector)
     first = [c for c in candidates if c.new_rank < SHOWN_MODELS or c.outcome == "hit"]
     rest = [c for c in candidates if c not in first]
-    _log_boxes(rec, f"{boxes}/first", first, labels=True)
-    _log_boxes(rec, f"{boxes}/rest", rest, labels=False)
+    _log_boxes(rec, f"{boxes}/first", first, thick=True)
+    _log_boxes(rec, f"{boxes}/rest", rest, thick=False)
+    _log_labels(rec, f"{boxes}/labels", first, view)
     _log_cars(rec, f"{boxes}/cars", candidates, view)
     worst_first = sorted(candidates, key=lambda c: -c.new_rank)
     depth, labels = compose(worst_first, view.measured.shape)
@@ -164,13 +181,14 @@ def _log_detector(
     _log_outlines(rec, f"{boxes}/outlines", candidates)
     top = [c for c in candidates if c.new_rank < SHOWN_MODELS]
     others = [c for c in candidates if c.new_rank >= SHOWN_MODELS]
-    for name, some in (("first", top), ("rest", others)):
-        _log_models(rec, f"{models_path(detector)}/{name}", some, view)
+    for name, some, size in (("first", top, 600), ("rest", others, 200)):
+        meshes = [mesh for c in some if (mesh := candidate_mesh(c, view, size)) is not None]
+        _log_models(rec, f"{models_path(detector)}/{name}", meshes, view.ground)
     table = rr.TextDocument(frame_table(view, detector), media_type=rr.MediaType.MARKDOWN)
     rec.log(f"tables/{rr.escape_entity_path_part(detector)}", table)
 
 
-def _log_boxes(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView], labels: bool) -> None:
+def _log_boxes(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView], thick: bool) -> None:
     boxes = np.array([c.xyxy_px for c in some]).reshape(-1, 4)
     rec.log(
         path,
@@ -179,9 +197,9 @@ def _log_boxes(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView]
             array_format=rr.Box2DFormat.XYXY,
             class_ids=[OUTCOME_CLASSES.index(c.outcome) for c in some],
             labels=[candidate_label(c) for c in some],
-            show_labels=labels,
-            radii=rr.Radius.ui_points(1.8 if labels else 0.9),
-            draw_order=20 if labels else 15,
+            show_labels=False,
+            radii=rr.Radius.ui_points(1.8 if thick else 0.9),
+            draw_order=20 if thick else 15,
         ),
         rr.AnyValues(
             drop_untyped_nones=True,
@@ -191,6 +209,24 @@ def _log_boxes(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView]
             posterior=np.array([c.posterior for c in some], np.float64),
             depth_difference=np.array([c.depth_difference for c in some], np.float64),
             annotation_id=np.array([c.annotation_id for c in some], np.int64),
+        ),
+    )
+
+
+def _log_labels(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView], view: FrameView) -> None:
+    """Labels apart from the boxes, for the viewer would break them into lines as wide as the box."""
+    h, w = view.measured.shape
+    lowest_first = sorted(some, key=lambda c: c.xyxy_px[3])
+    spots = label_spots(np.array([c.xyxy_px for c in lowest_first]).reshape(-1, 4), w, h)
+    rec.log(
+        path,
+        rr.Points2D(
+            spots,
+            class_ids=[OUTCOME_CLASSES.index(c.outcome) for c in lowest_first],
+            labels=[candidate_label(c) for c in lowest_first],
+            show_labels=True,
+            radii=rr.Radius.ui_points(0),
+            draw_order=30,
         ),
     )
 
@@ -250,8 +286,7 @@ def compose(
     return depth, labels
 
 
-def _log_models(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView], view: FrameView) -> None:
-    meshes = [mesh for c in some if (mesh := candidate_mesh(c, view)) is not None]
+def _log_models(rec: rr.RecordingStream, path: str, meshes: list[PartMesh], ground: GroundPlane) -> None:
     if not any(len(m.triangles) for m in meshes):
         # a mesh without triangles is refused; clearing removes that of the frame before
         rec.log(path, rr.Clear(recursive=False))
@@ -261,19 +296,19 @@ def _log_models(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView
     rec.log(
         path,
         rr.Mesh3D(
-            vertex_positions=apply_transform(world_from_camera(view.ground), mesh.xyz_m),
+            vertex_positions=apply_transform(world_from_camera(ground), mesh.xyz_m),
             triangle_indices=mesh.triangles,
             vertex_colors=colours,
         ),
     )
 
 
-def candidate_mesh(c: CandidateView, view: FrameView) -> PartMesh | None:
+def candidate_mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | None:
     """The registered prediction of a candidate as a surface in the camera frame; None without evidence."""
     if c.instance is None or c.registered is None:
         return None
     corner = (c.instance.depth.x0_px, c.instance.depth.y0_px)
-    return part_mesh(in_metres(c.registered, view), c.instance.part_labels, view.camera, corner)
+    return part_mesh(in_metres(c.registered, view), c.instance.part_labels, view.camera, corner, max_vertices)
 
 
 def _ground_grid(

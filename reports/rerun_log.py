@@ -203,7 +203,7 @@ def _frame_tab(detector: str) -> rrb.Horizontal:
             name="predicted depth, registered", origin=IMAGE, contents=[f"{root}/predicted_depth/**"]
         ),
         rrb.TextDocumentView(name="candidates of this frame", origin=f"tables/{name}"),
-        row_shares=[3, 3, 4],
+        row_shares=[3, 3, 3],
     )
     scene = rrb.Spatial3DView(
         name="stereo points and registered models",

@@ -1,0 +1,33 @@
+import numpy as np
+import pytest
+
+from reports.rerun_plot import ASPECT, Axis, Plot, dashes
+
+
+def test_axes_map_linearly_or_by_decades():
+    linear = Axis("x", 2, 6, ())
+    np.testing.assert_allclose(linear.unit(np.array([2, 3, 6, 9.0])), [0, 0.25, 1, 1])
+    # from 0.01 to 100 are four decades; 1 lies in their middle, and 0 is held at the left end
+    log = Axis("x", 0.01, 100, (), log=True)
+    np.testing.assert_allclose(log.unit(np.array([0.0, 0.01, 1, 100])), [0, 0, 0.5, 1])
+
+
+def test_plots_grow_upwards_in_coordinates_that_grow_downwards():
+    plot = Plot("p", "t", Axis("x", 0, 1, ()), Axis("y", 0, 2, ()), (), (0, 0))
+    np.testing.assert_allclose(plot.place(np.array([0.0, 1.0]), np.array([0.0, 2.0])), [[0, 0], [ASPECT, -1]])
+
+
+def test_dashes_cover_half_of_the_line_and_lie_on_it():
+    corner = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    pieces = dashes(corner, 0.1)
+    lengths = [np.hypot(*np.diff(p, axis=0).T).sum() for p in pieces]
+    # 2 units in dashes of 0.1 with gaps of 0.1: ten of them
+    assert len(pieces) == 10
+    assert sum(lengths) == pytest.approx(1.0)
+    every = np.concatenate(pieces)
+    assert (np.isclose(every[:, 1], 0) | np.isclose(every[:, 0], 1)).all()
+
+
+def test_a_line_without_length_stays():
+    point = np.array([[0.3, 0.4], [0.3, 0.4]])
+    assert len(dashes(point, 0.1)) == 1
