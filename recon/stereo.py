@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from recon.camera import StereoCamera
 from recon.errors import RescoreError
 
 PNG_SCALE = 256.0
@@ -56,6 +57,12 @@ class SgbmConfig:
             raise RescoreError(f"stereo: block_size must be odd and positive, got {self.block_size}; try 5")
         if not 0 <= self.p1 < self.p2:
             raise RescoreError(f"stereo: expected 0 <= p1 < p2, got p1={self.p1}, p2={self.p2}; raise p2")
+
+
+def disparities_to_reach(camera: StereoCamera, nearest_m: float) -> int:
+    """The smallest legal ``num_disparities`` that still measures surfaces at ``nearest_m`` metres."""
+    largest_px = camera.left.fx_px * camera.baseline_m / nearest_m
+    return 16 * (int(largest_px) // 16 + 1)
 
 
 def compute_disparity(

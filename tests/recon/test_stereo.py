@@ -5,10 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import (
     SgbmConfig,
     compute_disparity,
+    disparities_to_reach,
     disparity_error,
     fill_holes,
     read_disparity,
@@ -101,6 +103,12 @@ def test_a_picture_too_narrow_for_a_repeatable_result_is_refused():
     with pytest.raises(RescoreError, match=r"half a block \(3 px\) must fit .* \(66 - 64 px\)"):
         compute_disparity(picture, picture, SgbmConfig(num_disparities=64, block_size=7))
     compute_disparity(picture, picture, SgbmConfig(num_disparities=64, block_size=5))  # 2 px fit
+
+
+def test_enough_disparities_for_the_nearest_surface():
+    # 720 px * 0.5 m = 360: 8 m is 45 px, 7.5 m is exactly 48 px, which 48 disparities (0 to 47) do not reach
+    camera = StereoCamera(PinholeCamera(720.0, 720.0, 320, 240, 640, 480), 0.5)
+    assert [disparities_to_reach(camera, z) for z in (50.0, 8.0, 7.5)] == [16, 48, 64]
 
 
 @pytest.mark.parametrize(
