@@ -112,7 +112,7 @@ class _Table:
         path = evidence_path(self._folder, self._detector, image_id)
         instances = read_evidence(path) if path.is_file() else ()
         return tuple(
-            self._view(i, int(new), _instance(instances, int(rows["rank"][i])))
+            self._view(int(i), int(new), _instance(instances, int(rows["rank"][i])))
             for i, new in zip(index, new_rank, strict=True)
         )
 

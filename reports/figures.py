@@ -21,7 +21,9 @@ _DASHES = ("solid", "dashdot", "dot", "longdashdot")
 def candidate_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Figure:
     """The ROC over candidates."""
     traces = [
-        _trace(c, curves, c.candidate.x, c.candidate.y, c.candidate.threshold, f"area {number(c.row['auc'])}")
+        _trace(
+            c, curves, (c.candidate.x, c.candidate.y), c.candidate.threshold, f"area {number(c.row['auc'])}"
+        )
         for c in curves
     ]
     for trace in traces:
@@ -34,11 +36,13 @@ def candidate_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any])
         "candidate-roc",
         "Candidate ROC",
         traces,
-        _axis("false-positive rate: share of the false candidates accepted", [-0.01, 1.01]),
-        _axis("true-positive rate (share of hits)", [0, 1.02]),
-        f"Counts the {metrics['n_candidates']} candidates only. A car that no candidate found does not appear here; "
-        "candidates on ignored objects are left out.",
-        _alt("Candidate ROC", curves, "auc", "area"),
+        (
+            _axis("false-positive rate: share of the false candidates accepted", [-0.01, 1.01]),
+            _axis("true-positive rate (share of hits)", [0, 1.02]),
+        ),
+        note=f"Counts the {metrics['n_candidates']} candidates only. A car that no candidate found does not appear "
+        "here; candidates on ignored objects are left out.",
+        alt=_alt("Candidate ROC", curves, "auc", "area"),
     )
 
 
@@ -48,7 +52,7 @@ def car_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Fi
     traces = []
     for c in curves:
         legend = f"AP {number(c.row['average_precision'])}"
-        trace = _trace(c, curves, np.maximum(c.cars.x, left), c.cars.y, c.cars.threshold, legend)
+        trace = _trace(c, curves, (np.maximum(c.cars.x, left), c.cars.y), c.cars.threshold, legend)
         trace["line"]["shape"] = "hv"
         trace["customdata"] = c.cars.x.tolist()
         trace["hovertemplate"] = (
@@ -63,11 +67,10 @@ def car_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Fi
         "car-roc",
         "Cars found against false positives",
         traces,
-        x,
-        _axis(f"share of all {metrics['n_cars']} annotated cars", [0, 1.02]),
-        f"Counts all {metrics['n_cars']} annotated cars, missed ones too, and all {metrics['n_images']} images, also "
-        "those without a car. A second candidate on the same car is a false positive.",
-        _alt(
+        (x, _axis(f"share of all {metrics['n_cars']} annotated cars", [0, 1.02])),
+        note=f"Counts all {metrics['n_cars']} annotated cars, missed ones too, and all {metrics['n_images']} images, "
+        "also those without a car. A second candidate on the same car is a false positive.",
+        alt=_alt(
             "Cars found against false positives per image", curves, "average_precision", "average precision"
         ),
     )
@@ -79,7 +82,7 @@ def precision_recall_figure(curves: Sequence[CurveSet], metrics: Mapping[str, An
     for c in curves:
         p = c.precision
         trace = _trace(
-            c, curves, p.recall, p.precision, p.threshold, f"AP {number(c.row['average_precision'])}"
+            c, curves, (p.recall, p.precision), p.threshold, f"AP {number(c.row['average_precision'])}"
         )
         trace["hovertemplate"] = "threshold %{text}<br>precision %{y:.1%} at %{x:.1%} of all cars"
         traces.append(trace)
@@ -87,10 +90,12 @@ def precision_recall_figure(curves: Sequence[CurveSet], metrics: Mapping[str, An
         "precision-recall",
         "Precision and recall",
         traces,
-        _axis(f"recall: share of all {metrics['n_cars']} annotated cars", [0, 1.01]),
-        _axis("precision (hits among accepted)", [0, 1.02]),
-        "Precision: share of the accepted candidates that are hits. Recall: share of all annotated cars found.",
-        _alt("Precision against recall", curves, "average_precision", "average precision"),
+        (
+            _axis(f"recall: share of all {metrics['n_cars']} annotated cars", [0, 1.01]),
+            _axis("precision (hits among accepted)", [0, 1.02]),
+        ),
+        note="Precision: share of the accepted candidates that are hits. Recall: share of all cars found.",
+        alt=_alt("Precision against recall", curves, "average_precision", "average precision"),
     )
 
 
@@ -130,23 +135,29 @@ def weight_figure(tuning: Mapping[str, Mapping[str, Any]]) -> Figure:
         "weight",
         "Choice of w on the validation set",
         traces,
-        _axis("w: 0 trusts the depth alone, 1 the detector alone", [-0.02, 1.02]),
-        {"title": {"text": f"{objective} on the validation set"}},
-        "The marked w was chosen on the validation images alone; where many w are equally good, the middle one.",
-        f"{objective} on the validation set over w; chosen: {chosen_text}",
+        (
+            _axis("w: 0 trusts the depth alone, 1 the detector alone", [-0.02, 1.02]),
+            {"title": {"text": f"{objective} on the validation set"}},
+        ),
+        note="The marked w was chosen on the validation images alone; of many that are equally good, the middle one.",
+        alt=f"{objective} on the validation set over w; chosen: {chosen_text}",
     )
 
 
 def _trace(
-    c: CurveSet, curves: Sequence[CurveSet], x: FloatArray, y: FloatArray, threshold: FloatArray, legend: str
+    c: CurveSet,
+    curves: Sequence[CurveSet],
+    xy: tuple[FloatArray, FloatArray],
+    threshold: FloatArray,
+    legend: str,
 ) -> dict[str, Any]:
     detectors = tuple(dict.fromkeys(o.detector for o in curves))
     others = [m for m in dict.fromkeys(o.mode for o in curves) if m != "detector"]
     alone = c.mode == "detector"
     dash = "dash" if alone else _DASHES[others.index(c.mode) % len(_DASHES)]
     return {
-        "x": x.tolist(),
-        "y": y.tolist(),
+        "x": xy[0].tolist(),
+        "y": xy[1].tolist(),
         "text": [f"{t:.4f}" if np.isfinite(t) else "above all scores" for t in threshold.tolist()],
         "mode": "lines",
         "name": f"{c.short_name}: {legend}",
@@ -166,19 +177,13 @@ def _figure(
     name: str,
     title: str,
     traces: list[dict[str, Any]],
-    x: dict[str, Any],
-    y: dict[str, Any],
+    axes: tuple[dict[str, Any], dict[str, Any]],
+    *,
     note: str,
     alt: str,
 ) -> Figure:
-    return {
-        "id": name,
-        "title": title,
-        "note": note,
-        "alt": alt,
-        "traces": traces,
-        "layout": {"xaxis": x, "yaxis": y},
-    }
+    layout = {"xaxis": axes[0], "yaxis": axes[1]}
+    return {"id": name, "title": title, "note": note, "alt": alt, "traces": traces, "layout": layout}
 
 
 def _alt(title: str, curves: Sequence[CurveSet], key: str, what: str) -> str:

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -23,6 +22,7 @@ from reports.pictures import RESIDUAL_LIMIT_M
 from reports.roc import write_curves
 from reports.run_folder import Run, load_run
 from reports.tables import Table, kind_table, number, reason_table, result_table, stereo_table
+from reports.templating import render
 from rescore.store import atomic_path
 
 HEADLINE_RECALL = "0.7"
@@ -45,10 +45,9 @@ def build_report(run_dir: Path) -> Path:
 
 def render_report(run: Run) -> str:
     """The page of a run as text."""
-    loader = PackageLoader("reports", "templates")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     mode = run.modes[-1]
-    return environment.get_template("report.html.j2").render(
+    return render(
+        "report.html.j2",
         headline=headline(run.metrics),
         metrics=run.metrics,
         figures=_figures(run),
@@ -82,7 +81,8 @@ def headline(metrics: Mapping[str, Any]) -> list[str]:
             _from_to(before["average_precision"], after["average_precision"], 3),
         )
         sentences.append(
-            f"{name}: with stereo depth (w = {w}), average precision goes {precision}, {_false_positives(false, level)}."
+            f"{name}: with stereo depth (w = {w}), average precision goes {precision}, "
+            f"{_false_positives(false, level)}."
         )
     return sentences
 
@@ -93,7 +93,7 @@ def _false_positives(values: list[float | None], level: str) -> str:
         return f"and {level} of all cars are never found"
     if len(values) == 1:
         return f"{number(values[0], 2)} {what}"
-    return f"and {what} go {_from_to(*values, 2)}"
+    return f"and {what} go {_from_to(values[0], values[1], 2)}"
 
 
 def _from_to(before: float | None, after: float | None, digits: int) -> str:

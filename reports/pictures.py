@@ -65,7 +65,7 @@ def colourise(values: NDArray[np.float32], low: float, high: float, colormap: st
     unit = np.clip((np.nan_to_num(values, nan=low) - low) / span, 0, 1)
     colours = (mpl.colormaps[colormap](unit)[..., :3] * 255).round().astype(np.uint8)
     colours[~np.isfinite(values)] = _HOLE
-    return colours
+    return np.asarray(colours, np.uint8)
 
 
 def data_uri(picture: Rgb) -> str:

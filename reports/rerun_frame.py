@@ -133,8 +133,9 @@ def frame_table(view: FrameView, detector: str) -> str:
     """The candidates of a frame as Markdown, best after rescoring first."""
     found = {c.annotation_id for c in view.candidates[detector] if c.outcome == "hit"}
     cars = [int(i) for i in view.truth.annotation_id[~view.truth.ignore]]
+    n_hit = sum(i in found for i in cars)
     lines = [
-        f"**Image {view.image_id}**: {len(cars)} annotated cars, {sum(i in found for i in cars)} of them hit.\n\n",
+        f"**Image {view.image_id}**: {len(cars)} annotated cars, {n_hit} hit.\n\n",
         "| place | before | after | D | outcome | shows |\n",
         "| ---: | ---: | ---: | ---: | --- | --- |\n",
     ]
@@ -273,7 +274,7 @@ def _log_outlines(rec: rr.RecordingStream, path: str, candidates: Sequence[Candi
 def compose(
     worst_first: Sequence[CandidateView], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Registered depth and part labels (h, w) of all candidates; where they overlap the later one is on top."""
+    """Registered depth and part labels (h, w) of candidates; where they overlap, the later one is on top."""
     depth = np.full(shape, np.nan, np.float32)
     labels = np.zeros(shape, np.uint8)
     for c in worst_first:

@@ -1,4 +1,4 @@
-"""The recording of a run: every test frame in 2D and 3D with its candidates, and the curves, for the Rerun viewer."""
+"""The recording of a run for the Rerun viewer: test frames in 2D and 3D with their candidates, and curves."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +24,7 @@ from reports.rerun_plot import Axis, Line, Plot
 from reports.roc import left_edge
 from reports.run_folder import Run, load_run
 from reports.tables import number, short_table
+from reports.templating import render
 from rescore.progress import track
 from rescore.store import atomic_path
 
@@ -82,10 +83,11 @@ def write_recording(
 
 def choose_frames(run: Run, max_frames: int | None) -> NDArray[np.int64]:
     """Ids of the images to show, in the order of the data set."""
-    ids = np.array([f.image_id for f in run_data(run).frames], dtype=np.int64)
+    ids: NDArray[np.int64] = np.array([f.image_id for f in run_data(run).frames], dtype=np.int64)
     if max_frames is None or max_frames >= len(ids):
         return ids
-    return ids[np.unique(np.linspace(0, len(ids) - 1, max_frames).round().astype(int))]
+    spread = np.unique(np.linspace(0, len(ids) - 1, max_frames).round().astype(int))
+    return np.asarray(ids[spread])
 
 
 def _plots(run: Run) -> tuple[Plot, ...]:
@@ -228,32 +230,13 @@ def _frame_tab(detector: str) -> rrb.Horizontal:
 
 
 def _guide(run: Run, mode: str) -> str:
-    rows = short_table(run.metrics, levels=("0.7",)).markdown()
-    m = run.metrics
-    low, high = DEPTH_RANGE_M
-    return f"""# Rescored car detections
-
-{m["n_images"]} test images with {m["n_cars"]} annotated cars, {m["n_candidates"]} candidates.
-A detector gives each candidate a likelihood *l*. A 3D class model predicts the depth that a car would have there,
-and the stereo camera measures it. *D* is what is left between the two after the best scale and offset (eq. 6):
-0 fits perfectly, 0.5 not at all. The score after rescoring is exp(w log l + (1 − w) log(1 − D)) (eq. 7).
-
-{rows}
-AP: average precision. 70%: false positives per image where 70% of all cars are found.
-
-## The curves
-Dashed: {mode_name("detector")}. Solid: {mode_name(mode)}. Candidate ROC: only the candidates count.
-Cars found: all annotated cars count, missed ones too, and so do images without a car.
-
-## The frames
-Move through them with the timeline below (open the panel for *frame* or *image_id*).
-
-- Boxes: green **hit**, orange **false alarm**, purple **duplicate**, grey ignored; light blue annotated car, found;
-  yellow annotated car that no candidate hit. Thick boxes are the best three and the hits.
-- A label reads: place by detector → place after rescoring, *l* → score after rescoring, *D*. Hover any box for its
-  numbers, and see the table of the frame.
-- Depth: dark near, bright far, {low:g} to {high:g} m; black is a hole.
-- 3D: measured points in the colours of the picture; the predicted parts of the best three candidates, one colour a
-  part, after the scale and offset of eq. 6. On a car they lie in the points; on a false alarm they stick out.
-  The models of the other candidates are hidden: show them in the blueprint panel under *models/rest*.
-"""
+    """How to read the recording, with the results, as Markdown."""
+    low, high = (f"{v:g}" for v in DEPTH_RANGE_M)
+    return render(
+        "guide.md.j2",
+        metrics=run.metrics,
+        table=short_table(run.metrics, levels=("0.7",)).markdown(),
+        mode=mode_name(mode),
+        low=low,
+        high=high,
+    )

@@ -57,8 +57,8 @@ class Table:
 
 def result_table(metrics: Mapping[str, Any]) -> Table:
     """A row a detector and mode: w, areas, average precision, false positives per image, ceiling."""
-    head = ("detector", "scores", "w", "area (ROC)", "average precision")
-    head += (*(f"FP/image at {float(r):.0%}" for r in RECALLS), "recall ceiling")
+    levels = (f"FP/image at {float(r):.0%}" for r in RECALLS)
+    head = ("detector", "scores", "w", "area (ROC)", "average precision", *levels, "recall ceiling")
     rows = tuple(
         (
             detector_name(row["detector"]),

@@ -10,10 +10,12 @@ import pytest
 import rerun_cli
 from rerun.chunk import RrdReader
 
+from reports.curves import curve_sets
 from reports.evidence_view import frame_views
 from reports.overlay import apply_transform, points_of_depth, world_from_camera
 from reports.rerun_frame import DEPTH_UNIT, HOLE_CLASS, OUTCOME_CLASSES, label_spots
 from reports.rerun_log import choose_frames, write_recording
+from reports.rerun_plot import ASPECT
 from reports.run_folder import Run, boxes_px
 
 IMAGE = "/world/camera/image"
@@ -123,9 +125,6 @@ def test_the_file_is_whole_and_blueprint_and_guide_are_inside(run: Run, recordin
 
 
 def test_curves_in_the_recording_are_those_of_the_run(run: Run, recording: Path):
-    from reports.curves import curve_sets
-    from reports.rerun_plot import ASPECT
-
     for c in curve_sets(run):
         strips = read(recording, f"/curves/candidate_roc/{c.detector}_{c.mode}")[-1]["LineStrips2D:strips"]
         points = np.concatenate([np.array(s) for s in strips])
