@@ -1,4 +1,4 @@
-"""The 3D class model of section 3.1: view bins, part-labelled images, skeleton and part planes; and its file."""
+"""The 3D class model of section 3.1: view bins, labelled images, skeleton, part planes; its file."""
 
 import json
 import os

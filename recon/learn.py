@@ -1,4 +1,4 @@
-"""Learning a class model from part-labelled views (section 3.2). Of the cameras only the view bins are known."""
+"""Learning a class model from part-labelled views (section 3.2). Of the cameras it knows the view bins."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -185,8 +185,8 @@ def _shows(normals: FloatArray, pair: _Pair, config: LearnConfig) -> NDArray[np.
 def _library_cost(normals: FloatArray, pair: _Pair, config: LearnConfig) -> FloatArray:
     """How badly each primitive explains a pair, shape (k,).
 
-    Mean squared distance of the carried boundary to the seen one and back, in part sizes, capped. It is for the
-    whole library at once, so by nearest points; shape contexts match the points for the chosen one.
+    Mean squared distance of the carried boundary to the seen one and back, in part sizes, capped. It is for
+    the whole library at once, so by nearest points; shape contexts match the points for the chosen one.
     """
     cost = np.full(len(normals), config.outlier**2)
     use = _shows(normals, pair, config)

@@ -19,7 +19,7 @@ class PlacingConfig:
     noise, so the part is not placed."""
     max_depth_range: float = 1.0
     """Depths farther from the ground line than this many object lengths (diagonals of the model's extents,
-    scaled by the outline's width) are dropped; a part with more than half of its pixels dropped is not placed."""
+    scaled by the outline's width) are dropped; a part that loses more than half of its pixels is not placed."""
     min_placed: float = 0.5
     """Smallest share of the labelled pixels that must get a depth."""
 

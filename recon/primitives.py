@@ -31,7 +31,7 @@ def primitive_normals() -> FloatArray:
 
 
 def lift(normals: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Matrices (k, 3, 2) from image offsets of a view to offsets in the object frame on planes through a point.
+    """Matrices (k, 3, 2) from image offsets of a view to object offsets on planes through a point.
 
     The offset e obeys R e = u (two rows of ``rotation``) and n . e = 0. Not finite for a plane seen edge-on.
     """

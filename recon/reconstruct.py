@@ -190,7 +190,7 @@ def view_rotation(
 
 
 def feet(model: ClassModel) -> dict[int, FloatArray]:
-    """Where the parts stand that reach the lowest tenth of the model: their lowest outline point (3,), by label."""
+    """Lowest outline point (3,) of each part that reaches the lowest tenth of the model, by label."""
     low = {p.label: p.outline[np.argmin(p.outline[:, 2])] for p in model.parts}
     limit = min(float(point[2]) for point in low.values()) + 0.1 * model.extents[2]
     return {label: point for label, point in low.items() if point[2] <= limit}

@@ -1,8 +1,8 @@
 """Outlines by distance-regularised level-set evolution (section 4.1).
 
 After C. Li, C. Xu, C. Gui and M. D. Fox, "Distance regularized level set evolution and its application to
-image segmentation", IEEE Trans. Image Processing 19(12), 2010. The level set phi is negative inside. All candidates
-of a frame evolve together, as one stack of small images on the canonical grid of their view bin.
+image segmentation", IEEE Trans. Image Processing 19(12), 2010. The level set phi is negative inside. All
+candidates of a frame evolve together, as one stack of small images on the canonical grid of their view bin.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class SegmentConfig:
     smooth_sigma_px: float = 1.0
     """Gaussian before the gradient, canonical pixels."""
     edge_scale: float = 1.0
-    """The gradient that halves the edge indicator, in root-mean-square gradients of the window: dim pictures work."""
+    """The gradient that halves the edge indicator, in root-mean-square gradients of the window."""
     max_shift: float = 0.15
     """The outline stays within this share of the box height of where it started."""
 
@@ -64,7 +64,7 @@ def edge_indicator(lab: Float32Array, config: SegmentConfig) -> Float32Array:
 
 
 def evolve(phi: Float32Array, edge: Float32Array, config: SegmentConfig) -> Float32Array:
-    """phi after the evolution, shape (n, h, w), from ``phi`` of the same shape and the edge indicator ``edge``.
+    """phi after the evolution, shape (n, h, w), from ``phi`` and the edge indicator ``edge``, both (n, h, w).
 
     Gradient descent on mu R(phi) + lambda L_g(phi) + alpha A_g(phi) (eq. 22 of Li et al.). Outside
     ``max_shift`` of the start nothing pulls, so the outline stays there.

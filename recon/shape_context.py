@@ -1,7 +1,8 @@
 """Shape contexts: matching the points of two outlines.
 
 After S. Belongie, J. Malik and J. Puzicha, "Shape matching and object recognition using shape contexts",
-IEEE Trans. PAMI 24(4), 2002: log-polar histograms of the other points, compared by chi-squared, matched one to one.
+IEEE Trans. PAMI 24(4), 2002: log-polar histograms of the other points, compared by chi-squared, matched
+one to one.
 """
 
 from dataclasses import dataclass
@@ -25,8 +26,8 @@ class ShapeContextConfig:
     outer_radius: float = 2.0
     """Points farther than this are left out."""
     position_weight: float = 1.0
-    """Cost of a displacement by one root-mean-square radius of the outline, squared, beside the chi-squared cost in
-    [0, 1]. Outlines that start aligned need not move far; 0 is the plain shape context."""
+    """Cost of a displacement by one root-mean-square radius of the outline, squared, beside the chi-squared
+    cost in [0, 1]. Outlines that start aligned need not move far; 0 is the plain shape context."""
 
 
 def shape_contexts(points: FloatArray, config: ShapeContextConfig) -> Float32Array:
@@ -73,7 +74,7 @@ def match(
     b_context: Float32Array,
     config: ShapeContextConfig,
 ) -> tuple[NDArray[np.intp], float]:
-    """For every point of a the index of its partner in b, shape (m,), and the mean chi-squared cost in [0, 1].
+    """For each point of a the index of its partner in b, shape (m,), and the mean chi-squared cost in [0, 1].
 
     One to one (the Hungarian method); b has at least as many points as a.
     """

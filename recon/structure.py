@@ -15,7 +15,7 @@ class Structure:
     """Part centroids in 3D, and the scale and shift of each view: scale_v u = R_v S + shift_v."""
 
     points: FloatArray
-    """S_j, shape (n, 3); NaN where a point is seen in fewer than two views."""
+    """S_j, shape (n, 3); NaN where no two views of different directions show a point."""
     scale: FloatArray
     """Object units a pixel of each view, shape (v,); positive, mean 1 over the views."""
     shift: FloatArray
@@ -37,7 +37,7 @@ def solve_structure(uv: FloatArray, rotation: FloatArray) -> Structure:
     """
     views, count, _ = uv.shape
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(uv).all(axis=2))
-    solved = np.nonzero(seen.sum(axis=0) >= 2)[0]
+    solved = np.nonzero(_has_depth(seen, rotation))[0]
     used = np.nonzero(seen[:, solved].any(axis=1))[0]
     if len(solved) < 2 or len(used) < 2:
         raise RescoreError(
@@ -72,6 +72,17 @@ def solve_structure(uv: FloatArray, rotation: FloatArray) -> Structure:
             "view bins contradict each other"
         )
     return Structure(points, scale, shift)
+
+
+def _has_depth(seen: NDArray[np.bool_], rotation: FloatArray) -> NDArray[np.bool_]:
+    """Whether views that differ in direction show each point, shape (n,).
+
+    The smallest eigenvalue of the sum of R^T R (two rows each) is 1 - |cos| of the angle between two views:
+    0 for views from the same or opposite sides.
+    """
+    rows = rotation[:, :2]
+    known = np.einsum("vn,vri,vrj->nij", seen.astype(float), rows, rows)
+    return np.asarray(np.linalg.eigvalsh(known)[:, 0] > 1 - np.cos(np.deg2rad(5)))
 
 
 def _system(uv: FloatArray, seen: NDArray[np.bool_], rotation: FloatArray) -> FloatArray:

@@ -34,17 +34,26 @@ def test_outline_converges_to_a_disk(start_radius: float) -> None:
     assert iou(phi < 0, target) > iou(disk(start_radius), target)
 
 
-def test_phi_stays_a_signed_distance_near_the_outline() -> None:
+def test_phi_stays_like_a_distance_near_the_outline() -> None:
     phi = evolve(signed_distance(disk(25))[None], edge_indicator(picture(disk(22))[None], CONFIG), CONFIG)[0]
     dy, dx = np.gradient(phi)
     slope = np.hypot(dx, dy)[np.abs(phi) < 2]
-    assert np.median(slope) == pytest.approx(1.0, abs=0.1)
-    assert np.percentile(slope, 5) > 0.7
-    assert np.percentile(slope, 95) < 1.3
+    # the pull of edges steepens phi, the regulariser holds it
+    assert 0.7 < np.median(slope) < 1.5
+    assert slope.min() > 0.3
+    assert slope.max() < 2.5
 
 
-def test_no_edges_and_no_area_leave_a_shrinking_circle() -> None:
-    # curvature flow of a circle: r^2(t) = r0^2 - 2 lambda g t; the delta function halves nothing at |grad phi| = 1
+def test_regulariser_alone_mends_a_steep_phi() -> None:
+    steep = np.clip(2 * signed_distance(disk(25)), -12, 12)[None]
+    phi = evolve(steep, np.zeros_like(steep), replace(CONFIG, steps=500))[0]
+    dy, dx = np.gradient(phi)
+    near = np.hypot(dx, dy)[np.abs(phi) < 2]
+    assert np.median(near) == pytest.approx(1.0, abs=0.1)
+    assert iou(phi < 0, disk(25)) > 0.95
+
+
+def test_without_edges_the_length_term_shrinks_a_circle() -> None:
     config = SegmentConfig(steps=20, time_step=2.0, length_weight=0.5, area_weight=0.0, max_shift=1.0)
     edge = np.ones((1, 80, 80), np.float32)
     phi = evolve(signed_distance(disk(20))[None], edge, config)
@@ -77,7 +86,9 @@ def test_a_stack_gives_what_each_gives_alone() -> None:
     edges = edge_indicator(np.stack([picture(disk(r)) for r in (18, 22, 24)]), CONFIG)
     together = evolve(starts, edges, CONFIG)
     for i in range(3):
-        alone = evolve(starts[i : i + 1], edge_indicator(picture(disk((18, 22, 24)[i]))[None], CONFIG), CONFIG)
+        alone = evolve(
+            starts[i : i + 1], edge_indicator(picture(disk((18, 22, 24)[i]))[None], CONFIG), CONFIG
+        )
         np.testing.assert_array_equal(together[i], alone[0])
 
 

@@ -46,7 +46,9 @@ def test_bins_of_a_known_pair() -> None:
 def test_chi_squared_agrees_with_its_definition() -> None:
     a, b = shape_contexts(wobbly(20, 3), CONFIG), shape_contexts(wobbly(25, 4), CONFIG)
     whole = a[:, None] + b[None]
-    expected = 0.5 * np.divide((a[:, None] - b[None]) ** 2, whole, out=np.zeros_like(whole), where=whole > 0).sum(2)
+    expected = 0.5 * np.divide(
+        (a[:, None] - b[None]) ** 2, whole, out=np.zeros_like(whole), where=whole > 0
+    ).sum(2)
     np.testing.assert_allclose(chi_squared(a, b), expected, atol=1e-5)
 
 

@@ -25,7 +25,9 @@ def test_reproduces_affine_maps_with_any_regularisation() -> None:
 def test_agrees_with_scipy() -> None:
     targets = CONTROLS + RNG.normal(0, 3, CONTROLS.shape)
     spline = RBFInterpolator(CONTROLS, targets, kernel="thin_plate_spline")
-    np.testing.assert_allclose(thin_plate_operator(CONTROLS, POINTS, 0.0) @ targets, spline(POINTS), atol=1e-6)
+    np.testing.assert_allclose(
+        thin_plate_operator(CONTROLS, POINTS, 0.0) @ targets, spline(POINTS), atol=1e-6
+    )
 
 
 def test_regularisation_pulls_towards_the_affine_fit() -> None:
