@@ -67,7 +67,12 @@ def recall_curve(match: MatchTable) -> Curve:
 
 
 def area_under_roc(curve: Curve) -> float:
-    """Area under a candidate ROC by trapezoids: how often a hit ranks above a false one, ties half."""
+    """Area under a candidate ROC by trapezoids: how often a hit ranks above a false one, ties half.
+
+    NaN where there are only hits, only false ones, or nothing.
+    """
+    if np.isnan(curve.x[-1] + curve.y[-1]):
+        return float("nan")
     return float(np.trapezoid(curve.y, curve.x))
 
 
@@ -86,7 +91,8 @@ def average_precision(match: MatchTable) -> float:
     """COCO's average precision: mean of the highest precision at or beyond 101 recalls from 0 to 1.
 
     Recalls that are never reached give 0, so missed cars count. NaN where no car is annotated. Candidates of
-    equal ranking count one after another in the order given, as in COCO's own tool.
+    equal ranking count one after another in the order given, and recalls are compared without tolerance, as in
+    COCO's own tool.
     """
     if not match.n_cars:
         return float("nan")

@@ -40,13 +40,17 @@ def atomic_path(path: Path) -> Iterator[Path]:
         with beside.open("rb") as written:
             os.fsync(written.fileno())
         os.replace(beside, path)
-    except (PermissionError, NotADirectoryError, FileExistsError, IsADirectoryError) as error:
+    except OSError as error:
+        # what the caller reads meanwhile can fail too, and is not for here
+        if error.filename not in {None, str(beside), str(path), *map(str, path.parents)}:
+            raise
         raise RescoreError(
             f"{path}: expected to write here, got {error.strerror!r}; "
             "choose another place or mend the permissions"
         ) from error
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink()
 
 
 def write_json(path: Path, value: Any) -> None:

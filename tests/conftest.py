@@ -1,0 +1,51 @@
+"""What tests of several rooms share: a finished run of preset "tiny", and the real frames where they are at hand."""
+
+import fcntl
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+Command = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def run_rescore(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command as a user does."""
+    command = [sys.executable, "-m", "rescore.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+
+
+@pytest.fixture(scope="session")
+def rescore() -> Command:
+    return run_rescore
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished run of preset "tiny", seed 0; read it, never write to it.
+
+    Made once for all test processes: the first that needs it holds the lock, the others wait.
+    """
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    out = shared / "tiny_run"
+    with (shared / "tiny_run.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (out / "recording.rrd").is_file():
+            done = run_rescore("reproduce", "--preset", "tiny", "--out", out, "--jobs", 2)
+            (shared / "tiny_run.txt").write_text(f"{done.stdout}\n{done.stderr}")
+            assert done.returncode == 0, done.stderr
+    return out
+
+
+@pytest.fixture(scope="session")
+def kitti() -> Path:
+    """The folder of six real frames; the environment variable RESCORE_KITTI says where, if not beside the project."""
+    folder = Path(os.environ.get("RESCORE_KITTI", ROOT.parent / "shared" / "data" / "kitti"))
+    if not (folder / "annotations.json").is_file():
+        pytest.skip(f"no real frames at {folder}; set RESCORE_KITTI to a folder that holds annotations.json")
+    return folder

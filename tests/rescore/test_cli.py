@@ -1,0 +1,137 @@
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rescore.formats.coco import read_dataset, read_detections
+
+Command = Callable[..., object]
+
+
+def test_help_names_every_command_and_is_quick(rescore) -> None:
+    started = time.perf_counter()
+    done = rescore("--help")
+    seconds = time.perf_counter() - started
+    for name in ("synth", "train", "detect", "learn", "tune", "apply", "evaluate", "log", "reproduce"):
+        assert name in done.stdout
+    # generous for a loaded machine; importing what the commands need takes several seconds there
+    assert seconds < 5
+
+
+@pytest.mark.parametrize(
+    "name", ["synth", "train", "detect", "learn", "tune", "apply", "evaluate", "log", "reproduce"]
+)
+def test_every_command_shows_an_example(name: str) -> None:
+    from typer.testing import CliRunner
+
+    from rescore.cli import app
+
+    shown = CliRunner().invoke(app, [name, "--help"]).output
+    assert f"Example: rescore {name}" in " ".join(shown.split())
+
+
+def wrong(done) -> str:
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
+
+
+def test_errors_are_one_line(rescore, tiny_run: Path, tmp_path: Path) -> None:
+    data, out = tiny_run / "data", tmp_path / "out.json"
+    detections, model = tiny_run / "detections" / "hog_test.json", tiny_run / "models" / "class_model.json"
+    assert "preset: expected one of" in wrong(
+        rescore("reproduce", "--preset", "huge", "--out", tmp_path / "run")
+    )
+    assert "expected a data set" in wrong(
+        rescore("apply", tmp_path, detections, "--model", model, "--w", 1, "--out", out)
+    )
+    both = rescore("apply", data, detections, "--model", model, "--out", out)
+    assert "expected either --tuned or --w" in wrong(both)
+    nan = json.loads(detections.read_text())
+    nan[3]["score"] = float("nan")
+    (tmp_path / "nan.json").write_text(json.dumps(nan))
+    assert "[3].score" in wrong(
+        rescore("apply", data, tmp_path / "nan.json", "--model", model, "--w", 1, "--out", out)
+    )
+    stranger = rescore(
+        "apply", data, detections, "--model", model, "--w", 1, "--out", out, "--split", "validation"
+    )
+    assert "expected an image of the data set" in wrong(stranger)
+    assert "expected a run folder" in wrong(rescore("log", tmp_path))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["nan.json"]
+
+
+def test_commands_one_by_one_equal_the_whole_run(rescore, tiny_run: Path, tmp_path: Path) -> None:
+    data = tiny_run / "data"
+
+    def run(*arguments: object) -> None:
+        done = rescore(*arguments)
+        assert done.returncode == 0, done.stderr
+
+    jobs = ("--jobs", 1)
+    run("learn", data, "--out", tmp_path / "car.json", "--preset", "tiny")
+    run("train", data, "--detector", "hog", "--out", tmp_path, "--preset", "tiny", *jobs)
+    for split in ("validation", "test"):
+        run(
+            "detect",
+            data,
+            "--detector",
+            tmp_path / "hog.npz",
+            "--split",
+            split,
+            "--out",
+            tmp_path / f"{split}.json",
+            *jobs,
+        )
+    model = ("--model", tmp_path / "car.json", *jobs)
+    run("tune", data, tmp_path / "validation.json", "--out", tmp_path / "w.json", *model)
+    run(
+        "apply",
+        data,
+        tmp_path / "test.json",
+        "--tuned",
+        tmp_path / "w.json",
+        "--out",
+        tmp_path / "rescored.json",
+        *model,
+    )
+    same = {
+        "car.json": "models/class_model.json",
+        "validation.json": "detections/hog_validation.json",
+        "test.json": "detections/hog_test.json",
+        "w.json": "tuned/hog.json",
+        "rescored.json": "rescored/hog_test.json",
+    }
+    for mine, theirs in same.items():
+        assert (tmp_path / mine).read_bytes() == (tiny_run / theirs).read_bytes(), mine
+    provenance = json.loads((tmp_path / "rescored.json.config.json").read_text())
+    assert provenance["versions"]["numpy"] == np.__version__
+    run("evaluate", data, tmp_path / "rescored.json", "--out", tmp_path / "run", "--no-report")
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    whole = json.loads((tiny_run / "metrics.json").read_text())
+    assert metrics["rows"] == [row for row in whole["rows"] if row["detector"] == "hog"]
+
+
+def test_real_frames_go_through_as_they_are(rescore, tiny_run: Path, kitti: Path, tmp_path: Path) -> None:
+    model = tiny_run / "models" / "class_model.json"
+    out, run = tmp_path / "rescored.json", tmp_path / "run"
+    done = rescore(
+        *("apply", kitti, kitti / "detections.json", "--model", model, "--w", 0.5, "--out", out),
+        *("--evidence", run / "evidence"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "21 candidates" in done.stderr
+    data = read_dataset(kitti)
+    file = read_detections(out, data)
+    failed = file.table.status != "ok"
+    assert all(file.table.reason_detail[failed])
+    np.testing.assert_array_equal(file.posterior[failed], file.table.likelihood[failed])
+    assert rescore("evaluate", kitti, out, "--out", run, "--no-report").returncode == 0
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert (metrics["n_images"], metrics["n_cars"], metrics["n_candidates"]) == (6, 15, 21)
+    logged = rescore("log", run, "--frames", 2)
+    assert logged.returncode == 0, logged.stderr
+    assert (run / "recording.rrd").stat().st_size > 10_000

@@ -1,0 +1,74 @@
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.errors import RescoreError
+from recon.stereo import SgbmConfig, write_disparity
+from rescore.frames import SPLITS, DataSet, FrameRecord, Splits, Truth, load_frame, read_rgb
+
+
+def record(image_id: int, path: Path, split: str = "test") -> FrameRecord:
+    return FrameRecord(image_id, path, None, None, split, 40, 20, None, None)
+
+
+def data_set(shapes: dict[str, str], names: dict[str, str]) -> DataSet:
+    frames = tuple(record(i, Path(names[s]), s) for i, s in enumerate(SPLITS))
+    box = np.array([[0.0, 0, 5, 5]])
+    truths = {
+        i: Truth(np.array([i]), box, np.array([False]), np.array([1.0]), (shapes[s],))
+        for i, s in enumerate(SPLITS)
+    }
+    return DataSet(Path(), 1, "car", frames, truths)
+
+
+OWN = {s: s for s in SPLITS}
+
+
+def test_splits_take_the_frames_of_their_name() -> None:
+    splits = Splits.of(data_set(OWN, OWN))
+    assert [f.split for f in splits.calibration.frames] == ["calibration"]
+    assert list(splits.test.truth) == [3]
+    assert splits.validation_set.data.frames == splits.validation.frames
+
+
+def test_splits_refuse_a_shared_picture() -> None:
+    with pytest.raises(RescoreError, match="train and test must share no image, both hold 'train'"):
+        Splits.of(data_set(OWN, OWN | {"test": "train"}))
+
+
+def test_splits_refuse_a_shared_car_shape() -> None:
+    with pytest.raises(RescoreError, match="validation and test must share no car shape, both hold 'mini'"):
+        Splits.of(data_set(OWN | {"validation": "mini", "test": "mini"}, OWN))
+    Splits.of(data_set(dict.fromkeys(SPLITS, ""), OWN))  # unknown shapes say nothing
+
+
+def test_read_rgb_gives_red_first(tmp_path: Path) -> None:
+    path = tmp_path / "a b é.png"
+    path.write_bytes(cv2.imencode(".png", np.full((20, 40, 3), (1, 2, 3), np.uint8))[1].tobytes())
+    assert read_rgb(path, 40, 20)[0, 0].tolist() == [3, 2, 1]
+    with pytest.raises(RescoreError, match="expected 41 x 20 pixels, got 40 x 20"):
+        read_rgb(path, 41, 20)
+    with pytest.raises(RescoreError, match="expected a picture, found no file"):
+        read_rgb(tmp_path / "none.png", 40, 20)
+    path.write_bytes(path.read_bytes()[:30])
+    with pytest.raises(RescoreError, match="could not decode"):
+        read_rgb(path, 40, 20)
+
+
+def test_load_frame_reads_or_computes_disparity(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    wide = rng.integers(0, 255, (20, 60, 3)).astype(np.uint8)
+    left, right = wide[:, 5:45], wide[:, 9:49]  # what is at column x on the left is at x - 4 on the right
+    for name, picture in (("left.png", left), ("right.png", right)):
+        (tmp_path / name).write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
+    pair = replace(record(1, tmp_path / "left.png"), right_path=tmp_path / "right.png")
+    computed = load_frame(pair, SgbmConfig(num_disparities=16)).disparity_px
+    assert np.nanmedian(computed) == pytest.approx(4, abs=0.1)
+    write_disparity(tmp_path / "d.png", np.full((20, 40), 7.5, np.float32))
+    given = replace(pair, disparity_path=tmp_path / "d.png")
+    assert (load_frame(given, SgbmConfig()).disparity_px == 7.5).all()
+    with pytest.raises(RescoreError, match="expected right_file_name or disparity_file_name, got neither"):
+        load_frame(record(1, tmp_path / "left.png"), SgbmConfig())

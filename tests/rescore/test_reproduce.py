@@ -1,0 +1,112 @@
+"""The whole run of preset "tiny" (see conftest): what it leaves, that it is reused, and that nothing leaks."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.errors import RescoreError
+from rescore.config import run_preset, with_changes
+from rescore.reproduce import Run, RunFolder
+from rescore.stages import Done
+from rescore.steps import DetectorKind
+from rescore.store import read_candidates
+
+ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall"}
+
+
+def again(folder: Path) -> tuple[Run, list[Done]]:
+    done: list[Done] = []
+    return Run(RunFolder(folder), run_preset("tiny"), 0, 1, done.append), done
+
+
+def test_metrics_keep_the_contract(tiny_run: Path) -> None:
+    metrics = json.loads((tiny_run / "metrics.json").read_text())
+    assert {"n_images", "n_cars", "n_candidates", "rows", "stereo", "reasons"} <= set(metrics)
+    assert [(r["detector"], r["mode"]) for r in metrics["rows"]] == [
+        (d, m) for d in ("hog", "boosted") for m in ("detector", "paper")
+    ]
+    for row in metrics["rows"]:
+        assert set(row) == ROW
+        assert list(row["fppi_at_recall"]) == ["0.5", "0.6", "0.7", "0.8"]
+    assert metrics["stereo"]["splits"]["test"]["car"]["wrong_share"] > 0
+    for counts in metrics["reasons"].values():
+        assert sum(counts.values()) <= 15 * metrics["n_images"]
+
+
+def test_the_table_has_a_row_a_candidate(tiny_run: Path) -> None:
+    metrics = json.loads((tiny_run / "metrics.json").read_text())
+    table = read_candidates(tiny_run / "candidates.parquet")
+    assert len(table["image_id"]) == metrics["n_candidates"]
+    ok = table["status"] == "ok"
+    assert ok.any()
+    assert np.isfinite(table["depth_difference"][ok]).all()
+    assert np.isnan(table["depth_difference"][~ok]).all()
+    w, d, lik = table["w"][ok], table["depth_difference"][ok], table["likelihood"][ok]
+    np.testing.assert_allclose(table["posterior_paper"][ok], lik**w * (1 - d) ** (1 - w))
+    assert {"car"} < set(table["kind"].tolist())
+    for outcome in ("outcome_detector", "outcome_paper"):
+        assert set(table[outcome].tolist()) <= {"hit", "false_alarm", "duplicate", "ignored"}
+
+
+def test_a_second_run_reuses_every_stage(tiny_run: Path) -> None:
+    run, done = again(tiny_run)
+    run.all()
+    assert len(done) > 15
+    assert [d.name for d in done if not d.reused] == []
+
+
+def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(tiny_run, copy)
+    before = (copy / "tuned" / "hog.json").read_bytes()
+    data = json.loads((copy / "data" / "annotations.json").read_text())
+    rng = np.random.default_rng(0)
+    for image in data["images"]:
+        if image["split"] == "test":
+            noise = rng.integers(0, 255, (image["height"], image["width"], 3), dtype=np.uint8)
+            cv2.imwrite(str(copy / "data" / image["file_name"]), noise)
+    run, done = again(copy)
+    run.learn()
+    run.train(DetectorKind.HOG)
+    run.detect(DetectorKind.HOG, "validation")
+    run.tune(DetectorKind.HOG)
+    ran = {d.name for d in done if not d.reused}
+    # the data set is another, so all that reads it was done anew; to the same end
+    assert {"train_hog", "calibrate_hog", "evidence_hog_validation"} <= ran
+    assert (copy / "tuned" / "hog.json").read_bytes() == before
+
+
+def test_settings_of_a_file_replace_those_of_the_preset(tmp_path: Path) -> None:
+    file = tmp_path / "changes.json"
+    file.write_text('{"rescore": {"align": {"normalisation": "box_range"}}, "detectors": ["hog"]}')
+    config = with_changes(run_preset("demo"), file)
+    assert config.rescore.align.normalisation == "box_range"
+    assert config.detectors == (DetectorKind.HOG,)
+    assert config.synth == run_preset("demo").synth
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"rescore": {"algin": {}}}', "rescore: unknown setting 'algin', known are align"),
+        ('{"colour": 1}', "colour: extra inputs are not permitted"),
+        ('{"rescore": {"camera": "mine"}}', "rescore.camera: input should be 'default' or 'calibrated'"),
+        ('{"tune": {"n_grid": "many"}}', r"tune.n_grid: input should be a valid integer"),
+        ("[1]", "expected a JSON object of settings, got list"),
+    ],
+)
+def test_wrong_settings_are_one_line(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "changes.json"
+    file.write_text(text)
+    with pytest.raises(RescoreError, match=message) as caught:
+        with_changes(run_preset("tiny"), file)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_preset() -> None:
+    with pytest.raises(RescoreError, match="preset: expected one of demo, paper, tiny, got 'x'"):
+        run_preset("x")
