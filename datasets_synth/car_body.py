@@ -18,8 +18,8 @@ from datasets_synth.mesh_build import Floats, Soup, grid_corners, join, smooth_n
 BOTTOM, SIDE, TOP, FRONT_CAP, REAR_CAP = range(5)
 """Zones of the body's faces."""
 
-_STATIONS = 56
-_SIDE_ROWS_LOW = 8
+_STATIONS = 54
+_SIDE_ROWS_LOW = 7
 _CROWN_ROWS = 6
 _CAP_COLUMNS = 8
 _CREASE_RAD = float(np.deg2rad(38.0))

@@ -80,7 +80,7 @@ def car_materials(rng: np.random.Generator) -> tuple[Material, ...]:
         Finish.SEAM: Material("seam", grey(0.010)),
         Finish.CHROME: Material("chrome", grey(chrome), None, 0.6, 80.0, 0.3 if chrome > 0.1 else 0.03),
         Finish.LAMP: Material("lamp", grey(0.30), None, 0.6, 120.0, 0.22),
-        Finish.BULB: Material("bulb", grey(0.80), None, 0.6, 120.0, 0.22),
+        Finish.BULB: Material("bulb", grey(0.74), None, 0.6, 120.0, 0.22),
         Finish.TAIL_LAMP: Material("tail lamp", (0.26, 0.008, 0.010), None, 0.5, 120.0, 0.10),
         Finish.PLATE: Material("plate", plate, None, 0.05, 20.0, 0.0),
         Finish.TYRE: Material("tyre", grey(0.020 + 0.02 * dirt), None, 0.02, 8.0, 0.0),

@@ -184,7 +184,10 @@ def _shape(body_type: str, number: int, p: dict[str, float]) -> CarShape:
     length, overhang = p["length"], p["overhang"]
     cowl_t = overhang + p["cowl"]
     roof_front_t = cowl_t + p["screen"]
-    roof_rear_t, tail_t = length - p["rear_roof"], length - p["rear_tail"]
+    roof_rear_t = length - p["rear_roof"]
+    tail_t = length - p["rear_tail"]
+    if body_type == "pickup":
+        tail_t = max(tail_t, roof_rear_t + 0.16)
     doors = {"coupe": 2, "van": 2, "pickup": 4 if number % 2 else 2}.get(body_type, 4)
     if body_type == "hatchback" and number % 4 == 3:
         doors = 2

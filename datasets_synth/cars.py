@@ -36,7 +36,7 @@ def car_mesh(shape: CarShape, rng: np.random.Generator) -> Mesh:
     )
 
 
-@lru_cache(maxsize=24)
+@lru_cache(maxsize=64)
 def _geometry(shape: CarShape) -> Mesh:
     """The mesh of a shape, still without materials."""
     lines = BodyLines(shape)

@@ -1,6 +1,7 @@
 """Level functions in a plane: negative inside, about the distance to the outline near it."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from datasets_synth.mesh_build import Floats
 
@@ -31,11 +32,10 @@ def line_level(u: Floats, v: Floats, start: tuple[float, float], end: tuple[floa
 def above_curve_level(u: Floats, v: Floats, curve_u: Floats, curve_v: Floats) -> Floats:
     """Signed distance to the graph of a curve (curve_u increasing): positive above it.
 
-    The distance is that to the nearest piece of the polyline.
+    The distance is that to the nearest of points 4 mm apart on the polyline: at 2 cm it errs by 0.1 mm.
     """
-    a = np.stack([curve_u[:-1], curve_v[:-1]], axis=-1)
-    d = np.stack([np.diff(curve_u), np.diff(curve_v)], axis=-1)
-    p = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
-    share = np.clip(((p - a) * d).sum(-1) / (d * d).sum(-1), 0, 1)
-    distance = np.sqrt((((p - a) - share[..., None] * d) ** 2).sum(-1).min(1)).reshape(np.shape(u))
+    way = np.concatenate([[0], np.cumsum(np.hypot(np.diff(curve_u), np.diff(curve_v)))])
+    fine = np.linspace(0, way[-1], 2 + int(way[-1] / 0.004))
+    samples = np.stack([np.interp(fine, way, curve_u), np.interp(fine, way, curve_v)], axis=1)
+    distance, _ = cKDTree(samples).query(np.stack([u, v], axis=-1))
     return np.asarray(np.where(v > np.interp(u, curve_u, curve_v), distance, -distance))

@@ -259,6 +259,21 @@ def _edges(soup: Soup) -> Floats:
     return np.stack([soup.corners_m, ends], axis=2).reshape(-1, 2, 3)
 
 
+def open_edges(soup: Soup) -> Floats:
+    """Edges that belong to one face only, shape (e, 2, 3), in the direction of that face."""
+    edges = _edges(soup)
+    _, index, count = np.unique(_edge_codes(edges), return_inverse=True, return_counts=True)
+    return np.asarray(edges[count[index.ravel()] == 1])
+
+
+def _edge_codes(edges: Floats) -> NDArray[np.int64]:
+    """A number for each edge (n, 2, 3), the same for both directions."""
+    keys = np.round(edges.reshape(-1, 3) / 1e-5).astype(np.int64)
+    _, point = np.unique(keys, axis=0, return_inverse=True)
+    pair = np.sort(point.reshape(-1, 2), axis=1).astype(np.int64)
+    return np.asarray(pair[:, 0] * (int(point.max()) + 1) + pair[:, 1])
+
+
 def recess(
     soup: Soup, inside: Mask, *, axis: int, floor: float, hub_m: Floats, material: int, part: int
 ) -> Soup:
@@ -275,13 +290,7 @@ def recess(
     """
     kept = soup.take(~inside)
     edges = _edges(kept)
-    _, point = np.unique(
-        np.round(np.concatenate([edges, _edges(soup.take(inside))]).reshape(-1, 3) / 1e-5).astype(np.int64),
-        axis=0,
-        return_inverse=True,
-    )
-    pair = np.sort(point.reshape(-1, 2), axis=1)
-    code = pair[:, 0].astype(np.int64) * (int(point.max()) + 1) + pair[:, 1]
+    code = _edge_codes(np.concatenate([edges, _edges(soup.take(inside))]))
     shared = np.isin(code[: len(edges)], code[len(edges) :])
     a, b = edges[shared, 0], edges[shared, 1]
     a_low, b_low = a.copy(), b.copy()

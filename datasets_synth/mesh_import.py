@@ -54,7 +54,7 @@ def load_meshes(directory: Path) -> tuple[ImportedCar, ...]:
     """All OBJ, GLB, glTF and PLY files of a folder, in the order of their names.
 
     Base colours and textures are kept, several in one file too. A vertex-coloured mesh gets one material for
-    each colour (finely quantised). Transparent materials become dark glass, for nothing is seen through. Faces
+    each colour (finely quantised). Transparent materials become dark glass: nothing is seen through. Faces
     of an OBJ group (or glTF mesh) named after a part (`datasets_synth.parts`) get its label, others 0.
 
     Raises:

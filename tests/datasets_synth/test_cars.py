@@ -63,10 +63,10 @@ def test_measures_equal_the_parameters(shape: CarShape) -> None:
     painted = mesh.faces[np.isin(mesh.face_part, [PART_LABEL["roof"]]) & (mesh.face_material == Finish.PAINT)]
     assert v[painted][..., 2].max() == pytest.approx(shape.height, abs=0.01)
     below_mirrors = v[v[:, 2] < shape.belt_front_z - 0.15]
-    assert np.ptp(below_mirrors[:, 1]) == pytest.approx(shape.width, abs=0.06)
+    assert np.ptp(below_mirrors[:, 1]) == pytest.approx(shape.width, abs=0.01)
     assert np.ptp(v[:, 1]) < shape.width + 0.45
     assert abs(v[:, 0].max() + v[:, 0].min()) < 0.01
-    assert 3_000 <= len(mesh.faces) <= 20_500
+    assert 3_000 <= len(mesh.faces) <= 20_000
 
 
 @pytest.mark.parametrize("shape", SOME, ids=lambda s: s.shape_id)
@@ -119,7 +119,7 @@ def test_only_front_faces_are_seen_from_outside(shape: CarShape) -> None:
     for azimuth, elevation in ((90, 3), (40, 8), (0, 5), (180, 8), (215, 20), (270, 3)):
         distance, face, direction = cast(mesh, azimuth, elevation)
         hit = np.isfinite(distance)
-        assert hit.sum() > 5_000
+        assert hit.sum() > 4_000
         backward = (normal[face[hit]] @ direction) > 0
         # 2 of 1000: edges where paper-thin things (spokes, handles) stand on the body.
         assert backward.mean() < 0.002
@@ -132,12 +132,15 @@ def test_no_sky_shows_through_the_body(shape: CarShape) -> None:
     mesh = mesh_of(shape)
     distance, _, _ = cast(mesh, 90, 2)
     solid = np.isfinite(distance)
-    # Between the first and the last hit of each column, above the underside: rows run from -0.8 to 2.6 m.
-    rows = np.linspace(-0.8, 2.6, 160)
-    for column in solid.T[solid.any(0)]:
-        top = np.flatnonzero(column).max()
-        low = np.searchsorted(rows, shape.clearance + 0.25)
-        assert column[low : top + 1].all() or rows[top] - shape.height > -0.12
+    # Every column but those of the rounded ends is solid from above the sill to its highest hit.
+    across, rows = np.linspace(-3.1, 3.1, 240), np.linspace(-0.8, 2.6, 160)
+    low = int(np.searchsorted(rows, shape.clearance + 0.25))
+    inner = np.abs(across) < 0.5 * shape.length - 0.3
+    highest = solid.shape[0] - 1 - solid[::-1].argmax(0)
+    filled = np.array([solid[low : top + 1, j].mean() for j, top in enumerate(highest) if inner[j]])
+    # A roof rail leaves a gap of a row or two below itself.
+    rail = 2 / (solid.shape[0] - low) if shape.body_type in ("estate", "suv") else 0.0
+    assert (filled >= 1 - 3 * rail).all()
 
 
 def test_normals_are_unit_length() -> None:
@@ -165,7 +168,7 @@ def test_same_generator_gives_the_same_bytes_and_another_gives_another_paint() -
     first, again = (car_mesh(SHAPES[3], np.random.default_rng(7)) for _ in range(2))
     assert first.vertices_m.tobytes() == again.vertices_m.tobytes()
     assert first.corner_normals.tobytes() == again.corner_normals.tobytes()
-    assert first.materials == again.materials
+    assert repr(first.materials) == repr(again.materials)
     paints = {car_mesh(SHAPES[3], np.random.default_rng(i)).materials[Finish.PAINT].rgb for i in range(20)}
     assert len(paints) == 20
 
