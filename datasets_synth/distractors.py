@@ -6,7 +6,6 @@ on the ground under its middle, the side that matters facing -y.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -368,11 +367,8 @@ def bicycle(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     frame, tyre = plain(paint_rgb(rng), 0.3), _tyre()
     for k in range(int(rng.integers(1, 4))):
         x0, y = 1.9 * k, 0.0
-        angle = np.linspace(0, 2 * np.pi, 19)
         for cx in (x0 - 0.52, x0 + 0.52):
-            ring = np.stack([cx + 0.33 * np.cos(angle), np.full(19, y), 0.34 + 0.33 * np.sin(angle)], 1)
-            for a, b in pairwise(ring):
-                draft.bar(a, b, 0.022, tyre, 5)
+            draft.ring((cx, y, 0.34), 0.33, 0.022, tyre)
         pts = {"rear": (x0 + 0.52, y, 0.34), "front": (x0 - 0.52, y, 0.34), "crank": (x0 + 0.08, y, 0.3),
                "seat": (x0 + 0.22, y, 0.85),
                "head": (x0 - 0.38, y, 0.82), "bar": (x0 - 0.36, y, 1.0)}  # fmt: skip

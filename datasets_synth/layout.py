@@ -166,8 +166,8 @@ def sample_scene(
     """
     count = int(rng.integers(0, 3)) if n_cars is None else n_cars
     plan = _empty_street(config, rng)
-    for k in range(count):
-        _put_car(plan, shapes, first=k == 0)
+    for _ in range(count):
+        _put_car(plan, shapes)
     _put_other_view(plan, shapes)
     _put_clutter(plan, pictures)
     low, high = plan.x_range_m(plan.facade_y_m)
@@ -201,7 +201,7 @@ def _car_lanes(plan: _Plan) -> list[float]:
     return [y for y in lanes if cars.near_m <= y <= cars.far_m]
 
 
-def _put_car(plan: _Plan, shapes: Sequence[CarModel], first: bool) -> bool:
+def _put_car(plan: _Plan, shapes: Sequence[CarModel]) -> bool:
     """One car in a lane, seen within the view bin; False where no free place was found."""
     cars, rng = plan.config.cars, plan.rng
     lanes = _car_lanes(plan)
@@ -215,6 +215,8 @@ def _put_car(plan: _Plan, shapes: Sequence[CarModel], first: bool) -> bool:
         turn = float(np.radians(rng.uniform(-1, 1) * cars.heading_jitter_deg))
         # azimuth - 90 degrees = bearing of the car less its turn, for a nose at -x
         if abs(np.arctan2(x, y) + turn) > limit:
+            continue
+        if _hides_or_is_hidden(plan, shape, x, y):
             continue
         if plan.put_car(shape, x, y, FACING_LEFT_RAD + turn):
             return True
@@ -235,7 +237,8 @@ def _put_other_view(plan: _Plan, shapes: Sequence[CarModel]) -> None:
         y = float(rng.uniform(max(strip.y0_m + 2.6, 12.0), max(strip.y1_m - 2.6, 12.1)))
         low, high = plan.x_range_m(y)
         yaw = float(rng.choice([-1, 1]) * np.pi / 2 + rng.normal(0, 0.1))
-        if plan.put_car(shape, float(rng.uniform(low, high)), y, yaw):
+        x = float(rng.uniform(low, high))
+        if not _hides_or_is_hidden(plan, shape, x, y) and plan.put_car(shape, x, y, yaw):
             return
 
 
@@ -311,17 +314,33 @@ def _put_anywhere(plan: _Plan, prop: Prop, pictures: Pictures) -> None:
 
 def _covers_a_car(plan: _Plan, mesh: Mesh, x: float, y: float) -> bool:
     """Whether a thing at (x, y) would hide more than a third of the length of a car behind it."""
-    if y < 0.5:
-        return True
-    low = (x + float(mesh.vertices_m[:, 0].min())) / y
-    high = (x + float(mesh.vertices_m[:, 0].max())) / y
-    for car in plan.items:
-        if car.kind != "car" or car.world_from_object[1, 3] < y:
-            continue
-        cx, cy = car.world_from_object[0, 3], car.world_from_object[1, 3]
-        half = float(np.ptp(car.mesh.vertices_m[:, 0])) / 2
-        a, b = (cx - half) / cy, (cx + half) / cy
-        if min(b, high) - max(a, low) > 0.35 * (b - a):
+    low, high = float(mesh.vertices_m[:, 0].min()), float(mesh.vertices_m[:, 0].max())
+    thing = ((x + low) / y, (x + high) / y)
+    return any(
+        car.kind == "car" and car.world_from_object[1, 3] >= y and _hidden_share(_bearings(car), thing) > 0.35
+        for car in plan.items
+    )
+
+
+def _bearings(placed: Placed) -> tuple[float, float]:
+    """Tangents of the bearings between which a placed mesh is seen, taken at its middle."""
+    ground = footprint(placed)
+    x = ground.corners()[:, 0]
+    return float(x.min() / ground.y_m), float(x.max() / ground.y_m)
+
+
+def _hidden_share(behind: tuple[float, float], before: tuple[float, float]) -> float:
+    return (min(behind[1], before[1]) - max(behind[0], before[0])) / (behind[1] - behind[0])
+
+
+def _hides_or_is_hidden(plan: _Plan, car: CarModel, x: float, y: float) -> bool:
+    """Whether a car at (x, y) would hide, or be hidden by, half of another car."""
+    half = car.size_m[0] / 2
+    new = ((x - half) / y, (x + half) / y)
+    for other in plan.items:
+        old = _bearings(other)
+        share = _hidden_share(old, new) if other.world_from_object[1, 3] > y else _hidden_share(new, old)
+        if share > 0.5:
             return True
     return False
 

@@ -87,7 +87,7 @@ class LightConfig:
     dusk: float = 0.33
     level: tuple[float, float] = (0.25, 1.0)
     """Brightness of the picture by day; 1 is well exposed."""
-    dusk_level: tuple[float, float] = (0.12, 0.45)
+    dusk_level: tuple[float, float] = (0.16, 0.5)
     haze_per_m: tuple[float, float] = (0.0, 0.008)
 
 

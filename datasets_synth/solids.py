@@ -199,6 +199,21 @@ class MeshDraft:
         )
         self.add(vertices, faces, np.tile(normal, (len(vertices), 1)), uv, material)
 
+    def ring(self, centre_m: ArrayLike, radius_m: float, tube_m: float, material: Material) -> None:
+        """Add a thin ring in the x z plane (a bicycle's tyre), smooth, with a tube of radius ``tube_m``."""
+        n, k = 20, 5
+        around, tube = np.meshgrid(
+            np.linspace(0, 2 * np.pi, n + 1), np.linspace(0, 2 * np.pi, k + 1), indexing="ij"
+        )
+        out = np.stack([np.cos(around), np.zeros_like(around), np.sin(around)], -1)
+        normal = np.cos(tube)[..., None] * out + np.sin(tube)[..., None] * np.array([0.0, 1, 0])
+        vertices = np.asarray(centre_m, float) + radius_m * out + tube_m * normal
+        i = (np.arange(n)[:, None] * (k + 1) + np.arange(k)).ravel()
+        j = i + k + 1
+        faces = np.concatenate([np.stack([i, i + 1, j + 1], 1), np.stack([i, j + 1, j], 1)])
+        uv = np.zeros(((n + 1) * (k + 1), 2))
+        self.add(vertices.reshape(-1, 3), faces, normal.reshape(-1, 3), uv, material)
+
     def wheel(
         self, centre_m: ArrayLike, radius_m: float, width_m: float, tyre: Material, rim: Material
     ) -> None:

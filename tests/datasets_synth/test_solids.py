@@ -31,7 +31,7 @@ def test_a_closed_cylinder_has_the_volume_of_its_prism() -> None:
     assert abs(_volume(draft.mesh())) == pytest.approx(2.25, rel=1e-4)
 
 
-@pytest.mark.parametrize("shape", ["box", "bar", "blob", "wheel"])
+@pytest.mark.parametrize("shape", ["box", "bar", "blob", "wheel", "ring"])
 def test_faces_turn_the_way_their_normals_point(shape: str) -> None:
     draft, rng = MeshDraft(), np.random.default_rng(0)
     if shape == "box":
@@ -40,6 +40,8 @@ def test_faces_turn_the_way_their_normals_point(shape: str) -> None:
         draft.bar((0, 0, 0), (1, 2, 3), 0.3, GREY)
     elif shape == "blob":
         draft.blob((0, 0, 0), (1, 1, 1), GREY, rng)
+    elif shape == "ring":
+        draft.ring((0, 0, 0.3), 0.3, 0.05, GREY)
     else:
         draft.wheel((0, 0, 0.3), 0.3, 0.2, GREY, GREY)
     mesh = draft.mesh()
