@@ -9,7 +9,7 @@ from datasets_synth.car_paint import Finish
 from datasets_synth.mesh_build import Floats, Soup, grid_corners, join, soup_of
 from datasets_synth.parts import PART_LABEL
 
-_AROUND = 32
+_AROUND = 28
 """Corners of a wheel's circle."""
 TYRE_WIDTH_M = 0.205
 _CREASE_RAD = float(np.deg2rad(50))
