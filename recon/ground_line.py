@@ -21,9 +21,9 @@ class GroundLineConfig:
     """Columns of a part whose lowest pixel is within this share of the object's height of the part's lowest
     are its contact; at least one pixel."""
     slope_from_view: float = 1.0
-    """How far the slope of the line is that of the view bin: 1 takes the direction in which the parts stand in
-    the class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of error in one
-    contact is metres of depth far away, so that free lines put the ends of a far object at different depths."""
+    """How far the slope of the line is that of the view bin: 1 takes the direction in which the parts
+    stand in the class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of
+    error in one contact is metres of depth far away, so that a free line tilts far objects at random."""
     line_tolerance: float = 0.08
     """Parts whose contact is within this share of the object's height of the line stand on it."""
 
@@ -109,7 +109,7 @@ def _contacts(
 def _view_slope(
     at: FloatArray, feet_cam: FloatArray, camera: PinholeCamera, ground: GroundPlane
 ) -> float | None:
-    """Slope in the image of the direction from the left to the right foot, at the middle of the contacts (n, 2).
+    """Slope in the image of the direction from the left to the right foot, at the middle of contacts (n, 2).
 
     None where there is one foot, the middle is not on the ground, or the direction points along the ray.
     """

@@ -15,11 +15,11 @@ class PlacingConfig:
     """When a part counts as placed."""
 
     min_angle_rad: float = float(np.deg2rad(12.0))
-    """A plane that the rays of its part meet at a smaller angle (median) is seen edge-on: its depth would be
+    """A plane that the rays of its part meet at a smaller angle (mean) is seen edge-on: its depth would be
     noise, so the part is not placed."""
     max_depth_range: float = 1.0
     """Depths farther from the ground line than this many object lengths (diagonals of the model's extents,
-    scaled by the outline's width) are dropped; a part that loses more than half of its pixels is not placed."""
+    scaled by the outline's width) are dropped; a part that loses more than half of them is not placed."""
     min_placed: float = 0.5
     """Smallest share of the labelled pixels that must get a depth."""
 
@@ -95,11 +95,13 @@ class _Placing:
         config: PlacingConfig,
     ) -> None:
         self.rays = rays.reshape(-1, 3)
+        self.inverse_length = 1 / np.sqrt(np.einsum("ij,ij->i", self.rays, self.rays))
         self.normals = normals
         self.limits = depth_limits_m
         self.config = config
-        flat = labels.ravel()
-        self.pixels = {int(k): np.nonzero(flat == k)[0] for k in np.unique(flat) if k}
+        self.labels = labels.ravel()
+        present = np.nonzero(np.bincount(self.labels))[0]
+        self.pixels = {int(k): np.nonzero(self.labels == k)[0] for k in present if k}
         self.depth = np.full(labels.size, np.nan)
         self.planes: dict[int, FloatArray] = {}
         self.unplaced: dict[int, str] = {}
@@ -113,7 +115,7 @@ class _Placing:
         pixels = self.pixels[label]
         rays = self.rays[pixels]
         facing = rays @ normal
-        angle_sine = np.median(np.abs(facing) / np.linalg.norm(rays, axis=1))
+        angle_sine = float((np.abs(facing) * self.inverse_length[pixels]).mean())
         if angle_sine < np.sin(self.config.min_angle_rad):
             self.unplaced[label] = f"seen edge-on, at {np.rad2deg(np.arcsin(angle_sine)):.1f} degrees"
             return
@@ -130,7 +132,7 @@ class _Placing:
     def border_points(self, label: int, borders: NDArray[np.intp]) -> FloatArray:
         """3D points (m, 3) of placed neighbours along their borders with a part."""
         own, other = borders
-        flat = other[np.isin(own, self.pixels[label])]
+        flat = other[self.labels[own] == label]
         flat = flat[np.isfinite(self.depth[flat])]
         return np.asarray(self.depth[flat, None] * self.rays[flat])
 

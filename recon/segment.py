@@ -71,10 +71,10 @@ def evolve(phi: Float32Array, edge: Float32Array, config: SegmentConfig) -> Floa
     """
     band = np.abs(phi) <= config.max_shift * phi.shape[1] + config.dirac_width_px
     edge = edge * band
-    edge_x, edge_y = _gradient(edge)
+    edge_x, edge_y = _along_x(edge), _along_y(edge)
     phi = phi.copy()
     for _ in range(config.steps):
-        phi_x, phi_y = _gradient(phi)
+        phi_x, phi_y = _along_x(phi), _along_y(phi)
         slope = np.sqrt(phi_x * phi_x + phi_y * phi_y)
         unit = 1.0 / (slope + np.float32(1e-10))
         normal_x, normal_y = phi_x * unit, phi_y * unit
@@ -86,23 +86,30 @@ def evolve(phi: Float32Array, edge: Float32Array, config: SegmentConfig) -> Floa
     return phi
 
 
-def _gradient(stack: Float32Array) -> tuple[Float32Array, Float32Array]:
-    """Central differences along x and y of (n, h, w); one-sided at the border."""
-    dx, dy = np.empty_like(stack), np.empty_like(stack)
-    half = np.float32(0.5)
-    np.subtract(stack[:, :, 2:], stack[:, :, :-2], out=dx[:, :, 1:-1])
-    dx[:, :, 1:-1] *= half
-    dx[:, :, 0] = stack[:, :, 1] - stack[:, :, 0]
-    dx[:, :, -1] = stack[:, :, -1] - stack[:, :, -2]
-    np.subtract(stack[:, 2:], stack[:, :-2], out=dy[:, 1:-1])
-    dy[:, 1:-1] *= half
-    dy[:, 0] = stack[:, 1] - stack[:, 0]
-    dy[:, -1] = stack[:, -1] - stack[:, -2]
-    return dx, dy
+def _along_x(stack: Float32Array) -> Float32Array:
+    """Central differences along x of (n, h, w); one-sided at the border."""
+    out = np.empty_like(stack)
+    np.subtract(stack[:, :, 2:], stack[:, :, :-2], out=out[:, :, 1:-1])
+    out[:, :, 1:-1] *= np.float32(0.5)
+    out[:, :, 0] = stack[:, :, 1] - stack[:, :, 0]
+    out[:, :, -1] = stack[:, :, -1] - stack[:, :, -2]
+    return out
+
+
+def _along_y(stack: Float32Array) -> Float32Array:
+    """Central differences along y of (n, h, w); one-sided at the border."""
+    out = np.empty_like(stack)
+    np.subtract(stack[:, 2:], stack[:, :-2], out=out[:, 1:-1])
+    out[:, 1:-1] *= np.float32(0.5)
+    out[:, 0] = stack[:, 1] - stack[:, 0]
+    out[:, -1] = stack[:, -1] - stack[:, -2]
+    return out
 
 
 def _divergence(vx: Float32Array, vy: Float32Array) -> Float32Array:
-    return _gradient(vx)[0] + _gradient(vy)[1]
+    out = _along_x(vx)
+    out += _along_y(vy)
+    return out
 
 
 def _laplacian(phi: Float32Array) -> Float32Array:

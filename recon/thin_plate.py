@@ -30,7 +30,7 @@ def thin_plate_operator(controls: FloatArray, points: FloatArray, regularisation
 
 
 def _distance_squared(a: FloatArray, b: FloatArray) -> FloatArray:
-    return ((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2)
+    return np.asarray(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2))
 
 
 def _kernel(r2: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from box_car import PART_NAMES, box_car, centroid_of, labelled_view, normal_of
 
 from recon.camera import FloatArray
 from recon.class_model import ClassModel
@@ -11,7 +12,6 @@ from recon.part_views import PartView
 from recon.primitives import cross_view_transforms, lift, primitive_normals
 from recon.structure import solve_structure
 from recon.view_bins import ViewBins
-from box_car import PART_NAMES, box_car, centroid_of, labelled_view, normal_of
 
 BINS = ViewBins(12, np.deg2rad(10))
 LENGTH_M = 4.4
@@ -23,7 +23,7 @@ def learned(view_bins: list[int], bins: ViewBins = BINS) -> ClassModel:
 
 
 def errors(model: ClassModel) -> tuple[dict[str, float], dict[str, float]]:
-    """Angle of each normal in degrees and distance of each centroid in car lengths, after the best shift and scale."""
+    """Angle of each normal in degrees; of each centroid its distance in car lengths, best shift and scale."""
     car = box_car()
     parts = [p for p in model.parts if p.view_count > 1]
     mine = np.array([p.centroid for p in parts])
