@@ -33,7 +33,7 @@ def test_two_planes_in_closed_form() -> None:
     # plane 1 is z = 10
     np.testing.assert_allclose(placed.planes[1], [0, 0, -1, 10])
     np.testing.assert_allclose(placed.depth[25:35, 5:36], 10.0)
-    # plane 2 meets it along row 25: y = 10 * (25 - 20) / 100 = 0.5; y + z = 10.5, so that z = 10.5 / (1 + y / z)
+    # plane 2 meets it along row 25: y = 10 * (25 - 20) / 100 = 0.5; y + z = 10.5, so z = 10.5 / (1 + y / z)
     row = np.arange(15, 25)
     expected = 10.5 / (1 + (row - 20) / 100)
     np.testing.assert_allclose(placed.depth[15:25, 5:36], np.repeat(expected[:, None], 31, axis=1), rtol=1e-6)

@@ -36,8 +36,8 @@ def test_every_histogram_sums_to_one_and_counts_the_others() -> None:
 
 
 def test_bins_of_a_known_pair() -> None:
-    # three points: mean distance of the pairs (1, 1, sqrt 2) is 1.138; seen from the first the others lie at radius
-    # 0.879 of it, in the ring between 0.5 and 1, in the sectors of 0 and 90 degrees (0 and 3 of 12)
+    # three points: mean distance of the pairs (1, 1, sqrt 2) is 1.138; seen from the first the others lie at
+    # radius 0.879 of it, in the ring between 0.5 and 1, in the sectors of 0 and 90 degrees (0 and 3 of 12)
     contexts = shape_contexts(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), CONFIG)
     assert np.nonzero(contexts[0])[0].tolist() == [3 * 12 + 0, 3 * 12 + 3]
     np.testing.assert_allclose(contexts[0][contexts[0] > 0], 0.5)

@@ -18,7 +18,7 @@ def test_view_rotations_are_proper(view_bin: int) -> None:
 
 def test_bin_0_shows_the_front() -> None:
     t = ViewBins(12, 0.0).view_from_object(0)
-    # the nose points at the camera (against z forward), the car's left is on the right of the picture, up is up
+    # the nose points at the camera (against z forward), the car's left is right in the picture, up is up
     np.testing.assert_allclose(t @ FRONT, [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(t @ LEFT, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(t @ UP, [0, -1, 0], atol=1e-12)
