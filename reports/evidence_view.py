@@ -66,8 +66,9 @@ class FrameView:
 
 
 def run_data(run: Run) -> DataSet:
-    """The data set that the run was evaluated on: its test split."""
-    return read_dataset(run.data_dir, run.class_name).split("test")
+    """The frames that the run was evaluated on."""
+    data = read_dataset(run.data_dir, run.class_name)
+    return data if run.split == "all" else data.split(run.split)
 
 
 def frame_views(run: Run, mode: str, image_ids: NDArray[np.int64] | None = None) -> Iterator[FrameView]:

@@ -40,8 +40,8 @@ def candidate_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any])
             _axis("false-positive rate: share of the false candidates accepted", [-0.01, 1.01]),
             _axis("true-positive rate (share of hits)", [0, 1.02]),
         ),
-        note=f"Counts the {metrics['n_candidates']} candidates only. A car that no candidate found does not appear "
-        "here; candidates on ignored objects are left out.",
+        note=f"Counts the {metrics['n_candidates']} candidates only. A car that no candidate found does not "
+        "appear here; candidates on ignored objects are left out.",
         alt=_alt("Candidate ROC", curves, "auc", "area"),
     )
 
@@ -68,8 +68,9 @@ def car_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Fi
         "Cars found against false positives",
         traces,
         (x, _axis(f"share of all {metrics['n_cars']} annotated cars", [0, 1.02])),
-        note=f"Counts all {metrics['n_cars']} annotated cars, missed ones too, and all {metrics['n_images']} images, "
-        "also those without a car. A second candidate on the same car is a false positive.",
+        note=f"Counts all {metrics['n_cars']} annotated cars, missed ones too, and all "
+        f"{metrics['n_images']} images, also those without a car. "
+        "A second candidate on the same car is a false positive.",
         alt=_alt(
             "Cars found against false positives per image", curves, "average_precision", "average precision"
         ),
@@ -139,7 +140,7 @@ def weight_figure(tuning: Mapping[str, Mapping[str, Any]]) -> Figure:
             _axis("w: 0 trusts the depth alone, 1 the detector alone", [-0.02, 1.02]),
             {"title": {"text": f"{objective} on the validation set"}},
         ),
-        note="The marked w was chosen on the validation images alone; of many that are equally good, the middle one.",
+        note="The marked w was chosen on the validation images alone; of many equally good ones, the middle.",
         alt=f"{objective} on the validation set over w; chosen: {chosen_text}",
     )
 

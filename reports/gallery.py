@@ -1,6 +1,5 @@
 """Which candidates rescoring moved most, for better and for worse, with their pictures."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,24 +55,22 @@ class Shelf:
 def build_gallery(run: Run, mode: str, per_shelf: int = 6) -> tuple[Shelf, ...]:
     """The largest moves of each detector: right ones and wrong ones."""
     picks = {d: _picks(run, d, mode, per_shelf) for d in run.detectors}
-    wanted = {
-        (d, image, rank) for d, p in picks.items() for _, items in p.items() for image, rank, *_ in items
-    }
-    images = np.array(sorted({image for _, image, _ in wanted}), dtype=np.int64)
-    found: dict[tuple[str, int, int], tuple[CandidateView, FrameView, CandidatePanels]] = {}
+    wanted = {(d, i.image_id, i.rank): i for d, groups in picks.items() for g in groups.values() for i in g}
+    images = np.array(sorted({image_id for _, image_id, _ in wanted}), dtype=np.int64)
+    # frames are read one after another; only the small pictures stay
+    movers: dict[tuple[str, int, int], Mover] = {}
     for view in frame_views(run, mode, images):
         for detector, candidates in view.candidates.items():
             for c in candidates:
                 key = (detector, view.image_id, c.rank)
                 if key in wanted:
-                    found[key] = (c, view, candidate_panels(view, c))
-    shelves = []
-    for detector, groups in picks.items():
-        for (title, text), items in groups.items():
-            movers = tuple(_mover(detector, item, found) for item in items)
-            if movers:
-                shelves.append(Shelf(f"{detector_name(detector)}: {title}", text, movers))
-    return tuple(shelves)
+                    movers[key] = _mover(detector, wanted[key], c, view)
+    return tuple(
+        Shelf(f"{detector_name(d)}: {title}", text, tuple(movers[d, i.image_id, i.rank] for i in items))
+        for d, groups in picks.items()
+        for (title, text), items in groups.items()
+        if items
+    )
 
 
 _GROUPS = {
@@ -83,11 +80,21 @@ _GROUPS = {
     ),
     ("wrong moves", "Hits that fell and false alarms that rose: what it costs."): ("hit", "false_alarm"),
 }
-_Item = tuple[int, int, int, int, int]
+
+
+@dataclass(frozen=True)
+class _Item:
+    """A candidate by image and rank, and its place before and after among ``n``."""
+
+    image_id: int
+    rank: int
+    before: int
+    after: int
+    n: int
 
 
 def _picks(run: Run, detector: str, mode: str, per_shelf: int) -> dict[tuple[str, str], list[_Item]]:
-    """(image, rank, place before, place after, n) of the candidates that moved most, by group."""
+    """The candidates that moved most, by group."""
     rows = run.of(detector)
     before = places(match_table(run, detector, "detector").ranking)
     after = places(match_table(run, detector, mode).ranking)
@@ -100,7 +107,7 @@ def _picks(run: Run, detector: str, mode: str, per_shelf: int) -> dict[tuple[str
             moved = np.where(np.isfinite(rows["depth_difference"]), moved, 0)
         best = [i for i in np.argsort(-moved, kind="stable")[:per_shelf] if moved[i] > 0]
         groups[words] = [
-            (int(rows["image_id"][i]), int(rows["rank"][i]), int(before[i]), int(after[i]), len(before))
+            _Item(int(rows["image_id"][i]), int(rows["rank"][i]), int(before[i]), int(after[i]), len(before))
             for i in best
         ]
     return groups
@@ -113,31 +120,20 @@ def places(ranking: NDArray[np.float64]) -> NDArray[np.int64]:
     return place
 
 
-def _mover(
-    detector: str,
-    item: _Item,
-    found: dict[tuple[str, int, int], tuple[CandidateView, FrameView, CandidatePanels]],
-) -> Mover:
-    image_id, rank, before, after, n = item
-    c, view, panels = found[detector, image_id, rank]
+def _mover(detector: str, item: _Item, c: CandidateView, view: FrameView) -> Mover:
     return Mover(
         detector=detector,
-        image_id=image_id,
-        rank=rank,
+        image_id=item.image_id,
+        rank=item.rank,
         outcome=c.outcome,
         kind=c.kind.replace("_", " "),
-        before=before,
-        after=after,
-        n=n,
+        before=item.before,
+        after=item.after,
+        n=item.n,
         likelihood=c.likelihood,
         posterior=c.posterior,
         depth_difference=c.depth_difference,
         evidence=REASON_TEXT.get(c.status, c.status),
-        panels=panels,
+        panels=candidate_panels(view, c),
         metric=view.metric,
     )
-
-
-def count_movers(shelves: Sequence[Shelf]) -> int:
-    """Number of candidates shown."""
-    return sum(len(s.movers) for s in shelves)

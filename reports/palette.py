@@ -67,6 +67,10 @@ _PARTS = (
 )
 
 
+PART_COLOURS = len(_PARTS)
+"""Number of different part colours; more parts than this share them in turn."""
+
+
 def detector_name(detector: str, short: bool = False) -> str:
     """Name for people of a detector; its own name where it is not one of ours."""
     return (DETECTOR_SHORT if short else DETECTOR_NAME).get(detector, detector)

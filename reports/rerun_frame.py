@@ -17,7 +17,7 @@ from reports.overlay import (
     stereo_points,
     world_from_camera,
 )
-from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, part_colour, rgb
+from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, PART_COLOURS, on_dark, part_colour, rgb
 
 WORLD = "world"
 CAMERA = f"{WORLD}/camera"
@@ -49,14 +49,14 @@ def log_static(rec: rr.RecordingStream, detectors: Sequence[str], part_names: Se
     rec.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     parts = [
         rr.AnnotationInfo(id=i + 1, label=name.replace("_", " "), color=rgb(part_colour(i + 1)))
-        for i, name in enumerate(part_names)
+        for i, name in enumerate(part_names or [f"part {i + 1}" for i in range(PART_COLOURS)])
     ]
     hole = rr.AnnotationInfo(id=HOLE_CLASS, label="no depth", color=(12, 12, 14))
     rec.log(
         WORLD, rr.AnnotationContext([hole, rr.AnnotationInfo(id=0, color=(0, 0, 0, 0)), *parts]), static=True
     )
     outcomes = [
-        rr.AnnotationInfo(id=i, label=OUTCOME_NAME[name], color=rgb(OUTCOME_COLOUR[name]))
+        rr.AnnotationInfo(id=i, label=OUTCOME_NAME[name], color=rgb(on_dark(OUTCOME_COLOUR[name])))
         for i, name in enumerate(OUTCOME_CLASSES)
     ]
     for detector in detectors:
@@ -178,7 +178,7 @@ def _log_detector(
     worst_first = sorted(candidates, key=lambda c: -c.new_rank)
     depth, labels = compose(worst_first, view.measured.shape)
     log_depth(rec, f"{root}/predicted_depth", in_metres(depth, view))
-    rec.log(f"{root}/parts", rr.SegmentationImage(labels, opacity=0.65))
+    rec.log(f"{root}/parts", rr.SegmentationImage(labels, opacity=0.5))
     _log_outlines(rec, f"{boxes}/outlines", candidates)
     top = [c for c in candidates if c.new_rank < SHOWN_MODELS]
     others = [c for c in candidates if c.new_rank >= SHOWN_MODELS]

@@ -221,7 +221,7 @@ def _frame_tab(detector: str) -> rrb.Horizontal:
         background=[24, 26, 32],
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
-            position=(-5.0, -5.0, 6.0), look_target=(0.5, 10.0, 0.5), eye_up=(0, 0, 1)
+            position=(-6.0, -7.0, 6.5), look_target=(0.8, 11.0, 0.5), eye_up=(0, 0, 1)
         ),
         overrides={f"{models}/rest": rrb.EntityBehavior(visible=False)},
     )

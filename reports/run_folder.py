@@ -50,8 +50,17 @@ class Run:
     @property
     def class_name(self) -> str:
         """The class of the run, as the data set names it."""
+        return str(self._settings.get("class_name", "car"))
+
+    @property
+    def split(self) -> str:
+        """The split that was evaluated; "all" for the whole data set."""
+        return str(self._settings.get("split", "test"))
+
+    @property
+    def _settings(self) -> Mapping[str, Any]:
         settings = self.config.get("config")
-        return str(settings.get("class_name", "car")) if isinstance(settings, dict) else "car"
+        return settings if isinstance(settings, dict) else {}
 
     def tuning(self) -> Mapping[str, Mapping[str, Any]]:
         """The choice of w by detector: ``w``, ``w_grid``, ``objective``, ``objective_name``; may be empty."""
