@@ -47,7 +47,11 @@ class BoostedConfig:
     """Windows that score less are not reported by the scan."""
     fragments: FragmentConfig = field(default_factory=FragmentConfig)
     boosting: BoostConfig = field(default_factory=BoostConfig)
-    mining: MiningConfig = field(default_factory=MiningConfig)
+    mining: MiningConfig = field(
+        default_factory=lambda: MiningConfig(
+            jitter_copies=9, random_per_frame=60, hard_per_frame=40, rounds=2
+        )
+    )
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
 
     @property

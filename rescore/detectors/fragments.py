@@ -22,6 +22,8 @@ FloatImage = NDArray[np.float32]
 FILTERS = ("identity", "x_derivative", "y_derivative", "laplacian")
 """The filter bank. The last three are rectified: a dark car on light ground has the edges of a light one."""
 FILTER_RADIUS_PX = 1
+MIN_CONTRAST = 1.0
+"""Grey levels of contrast that a patch of the dictionary has at least."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +32,15 @@ class FragmentConfig:
 
     count: int = 600
     """Fragments in the dictionary, before boosting picks some."""
-    sizes_px: tuple[int, ...] = (7, 11)
+    sizes_px: tuple[int, ...] = (9, 15)
     """Sides of the square patches."""
     grid_px: int = 2
     """Correlations are taken at every so many pixels."""
     mask_radius: int = 2
     """How far from its place a fragment may be found, in grid steps."""
-    noise_floor: float = 3.0
-    """Contrast in grey levels below which a patch counts as noise: its correlation goes to zero."""
+    noise_floor: float = 0.7
+    """Contrast in grey levels below which a patch counts as flat: its correlation goes to zero. Cars in low
+    light have little more, so it is small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +153,7 @@ def _cut_group(  # noqa: PLR0917
         patch = responses[which, y : y + size, x : x + size]
         patch = patch - patch.mean()
         norm = float(np.linalg.norm(patch))
-        if norm > 2 * config.noise_floor * size:
+        if norm > max(4 * config.noise_floor, MIN_CONTRAST) * size:
             patches[done], filters[done], places[done] = patch / norm, which, (gx, gy)
             done += 1
     raise RescoreError(

@@ -47,7 +47,7 @@ def test_figures_by_hand(tmp_path):
     }
     result = difficulty(data, detections)
     assert (result.n_images, result.n_cars, result.recall_ceiling) == (4, 3, 1.0)
-    # 70 % of 3 cars needs all 3, down to score 5: two hedges, two posters and the ground are false, in 4 images
+    # 70 % of 3 cars needs all 3, down to score 5: two hedges, two posters and the ground are false
     assert result.fppi_at_70 == pytest.approx(5 / 4)
     assert dict(result.share_by_kind) == {"hedge": 0.4, "poster": 0.4, "": 0.2}
     assert result.missed == ()

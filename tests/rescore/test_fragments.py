@@ -85,11 +85,11 @@ def test_features_of_a_scan_equal_those_of_its_crops():
     dictionary = cut_dictionary(noisy_crops(), WINDOW, config, np.random.default_rng(0))
     rng = np.random.default_rng(1)
     picture = cv2.resize(
-        rng.integers(0, 255, (30, 40), dtype=np.uint8), (171, 117), interpolation=cv2.INTER_CUBIC
+        rng.integers(0, 255, (30, 40), dtype=np.uint8), (111, 63), interpolation=cv2.INTER_CUBIC
     )
     features = level_features(picture, dictionary, WINDOW, stride=2)
     step = 2 * config.grid_px
-    assert features.shape == (60, (117 - 40) // step + 1, (171 - 80) // step + 1)
+    assert features.shape == (60, (63 - 40) // step + 1, (111 - 80) // step + 1)
     rows, columns = np.indices(features.shape[1:]).reshape(2, -1) * step
     crops = np.stack([picture[r : r + 40, c : c + 80] for r, c in zip(rows, columns, strict=True)])
     assert crop_features(crops, dictionary) == pytest.approx(features.reshape(60, -1), abs=2e-5)
