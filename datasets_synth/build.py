@@ -65,6 +65,7 @@ def build_dataset(
     out: Path,
     seed: int = 0,
     jobs: int = 1,
+    *,
     train_meshes: Path | None = None,
     test_meshes: Path | None = None,
     console: Console | None = None,
@@ -94,7 +95,7 @@ def build_dataset(
     (out / "annotations.json").unlink(missing_ok=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
-        paths = _write_pictures(config, out, seed, cars, key, progress, jobs)
+        paths = _write_pictures(config, out, seed, cars, key=key, progress=progress, jobs=jobs)
         _write_part_views(config, out, seed, cars["train"])
         tasks = [
             _Task(out, config, seed, split, index, n, cars[split], key, paths[split])
@@ -144,7 +145,9 @@ def _is_done(task: _Task) -> bool:
 def _build_frame(task: _Task) -> None:
     """Render, measure and write one frame; its record comes last."""
     pictures = tuple(_picture(path, path.stat().st_mtime_ns) for path in task.picture_paths)
-    frame = synth_frame(task.config, task.seed, task.split, task.index, task.n_cars, task.cars, pictures)
+    frame = synth_frame(
+        task.config, task.seed, task.split, task.index, n_cars=task.n_cars, cars=task.cars, pictures=pictures
+    )
     render = frame.render
     measured = compute_disparity(render.left_rgb, render.right_rgb, task.config.sgbm)
     truth = frame.scene.camera.disparity_px(render.depth_m)
@@ -280,6 +283,7 @@ def _write_pictures(
     out: Path,
     seed: int,
     cars: dict[str, tuple[CarModel, ...]],
+    *,
     key: str,
     progress: Progress,
     jobs: int,

@@ -31,6 +31,7 @@ from datasets_synth.street import (
 from datasets_synth.textures import lettering
 
 Image = NDArray[np.uint8]
+Rect = tuple[float, float, float, float]
 Pictures = Sequence[Image]
 """Pictures of cars seen from the side, (h, w, 3) sRGB."""
 
@@ -47,21 +48,14 @@ def _glass() -> Material:
     return plain((0.025, 0.03, 0.035), 0.4, GLASS_MIRROR)
 
 
-def _front(
-    draft: MeshDraft,
-    x0: float,
-    x1: float,
-    z0: float,
-    z1: float,
-    y: float,
-    material: Material,
-    tile_m: float = 0.0,
-) -> None:
-    """A panel facing -y."""
+def _front(draft: MeshDraft, rect_m: Rect, y: float, material: Material, tile_m: float = 0.0) -> None:
+    """A panel facing -y; rect_m is (x0, x1, z0, z1)."""
+    x0, x1, z0, z1 = rect_m
     draft.panel([(x0, y, z0), (x1, y, z0), (x1, y, z1), (x0, y, z1)], material, tile_m)
 
 
-def _back(draft: MeshDraft, x0: float, x1: float, z0: float, z1: float, y: float, material: Material) -> None:
+def _back(draft: MeshDraft, rect_m: Rect, y: float, material: Material) -> None:
+    x0, x1, z0, z1 = rect_m
     draft.panel([(x1, y, z0), (x0, y, z0), (x0, y, z1), (x1, y, z1)], material)
 
 
@@ -99,7 +93,7 @@ def billboard(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     low = float(rng.uniform(0.1, 0.6))
     timber = plain((0.25, 0.2, 0.14)) if rng.random() < 0.5 else plain(STEEL)
     draft.box((0, 0.03, low + height / 2), (width + 0.16, 0.06, height + 0.16), timber)
-    _front(draft, -width / 2, width / 2, low, low + height, -0.012, skin)
+    _front(draft, (-width / 2, width / 2, low, low + height), -0.012, skin)
     for x in np.linspace(-width * 0.42, width * 0.42, 3):
         draft.box((x, 0.12, (low + height) / 2), (0.1, 0.1, low + height), timber)
         draft.bar((x, 0.12, (low + height) * 0.8), (x, 0.9, 0), 0.04, timber)
@@ -116,7 +110,7 @@ def hoarding(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     total = width + float(rng.uniform(1.5, 4.0))
     shift = float(rng.uniform(-0.5, 0.5)) * (total - width) * 0.8
     draft.box((0, 0.02, height / 2 + 0.03), (total, 0.04, height), boards)
-    _front(draft, shift - width / 2, shift + width / 2, 0.05, height, -0.012, skin)
+    _front(draft, (shift - width / 2, shift + width / 2, 0.05, height), -0.012, skin)
     for x in np.arange(-total / 2, total / 2 + 0.01, 1.25):
         draft.box((x, -0.012, height / 2), (0.05, 0.03, height), plain((0.3, 0.3, 0.3)))
         draft.box((x, 0.3, 0.08), (0.25, 0.6, 0.16), surface("concrete", 0))
@@ -128,8 +122,8 @@ def _cab(draft: MeshDraft, x0: float, width: float, rng: np.random.Generator, sk
     length, height = 1.9, float(rng.uniform(2.1, 2.6))
     draft.box((x0 - length / 2, 0, 0.45 + height / 2), (length, width, height), skin, skip=("-z",))
     for y, face in ((-width / 2 - 0.01, _front), (width / 2 + 0.01, _back)):
-        face(draft, x0 - length + 0.25, x0 - 0.55, 1.45, 2.25, y, _glass())
-        face(draft, x0 - length + 0.02, x0 - length + 0.2, 1.5, 2.2, y, plain(DARK))
+        face(draft, (x0 - length + 0.25, x0 - 0.55, 1.45, 2.25), y, _glass())
+        face(draft, (x0 - length + 0.02, x0 - length + 0.2, 1.5, 2.2), y, plain(DARK))
     x = x0 - length - 0.01
     draft.panel(
         [
@@ -146,11 +140,12 @@ def _cab(draft: MeshDraft, x0: float, width: float, rng: np.random.Generator, sk
 def _wheels(
     draft: MeshDraft,
     xs: Sequence[float],
-    width: float,
+    across_m: tuple[float, float],
     radius: float,
     rng: np.random.Generator,
-    tread: float = 0.24,
 ) -> None:
+    """Pairs of wheels at each x; across_m is the width over the wheels and the width of a tyre."""
+    width, tread = across_m
     rim = _rim(rng)
     for x in xs:
         for y in (-1, 1):
@@ -173,25 +168,18 @@ def _lorry(rng: np.random.Generator, side: tuple[Material, float] | None) -> Mes
     draft.box((box / 2 - 0.9, 0, 0.62), (box + 1.6, 0.9, 0.22), plain(DARK))
     for y in (-0.95, 0.95):
         draft.box((box * 0.42, y, 0.58), (box * 0.35, 0.05, 0.3), plain(DARK))
-    _wheels(draft, (-1.15, box * 0.72), width, 0.42, rng)
+    _wheels(draft, (-1.15, box * 0.72), (width, 0.24), 0.42, rng)
     if side is not None:
         material, aspect = side
         h = min(high * 0.92, box * 0.96 / aspect)
         w = h * aspect
         for y, face in ((-width / 2 - 0.012, _front), (width / 2 + 0.012, _back)):
-            face(
-                draft,
-                box / 2 - w / 2,
-                box / 2 + w / 2,
-                low + (high - h) / 2,
-                low + (high + h) / 2,
-                y,
-                material,
-            )
+            rect = (box / 2 - w / 2, box / 2 + w / 2, low + (high - h) / 2, low + (high + h) / 2)
+            face(draft, rect, y, material)
     elif rng.random() < 0.5:
         words = Material("lettering", (0.85, 0.85, 0.85), lettering(rng, 360, 90))
         for y, face in ((-width / 2 - 0.012, _front), (width / 2 + 0.012, _back)):
-            face(draft, box * 0.15, box * 0.85, low + 0.6, low + 0.6 + box * 0.7 / 4, y, words)
+            face(draft, (box * 0.15, box * 0.85, low + 0.6, low + 0.6 + box * 0.7 / 4), y, words)
     draft.transform(np.eye(3), (-box / 2 + 0.95, 0, 0))
     return draft
 
@@ -213,19 +201,19 @@ def _bus(rng: np.random.Generator, side: tuple[Material, float] | None) -> MeshD
     draft.box((0, 0, 0.35 + (height - 0.35) / 2), (length, width, height - 0.35), skin, skip=("-z",))
     draft.box((0, 0, 0.3), (length - 0.6, width - 0.2, 0.2), plain(DARK))
     for y, face in ((-width / 2 - 0.01, _front), (width / 2 + 0.01, _back)):
-        face(draft, -length / 2 + 0.15, length / 2 - 0.3, 1.35, 2.35, y, _glass())
+        face(draft, (-length / 2 + 0.15, length / 2 - 0.3, 1.35, 2.35), y, _glass())
     for y, face in ((-width / 2 - 0.016, _front), (width / 2 + 0.016, _back)):
         for x in np.arange(-length / 2 + 1.3, length / 2 - 0.4, 1.35):
-            face(draft, x, x + 0.09, 1.35, 2.35, y, skin)
+            face(draft, (x, x + 0.09, 1.35, 2.35), y, skin)
     x = -length / 2 - 0.01
     draft.panel([(x, 1.1, 1.1), (x, -1.1, 1.1), (x, -1.1, 2.4), (x, 1.1, 2.4)], _glass())
-    _wheels(draft, (-length * 0.3, length * 0.28), width + 0.04, 0.46, rng)
+    _wheels(draft, (-length * 0.3, length * 0.28), (width + 0.04, 0.24), 0.46, rng)
     if side is not None:
         material, aspect = side
         h = 1.75
         w = h * aspect
         if w < length * 0.75:
-            _front(draft, 0.2 - w / 2, 0.2 + w / 2, 0.55, 0.55 + h, -width / 2 - 0.022, material)
+            _front(draft, (0.2 - w / 2, 0.2 + w / 2, 0.55, 0.55 + h), -width / 2 - 0.022, material)
     return draft
 
 
@@ -245,13 +233,13 @@ def caravan(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     length, width, top = float(rng.uniform(3.6, 5.0)), 2.0, float(rng.uniform(1.9, 2.35))
     skin = plain((0.7, 0.7, 0.66), 0.15) if rng.random() < 0.7 else plain(paint_rgb(rng), 0.15)
     _profile(draft, _rounded(length, 0.42, top, 0.45), width, skin)
-    _wheels(draft, (0.15,), width, 0.33, rng, 0.2)
+    _wheels(draft, (0.15,), (width, 0.2), 0.33, rng)
     band = plain(paint_rgb(rng), 0.1)
     for y, face in ((-width / 2 - 0.01, _front), (width / 2 + 0.01, _back)):
-        face(draft, -length / 2 + 0.5, -0.3, 1.15, 1.65, y, _glass())
-        face(draft, 0.3, length / 2 - 0.5, 1.15, 1.65, y, _glass())
-        face(draft, -length / 2 + 0.25, length / 2 - 0.25, 0.75, 0.9, y, band)
-        face(draft, -0.2, 0.5, 0.42, 0.62, y, plain(DARK))
+        face(draft, (-length / 2 + 0.5, -0.3, 1.15, 1.65), y, _glass())
+        face(draft, (0.3, length / 2 - 0.5, 1.15, 1.65), y, _glass())
+        face(draft, (-length / 2 + 0.25, length / 2 - 0.25, 0.75, 0.9), y, band)
+        face(draft, (-0.2, 0.5, 0.42, 0.62), y, plain(DARK))
     draft.bar((-length / 2, 0, 0.5), (-length / 2 - 1.0, 0, 0.45), 0.05, plain(STEEL))
     draft.bar((-length / 2 - 0.8, 0, 0.45), (-length / 2 - 0.8, 0, 0.0), 0.03, plain(STEEL))
     return draft
@@ -304,7 +292,7 @@ def trailer(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     )
     deck = 0.55
     draft.box((0, 0, deck + 0.22), (length, width, 0.44), skin, 1.5)
-    _wheels(draft, (0.1,) if length < 3.4 else (-0.35, 0.45), width + 0.5, 0.31, rng, 0.2)
+    _wheels(draft, (0.1,) if length < 3.4 else (-0.35, 0.45), (width + 0.5, 0.2), 0.31, rng)
     for y in (-width / 2 - 0.12, width / 2 + 0.12):
         draft.box((0.05, y, 0.68), (0.8 if length < 3.4 else 1.6, 0.24, 0.06), plain(DARK))
     style = int(rng.integers(3))
@@ -320,7 +308,7 @@ def trailer(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
             (length * 0.42, width * 0.42, 0.5),
             surface("grass", 2, (0.7, 0.6, 0.5)),
             rng,
-            0.2,
+            bumps=0.2,
         )
     draft.bar((-length / 2, 0, 0.5), (-length / 2 - 1.1, 0, 0.42), 0.05, plain(STEEL))
     draft.bar((-length / 2 - 0.9, 0, 0.42), (-length / 2 - 0.9, 0, 0.0), 0.03, plain(STEEL))
@@ -339,7 +327,7 @@ def covered_boat(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     )
     _profile(draft, cabin, width * 0.75, _glass() if rng.random() < 0.5 else plain(paint_rgb(rng)))
     draft.box((0, 0, 0.52), (length, 0.3, 0.1), plain(STEEL))
-    _wheels(draft, (length * 0.12,), width + 0.1, 0.31, rng, 0.2)
+    _wheels(draft, (length * 0.12,), (width + 0.1, 0.2), 0.31, rng)
     draft.bar((-length / 2, 0, 0.5), (-length / 2 - 1.0, 0, 0.42), 0.05, plain(STEEL))
     draft.bar((-length / 2 - 0.9, 0, 0.42), (-length / 2 - 0.9, 0, 0.0), 0.03, plain(STEEL))
     return draft
@@ -401,10 +389,7 @@ def cart(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     draft.box((0, 0, 2.0), (length + 0.3, 1.2, 0.12), plain(paint_rgb(rng)))
     _front(
         draft,
-        -length / 2 + 0.1,
-        length / 2 - 0.1,
-        1.1,
-        1.5,
+        (-length / 2 + 0.1, length / 2 - 0.1, 1.1, 1.5),
         -0.2,
         surface("goods", int(rng.integers(4))),
         1.2,
@@ -429,7 +414,9 @@ def skip(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
         ]
         draft.panel(a, skin, 2.0)
     draft.box((0, -0.88, 1.27), (2 * top, 0.08, 0.1), skin)
-    draft.blob((0, 0, 1.1), (top * 0.85, 0.75, 0.4), surface("concrete", 2, (0.8, 0.72, 0.62)), rng, 0.25)
+    draft.blob(
+        (0, 0, 1.1), (top * 0.85, 0.75, 0.4), surface("concrete", 2, (0.8, 0.72, 0.62)), rng, bumps=0.25
+    )
     return draft
 
 
@@ -478,9 +465,9 @@ def hedge(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
             (0.95, 0.45, height / 2 + 0.05),
             leaves,
             rng,
-            0.1,
-            TILE_M["leaves"],
-            0.35,
+            bumps=0.1,
+            tile_m=TILE_M["leaves"],
+            power=0.35,
         )
     return draft
 
@@ -491,7 +478,7 @@ def bush(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     leaves = surface("leaves", int(rng.integers(4)), (float(rng.choice([0.7, 1.0, 1.3])),) * 3)
     for k in range(int(rng.integers(1, 3))):
         r = float(rng.uniform(0.5, 0.95))
-        draft.blob((1.3 * k, 0, r * 0.7), (r, r * 0.9, r * 0.8), leaves, rng, 0.25)
+        draft.blob((1.3 * k, 0, r * 0.7), (r, r * 0.9, r * 0.8), leaves, rng, bumps=0.25)
     return draft
 
 
@@ -580,7 +567,7 @@ def shelter(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
         skin, aspect = _print_material(pictures, rng)
         w = min(width - 0.4, 1.3 * aspect)
         draft.box((0, 0.56, 1.4), (w + 0.1, 0.06, w / aspect + 0.1), steel)
-        _front(draft, -w / 2, w / 2, 1.4 - w / aspect / 2, 1.4 + w / aspect / 2, 0.52, skin)
+        _front(draft, (-w / 2, w / 2, 1.4 - w / aspect / 2, 1.4 + w / aspect / 2), 0.52, skin)
     return draft
 
 
@@ -593,22 +580,16 @@ def kiosk(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     low = float(rng.uniform(0.75, 1.0))
     _front(
         draft,
-        -width / 2 + 0.15,
-        width / 2 - 0.15,
-        low,
-        height - 0.5,
+        (-width / 2 + 0.15, width / 2 - 0.15, low, height - 0.5),
         -depth / 2 - 0.01,
         _glass() if rng.random() < 0.6 else window_glass(rng),
     )
     for x in np.linspace(-width / 2 + 0.15, width / 2 - 0.15, int(rng.integers(2, 5))):
-        _front(draft, x - 0.04, x + 0.04, low, height - 0.5, -depth / 2 - 0.016, skin)
+        _front(draft, (x - 0.04, x + 0.04, low, height - 0.5), -depth / 2 - 0.016, skin)
     draft.box((0, -0.1, height + 0.06), (width + 0.4, depth + 0.5, 0.12), plain(paint_rgb(rng)))
     _front(
         draft,
-        -width * 0.3,
-        width * 0.3,
-        height - 0.42,
-        height - 0.06,
+        (-width * 0.3, width * 0.3, height - 0.42, height - 0.06),
         -depth / 2 - 0.012,
         Material("sign", (0.9,) * 3, lettering(rng, 260, 44)),
     )
@@ -645,7 +626,56 @@ def container(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     )
     draft.box((0, 0, 0.06), (length + 0.02, 2.22, 0.12), plain(DARK))
     if rng.random() < 0.6:
-        _front(draft, -length * 0.3, length * 0.3, 1.0, 1.75, -1.112, _glass())
+        _front(draft, (-length * 0.3, length * 0.3, 1.0, 1.75), -1.112, _glass())
+    return draft
+
+
+def container_picture(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """A container with a picture of a car on its long side."""
+    draft = MeshDraft()
+    skin, aspect = _print_material(pictures, rng)
+    length, height = float(rng.uniform(4.5, 6.0)), float(rng.uniform(2.2, 2.6))
+    colour = paint_rgb(rng)
+    draft.box((0, 0, 0.1 + height / 2), (length, 2.2, height), surface("corrugated", 0, colour, 0.1), 1.6)
+    draft.box((0, 0, 0.06), (length + 0.02, 2.22, 0.12), plain(DARK))
+    w = min(length * 0.94, height * 0.9 * aspect)
+    h = w / aspect
+    middle = 0.1 + height / 2
+    _front(draft, (-w / 2, w / 2, middle - h / 2, middle + h / 2), -1.115, skin)
+    return draft
+
+
+def banner(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """A printed cloth with a picture of a car, tied between two posts."""
+    draft = MeshDraft()
+    skin, aspect = _print_material(pictures, rng)
+    height = float(rng.uniform(1.3, 2.1))
+    width, low = height * aspect, float(rng.uniform(0.08, 0.5))
+    draft.box((0, 0.005, low + height / 2), (width, 0.01, height), plain((0.6, 0.6, 0.58)))
+    _front(draft, (-width / 2, width / 2, low, low + height), -0.006, skin)
+    for x in (-width / 2 - 0.12, width / 2 + 0.12):
+        draft.bar((x, 0, -0.05), (x, 0, low + height + 0.15), 0.035, plain(STEEL, 0.2))
+        for z in (low + 0.05, low + height - 0.05):
+            draft.bar((x, 0, z), (x * 0.97, 0, z), 0.01, plain((0.7, 0.7, 0.7)))
+    return draft
+
+
+def showroom(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """A pavilion of a car dealer: a life-size print fills its window."""
+    draft = MeshDraft()
+    skin, aspect = _print_material(pictures, rng)
+    width, depth = float(rng.uniform(4.4, 6.0)), 1.9
+    inside = width - 0.6
+    height = inside / aspect + float(rng.uniform(0.7, 1.0))
+    wall = plain(paint_rgb(rng), 0.1)
+    draft.box((0, 0, height / 2), (width, depth, height), wall)
+    low = 0.15
+    _front(draft, (-inside / 2, inside / 2, low, low + inside / aspect), -depth / 2 - 0.01, skin)
+    for x in np.linspace(-inside / 2, inside / 2, int(rng.integers(2, 4))):
+        _front(draft, (x - 0.03, x + 0.03, low, low + inside / aspect), -depth / 2 - 0.016, wall)
+    draft.box((0, -0.1, height + 0.06), (width + 0.3, depth + 0.4, 0.12), plain(paint_rgb(rng)))
+    sign = Material("sign", (0.9, 0.9, 0.9), lettering(rng, 260, 44))
+    _front(draft, (-width * 0.3, width * 0.3, height - 0.42, height - 0.06), -depth / 2 - 0.012, sign)
     return draft
 
 
@@ -664,7 +694,7 @@ def planters(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
             (0.5, 0.28, 0.32),
             surface("leaves", int(rng.integers(4)), (1.2, 1.2, 1.2)),
             rng,
-            0.25,
+            bumps=0.25,
         )
     return draft
 
@@ -675,12 +705,12 @@ def person(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     coat, trousers, skin = plain(paint_rgb(rng)), plain(paint_rgb(rng)), plain((0.45, 0.28, 0.2))
     stride = float(rng.uniform(0.05, 0.22))
     for s in (-1, 1):
-        draft.cone((s * stride, s * 0.07, 0.0), (0, s * 0.08, 0.88), 0.07, 0.1, trousers)
+        draft.cone((s * stride, s * 0.07, 0.0), (0, s * 0.08, 0.88), (0.07, 0.1), trousers)
         draft.box((s * stride - 0.05, s * 0.07, 0.04), (0.26, 0.1, 0.08), plain(DARK))
-        draft.cone((-s * stride * 0.8, s * 0.24, 0.8), (0, s * 0.2, 1.42), 0.045, 0.06, coat)
-    draft.blob((0, 0, 1.18), (0.17, 0.22, 0.38), coat, rng, 0.03)
-    draft.blob((-0.02, 0, 1.66), (0.1, 0.09, 0.13), skin, rng, 0.02)
-    draft.blob((0.01, 0, 1.7), (0.105, 0.095, 0.115), plain((0.05, 0.03, 0.02)), rng, 0.03)
+        draft.cone((-s * stride * 0.8, s * 0.24, 0.8), (0, s * 0.2, 1.42), (0.045, 0.06), coat)
+    draft.blob((0, 0, 1.18), (0.17, 0.22, 0.38), coat, rng, bumps=0.03)
+    draft.blob((-0.02, 0, 1.66), (0.1, 0.09, 0.13), skin, rng, bumps=0.02)
+    draft.blob((0.01, 0, 1.7), (0.105, 0.095, 0.115), plain((0.05, 0.03, 0.02)), rng, bumps=0.03)
     return draft
 
 
@@ -713,6 +743,9 @@ PROPS: tuple[Prop, ...] = (
     Prop("hoarding", hoarding, ("pavement", "verge", "square", "lot"), True),
     Prop("truck_picture", truck_picture, _DRIVE, True),
     Prop("bus_picture", bus_picture, ("road",), True),
+    Prop("container_picture", container_picture, ("lot", "verge", "square", "road"), True),
+    Prop("banner", banner, (*_WALK, "lot"), True),
+    Prop("showroom", showroom, ("pavement", "verge", "square"), True),
     Prop("truck", truck, _DRIVE),
     Prop("bus", bus, ("road",)),
     Prop("caravan", caravan, ("lot", "road", "verge", "square")),

@@ -63,6 +63,7 @@ def synth_frame(
     seed: int,
     split: str,
     index: int,
+    *,
     n_cars: int,
     cars: Sequence[CarModel],
     pictures: Pictures,

@@ -21,7 +21,7 @@ FACING_LEFT_RAD = np.pi
 GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})
 """Kinds of the ground; everything else is solid and intersects nothing."""
 
-_PICTURE_KINDS = ("billboard", "hoarding", "truck_picture", "bus_picture")
+_PICTURE_KINDS = tuple(p.kind for p in PROPS if p.needs_pictures)
 _WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor")
 _BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")
 _FURNITURE_KINDS = tuple(p.kind for p in PROPS if p.kind not in _PICTURE_KINDS + _WHEELED_KINDS + _BOX_KINDS)
@@ -121,9 +121,16 @@ class _Plan:
         return _level(self.strips, corners) and not any(spot.meets(other) for other in self.taken)
 
     def put(
-        self, mesh: Mesh, kind: str, x: float, y: float, yaw: float, shape_id: str = "", gap_m: float = 0.12
+        self,
+        mesh: Mesh,
+        kind: str,
+        at: tuple[float, float, float],
+        *,
+        shape_id: str = "",
+        gap_m: float = 0.12,
     ) -> bool:
-        """Place a mesh where its ground is free; says whether it was."""
+        """Place a mesh at (x, y, yaw) where its ground is free; says whether it was."""
+        x, y, yaw = at
         placed = Placed(mesh, pose(x, y, ground_height_m(self.strips, y), yaw), kind, shape_id)
         ground = footprint(placed, gap_m)
         if not self.is_free(ground):
@@ -137,7 +144,7 @@ class _Plan:
         length, width, _ = car.size_m
         if not self.is_free(Footprint(x, y, length / 2 + 0.35, width / 2 + 0.45, yaw)):
             return False
-        return self.put(car.build(self.rng), "car", x, y, yaw, car.shape_id, 0.3)
+        return self.put(car.build(self.rng), "car", (x, y, yaw), shape_id=car.shape_id, gap_m=0.3)
 
 
 def _level(strips: tuple[Strip, ...], corners: FloatArray) -> bool:
@@ -271,7 +278,7 @@ def _put_before(plan: _Plan, car: Placed, pictures: Pictures) -> None:
             continue
         aim = x + float(rng.uniform(-2.2, 2.2))
         if plan.put(
-            prop.build(rng, pictures).mesh(), prop.kind, float(aim * at / y), at, float(rng.normal(0, 0.06))
+            prop.build(rng, pictures).mesh(), prop.kind, (float(aim * at / y), at, float(rng.normal(0, 0.06)))
         ):
             return
 
@@ -306,18 +313,18 @@ def _put_anywhere(plan: _Plan, prop: Prop, pictures: Pictures) -> None:
                 else 0
             )
         )
-        if not prop.hides and _covers_a_car(plan, mesh, x, y):
+        if _covers_a_car(plan, mesh, x, y, 0.5 if prop.hides else 0.35):
             continue
-        if plan.put(mesh, prop.kind, x, y, yaw):
+        if plan.put(mesh, prop.kind, (x, y, yaw)):
             return
 
 
-def _covers_a_car(plan: _Plan, mesh: Mesh, x: float, y: float) -> bool:
-    """Whether a thing at (x, y) would hide more than a third of the length of a car behind it."""
+def _covers_a_car(plan: _Plan, mesh: Mesh, x: float, y: float, most: float) -> bool:
+    """Whether a thing at (x, y) would hide more than a share of the length of a car behind it."""
     low, high = float(mesh.vertices_m[:, 0].min()), float(mesh.vertices_m[:, 0].max())
     thing = ((x + low) / y, (x + high) / y)
     return any(
-        car.kind == "car" and car.world_from_object[1, 3] >= y and _hidden_share(_bearings(car), thing) > 0.35
+        car.kind == "car" and car.world_from_object[1, 3] >= y and _hidden_share(_bearings(car), thing) > most
         for car in plan.items
     )
 

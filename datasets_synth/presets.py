@@ -66,15 +66,15 @@ class ClutterConfig:
     Counts are means of a Poisson number a frame for a street that is 20 m deep; deeper ones get more.
     """
 
-    pictures: float = 1.2
+    pictures: float = 2.4
     """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
-    wheeled: float = 1.6
+    wheeled: float = 1.4
     """Trucks, buses, caravans, trailers, boats, tractors."""
     boxes: float = 1.6
     """Kiosks, stalls, shelters, containers, skips, carts."""
-    furniture: float = 6.5
+    furniture: float = 5.0
     """Bins, hedges, walls, crates, trees, poles, people."""
-    occluder_share: float = 0.5
+    occluder_share: float = 0.4
     """Share of cars that something is put in front of."""
 
 

@@ -133,6 +133,7 @@ class MeshDraft:
         size_m: ArrayLike,
         material: Material,
         tile_m: float = 0.0,
+        *,
         yaw_rad: float = 0.0,
         skip: tuple[str, ...] = (),
         tilt_rad: float = 0.0,
@@ -149,19 +150,20 @@ class MeshDraft:
     ) -> None:
         """Add a closed cylinder from a to b."""
         a, b = np.asarray(a_m, float), np.asarray(b_m, float)
-        self.cone(a, b, radius_m, radius_m, material, sides)
+        self.cone(a, b, (radius_m, radius_m), material, sides=sides)
 
     def cone(
         self,
         a_m: ArrayLike,
         b_m: ArrayLike,
-        radius_a_m: float,
-        radius_b_m: float,
+        radii_m: tuple[float, float],
         material: Material,
+        *,
         sides: int = 12,
         tile_m: float = 1.0,
     ) -> None:
-        """Add a closed cylinder or cone from a (radius_a_m) to b (radius_b_m), smooth around."""
+        """Add a closed cylinder or cone from a to b with a radius at each, smooth around."""
+        radius_a_m, radius_b_m = radii_m
         a, b = np.asarray(a_m, float), np.asarray(b_m, float)
         length = float(np.linalg.norm(b - a))
         axis = (b - a) / length
@@ -220,8 +222,8 @@ class MeshDraft:
         """Add a wheel whose axle runs along y."""
         c = np.asarray(centre_m, float)
         half = np.array([0, width_m / 2, 0])
-        self.cone(c - half, c + half, radius_m, radius_m, tyre, 18)
-        self.cone(c - half * 1.08, c + half * 1.08, radius_m * 0.6, radius_m * 0.6, rim, 12)
+        self.cone(c - half, c + half, (radius_m, radius_m), tyre, sides=18)
+        self.cone(c - half * 1.08, c + half * 1.08, (radius_m * 0.6, radius_m * 0.6), rim, sides=12)
 
     def blob(
         self,
@@ -229,6 +231,7 @@ class MeshDraft:
         radii_m: ArrayLike,
         material: Material,
         rng: np.random.Generator,
+        *,
         bumps: float = 0.15,
         tile_m: float = 1.5,
         power: float = 1.0,

@@ -233,6 +233,17 @@ def _marks(draft: MeshDraft, strip: Strip, w: float, rng: np.random.Generator) -
         draft.disc(np.array([x, y, z + 0.001]), ring, np.array([0, 0, 1.0]), iron)
 
 
+Opening = tuple[float, float, float, float, str]
+"""x0, z0, x1, z1 and what fills it: "window", "door", "shop" or "garage"."""
+
+
+@dataclass(frozen=True)
+class _Skins:
+    wall: Material
+    tile_m: float
+    frame: Material
+
+
 def facade(width_m: float, storeys: int, rng: np.random.Generator) -> MeshDraft:
     """A house with its front from x = 0 to the width in the plane y = 0, facing -y."""
     draft = MeshDraft()
@@ -245,7 +256,7 @@ def facade(width_m: float, storeys: int, rng: np.random.Generator) -> MeshDraft:
     win_w, win_h = min(bay - 0.5, float(rng.uniform(0.9, 1.8))), float(rng.uniform(1.3, 1.9))
     floors = [0.0, ground_m, *(ground_m + STOREY_M * k for k in range(1, storeys))]
     floors[-1] = height
-    openings: list[tuple[float, float, float, float, str]] = []
+    openings: list[Opening] = []
     balcony = rng.random() < 0.25
     for k in range(storeys - 1):
         sill = ground_m + STOREY_M * k + 0.85
@@ -253,13 +264,13 @@ def facade(width_m: float, storeys: int, rng: np.random.Generator) -> MeshDraft:
             (bay * (j + 0.5) - win_w / 2, sill, bay * (j + 0.5) + win_w / 2, sill + win_h, "window")
             for j in range(bays)
         ]
-    openings += _ground_floor(bays, bay, ground_m, win_w, win_h, rng)
-    _wall_with_openings(draft, width_m, height, openings, wall, frame, rng)
+    openings += _ground_floor(bays, bay, ground_m, (win_w, win_h), rng)
+    _wall_with_openings(draft, (width_m, height), openings, _Skins(*wall, frame), rng)
     depth = 8.0
     for x, s in ((0.0, -1), (width_m, 1)):
         corners = [(x, depth, 0), (x, 0, 0), (x, 0, height), (x, depth, height)]
         draft.panel(corners if s < 0 else [corners[1], corners[0], corners[3], corners[2]], wall[0], wall[1])
-    _roof_and_trim(draft, width_m, height, ground_m, depth, rng)
+    _roof_and_trim(draft, (width_m, height, depth), ground_m, rng)
     if balcony:
         for k in range(1, storeys - 1):
             _balcony(
@@ -284,9 +295,10 @@ def _wall(rng: np.random.Generator) -> tuple[Material, float]:
 
 
 def _ground_floor(
-    bays: int, bay_m: float, ground_m: float, win_w: float, win_h: float, rng: np.random.Generator
-) -> list[tuple[float, float, float, float, str]]:
-    """Openings (x0, z0, x1, z1, kind) of the ground floor."""
+    bays: int, bay_m: float, ground_m: float, window_m: tuple[float, float], rng: np.random.Generator
+) -> list[Opening]:
+    """Openings of the ground floor."""
+    win_w, win_h = window_m
     style = str(rng.choice(["flat", "shop", "garage"], p=[0.42, 0.38, 0.2]))
     door = int(rng.integers(bays))
     out = []
@@ -308,15 +320,14 @@ def _ground_floor(
 
 def _wall_with_openings(
     draft: MeshDraft,
-    width: float,
-    height: float,
-    openings: list[tuple[float, float, float, float, str]],
-    wall: tuple[Material, float],
-    frame: Material,
+    size_m: tuple[float, float],
+    openings: list[Opening],
+    skins: _Skins,
     rng: np.random.Generator,
 ) -> None:
     """The wall cut into rows around its openings, each opening recessed with its filling."""
-    skin, tile = wall
+    width, height = size_m
+    skin, tile = skins.wall, skins.tile_m
     rows = sorted({(o[1], o[3]) for o in openings})
     # cut the wall into bands at every edge of an opening, then each band at its holes
     cuts = sorted({0.0, height, *(z for row in rows for z in row)})
@@ -329,22 +340,13 @@ def _wall_with_openings(
                     [(x, 0, z0), (h0, 0, z0), (h0, 0, z1), (x, 0, z1)], skin, tile, (x / tile, z0 / tile)
                 )
             x = h1
-    for x0, z0, x1, z1, kind in openings:
-        _filling(draft, x0, z0, x1, z1, kind, skin, tile, frame, rng)
+    for opening in openings:
+        _filling(draft, opening, skins, rng)
 
 
-def _filling(
-    draft: MeshDraft,
-    x0: float,
-    z0: float,
-    x1: float,
-    z1: float,
-    kind: str,
-    skin: Material,
-    tile: float,
-    frame: Material,
-    rng: np.random.Generator,
-) -> None:
+def _filling(draft: MeshDraft, opening: Opening, skins: _Skins, rng: np.random.Generator) -> None:
+    x0, z0, x1, z1, kind = opening
+    skin, tile, frame = skins.wall, skins.tile_m, skins.frame
     d = 0.14
     for corners in (
         [(x0, 0, z0), (x1, 0, z0), (x1, d, z0), (x0, d, z0)],
@@ -372,8 +374,9 @@ def _filling(
 
 
 def _roof_and_trim(
-    draft: MeshDraft, width: float, height: float, ground_m: float, depth: float, rng: np.random.Generator
+    draft: MeshDraft, size_m: tuple[float, float, float], ground_m: float, rng: np.random.Generator
 ) -> None:
+    width, height, depth = size_m
     if rng.random() < 0.6:  # pitched, eaves towards the street
         rise = depth / 2 * float(rng.uniform(0.6, 0.9))
         tiles = surface("roof", int(rng.integers(3)), _tint(rng, 0.6, 1.1))
@@ -452,14 +455,18 @@ def tree(rng: np.random.Generator) -> MeshDraft:
     bark = surface("bark", int(rng.integers(3)))
     height = float(rng.uniform(2.2, 3.2))
     radius = float(rng.uniform(0.1, 0.24))
-    draft.cone((0, 0, -0.05), (0, 0, height + 0.8), radius, radius * 0.6, bark, 12)
+    draft.cone((0, 0, -0.05), (0, 0, height + 0.8), (radius, radius * 0.6), bark, sides=12)
     leaves = surface("leaves", int(rng.integers(4)), _tint(rng, 0.7, 1.5))
     crown = float(rng.uniform(1.3, 2.4))
     for _ in range(int(rng.integers(3, 7))):
         offset = rng.normal(0, 0.45, 3) * crown
         r = crown * float(rng.uniform(0.55, 0.9))
         draft.blob(
-            (offset[0], offset[1], height + crown * 0.9 + offset[2] * 0.8), (r, r, r * 0.85), leaves, rng, 0.2
+            (offset[0], offset[1], height + crown * 0.9 + offset[2] * 0.8),
+            (r, r, r * 0.85),
+            leaves,
+            rng,
+            bumps=0.2,
         )
     return draft
 
@@ -469,12 +476,12 @@ def bare_trunk(rng: np.random.Generator) -> MeshDraft:
     draft = MeshDraft()
     bark = surface("bark", int(rng.integers(3)))
     radius = float(rng.uniform(0.15, 0.35))
-    draft.cone((0, 0, -0.05), (0, 0, 6.0), radius, radius * 0.5, bark, 14)
+    draft.cone((0, 0, -0.05), (0, 0, 6.0), (radius, radius * 0.15), bark, sides=14)
     for _ in range(6):
         angle, z = float(rng.uniform(0, 6.28)), float(rng.uniform(2.2, 5.5))
         reach = float(rng.uniform(0.8, 2.0))
         end = (reach * np.cos(angle), reach * np.sin(angle), z + reach * 1.2)
-        draft.cone((0, 0, z), end, radius * 0.4, 0.02, bark, 8)
+        draft.cone((0, 0, z), end, (radius * 0.4, 0.02), bark, sides=8)
     return draft
 
 
@@ -483,7 +490,7 @@ def lamp_post(rng: np.random.Generator) -> MeshDraft:
     draft = MeshDraft()
     steel = plain(STEEL, 0.2)
     height = float(rng.uniform(4, 7))
-    draft.cone((0, 0, -0.05), (0, 0, height), 0.08, 0.05, steel, 12)
+    draft.cone((0, 0, -0.05), (0, 0, height), (0.08, 0.05), steel, sides=12)
     draft.bar((0, 0, height - 0.05), (0, -1.0, height + 0.2), 0.04, steel)
     draft.box((0, -1.1, height + 0.2), (0.25, 0.5, 0.12), plain((0.6, 0.6, 0.6)))
     return draft
@@ -495,8 +502,8 @@ def sign_post(rng: np.random.Generator) -> MeshDraft:
     draft.bar((0, 0, -0.05), (0, 0, 2.7), 0.035, plain(STEEL, 0.2))
     face = plain((0.55, 0.03, 0.03)) if rng.random() < 0.5 else plain((0.03, 0.1, 0.45))
     z, r = 2.35, 0.32
-    draft.cone((0, -0.04, z), (0, -0.06, z), r, r, face, 20)
-    draft.cone((0, -0.06, z), (0, -0.066, z), r * 0.7, r * 0.7, plain((0.8, 0.8, 0.8)), 20)
+    draft.cone((0, -0.04, z), (0, -0.06, z), (r, r), face, sides=20)
+    draft.cone((0, -0.06, z), (0, -0.066, z), (r * 0.7, r * 0.7), plain((0.8, 0.8, 0.8)), sides=20)
     return draft
 
 
@@ -505,5 +512,5 @@ def bollards(rng: np.random.Generator) -> MeshDraft:
     draft = MeshDraft()
     skin = plain(paint_rgb(rng), 0.1) if rng.random() < 0.6 else surface("concrete", 2)
     for k in range(int(rng.integers(2, 5))):
-        draft.cone((1.4 * k, 0, -0.03), (1.4 * k, 0, 0.95), 0.09, 0.08, skin, 12)
+        draft.cone((1.4 * k, 0, -0.03), (1.4 * k, 0, 0.95), (0.09, 0.08), skin, sides=12)
     return draft

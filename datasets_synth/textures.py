@@ -124,6 +124,7 @@ def _bricks(rng: np.random.Generator) -> Image:
 
 def _bond(
     rng: np.random.Generator,
+    *,
     rows: int,
     columns: int,
     base: tuple[float, float, float],

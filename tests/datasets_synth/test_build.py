@@ -74,7 +74,10 @@ def test_a_killed_build_is_taken_up_again_and_gives_the_same_bytes(
 
 def test_another_seed_builds_anew_and_differs(folder: Path) -> None:
     cars, pictures = build.cars_of_splits()["train"], ()
-    a, b = (synth_frame(TINY, seed, "train", 0, 1, cars, pictures).render.left_rgb for seed in (3, 4))
+    a, b = (
+        synth_frame(TINY, seed, "train", 0, n_cars=1, cars=cars, pictures=pictures).render.left_rgb
+        for seed in (3, 4)
+    )
     assert not np.array_equal(a, b)
 
 
@@ -210,7 +213,7 @@ def test_a_street_that_cannot_be_is_one_error_line() -> None:
         with pytest.raises(
             RescoreError, match=r"frame train 0: expected a street with 1 cars in view, found none"
         ):
-            synth_frame(config, 0, "train", 0, 1, cars, ())
+            synth_frame(config, 0, "train", 0, n_cars=1, cars=cars, pictures=())
 
 
 def test_a_folder_that_cannot_be_written_is_one_error_line(tmp_path: Path) -> None:
