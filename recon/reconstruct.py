@@ -34,6 +34,9 @@ class ReconstructConfig:
 
     min_inside: float = 0.5
     """Smallest share of the box that must lie inside the image."""
+    max_aspect_change: float = 1.8
+    """A box whose width to height differs by more than this factor from that of the labelled outline shows
+    the object from elsewhere, or something else: stretched to such a box, any outline would seem to fit."""
     min_outline_iou: float = 0.4
     """Smallest intersection over union of the outline with the one it started from."""
     segment: SegmentConfig = field(default_factory=SegmentConfig)
@@ -103,7 +106,9 @@ def reconstruct(
         )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
     view = prepare_view(model, view_bin, config.registration)
-    results: list[Reconstruction | Failure | None] = [_check_box(box, camera, config) for box in boxes]
+    results: list[Reconstruction | Failure | None] = [
+        _check_box(box, view.grid, camera, config) for box in boxes
+    ]
     todo = [i for i, result in enumerate(results) if result is None]
     for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
         results[i] = (
@@ -196,7 +201,9 @@ def feet(model: ClassModel) -> dict[int, FloatArray]:
     return {label: point for label, point in low.items() if point[2] <= limit}
 
 
-def _check_box(box_px: FloatArray, camera: PinholeCamera, config: ReconstructConfig) -> Failure | None:
+def _check_box(
+    box_px: FloatArray, grid: CanonicalGrid, camera: PinholeCamera, config: ReconstructConfig
+) -> Failure | None:
     size = box_px[2:] - box_px[:2]
     if not (np.isfinite(box_px).all() and (size >= 4).all()):
         return Failure(
@@ -209,6 +216,12 @@ def _check_box(box_px: FloatArray, camera: PinholeCamera, config: ReconstructCon
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
             f"at least {config.min_inside:.0%} of the box inside the image expected, got {inside:.0%}",
+        )
+    aspect, expected = float(size[0] / size[1]), grid.box_width_px / grid.box_height_px
+    if max(aspect / expected, expected / aspect) > config.max_aspect_change:
+        return Failure(
+            Reason.REGISTRATION_FAILED,
+            f"a box {expected:.2f} times as wide as high expected for this view, got {aspect:.2f}",
         )
     return None
 

@@ -19,19 +19,19 @@ Float32Array = NDArray[np.float32]
 class SegmentConfig:
     """Settings of the level-set evolution; names and signs as in the paper of Li et al."""
 
-    steps: int = 50
+    steps: int = 30
     """Steps of the evolution."""
     time_step: float = 4.0
     """Pseudo time of one step; ``time_step * distance_weight`` must stay below 1/4."""
     distance_weight: float = 0.05
     """mu: weight of the double-well distance regulariser."""
-    length_weight: float = 2.0
+    length_weight: float = 1.5
     """lambda: weight of the edge-weighted length."""
     area_weight: float = 0.0
     """alpha: weight of the edge-weighted area; positive shrinks, negative grows."""
     dirac_width_px: float = 1.5
     """epsilon: half width of the smoothed delta function."""
-    smooth_sigma_px: float = 1.0
+    smooth_sigma_px: float = 0.7
     """Gaussian before the gradient, canonical pixels."""
     edge_scale: float = 1.0
     """The gradient that halves the edge indicator, in root-mean-square gradients of the window."""

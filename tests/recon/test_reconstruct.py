@@ -162,13 +162,15 @@ def test_every_reason_occurs(model: ClassModel) -> None:
     assert reason(model, box, replace(config, segment=shrink)) is Reason.NO_OUTLINE
     strict = RegistrationConfig(max_cost=0.0)
     assert reason(model, box, replace(config, registration=strict)) is Reason.REGISTRATION_FAILED
+    square = np.array([box[0], box[1], box[0] + box[3] - box[1], box[3]])
+    assert reason(model, square, config) is Reason.REGISTRATION_FAILED
     assert reason(model, box - np.array([0, 180, 0, 180]), config) is Reason.ABOVE_HORIZON
     steep = PlacingConfig(min_angle_rad=np.deg2rad(89.9))
     assert reason(model, box, replace(config, placing=steep)) is Reason.PARTS_NOT_PLACED
 
 
 def test_no_ground_contact_where_the_wheels_are_outside_the_picture(model: ClassModel) -> None:
-    box = np.array([200.0, 400.0, 420.0, 560.0])
+    box = np.array([150.0, 400.0, 500.0, 540.0])
     assert reason(model, box, ReconstructConfig()) is Reason.NO_GROUND_CONTACT
 
 

@@ -35,12 +35,13 @@ def test_outline_converges_to_a_disk(start_radius: float) -> None:
 
 
 def test_phi_stays_like_a_distance_near_the_outline() -> None:
-    phi = evolve(signed_distance(disk(25))[None], edge_indicator(picture(disk(22))[None], CONFIG), CONFIG)[0]
+    edge = edge_indicator(picture(disk(22))[None], CONFIG)
+    phi = evolve(signed_distance(disk(25))[None], edge, replace(CONFIG, steps=120))[0]
     dy, dx = np.gradient(phi)
-    slope = np.hypot(dx, dy)[np.abs(phi) < 2]
+    slope = np.hypot(dx, dy)[np.abs(phi) < 1]
     # the pull of edges steepens phi, the regulariser holds it
     assert 0.7 < np.median(slope) < 1.5
-    assert slope.min() > 0.3
+    assert np.percentile(slope, 2) > 0.5
     assert slope.max() < 2.5
 
 
