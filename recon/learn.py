@@ -108,12 +108,12 @@ class _Observations:
         return [i for i in range(len(self.views)) if (i, label) in self.boundary]
 
     def pairs_of(self, label: int, config: LearnConfig) -> list[tuple[int, int]]:
-        """Ordered pairs of views of one instance, not too far apart, that both show a part."""
+        """Pairs of views of one instance, not too far apart, that both show a part."""
         shown = self.views_of(label)
         count = config.bins.count
         pairs = []
         for a in shown:
-            for b in shown:
+            for b in shown[shown.index(a) + 1 :]:
                 apart = (self.views[a].view_bin - self.views[b].view_bin) % count
                 near = 0 < min(apart, count - apart) <= config.max_bin_step
                 if near and self.views[a].instance_id == self.views[b].instance_id:
