@@ -135,7 +135,7 @@ def frame_table(view: FrameView, detector: str) -> str:
     cars = [int(i) for i in view.truth.annotation_id[~view.truth.ignore]]
     n_hit = sum(i in found for i in cars)
     lines = [
-        f"**Image {view.image_id}**: {len(cars)} annotated cars, {n_hit} hit.\n\n",
+        f"**Image {view.image_id}**: annotated cars: {len(cars)}, hit: {n_hit}.\n\n",
         "| place | before | after | D | outcome | shows |\n",
         "| ---: | ---: | ---: | ---: | --- | --- |\n",
     ]

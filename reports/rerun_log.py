@@ -128,7 +128,7 @@ def _plots(run: Run) -> tuple[Plot, ...]:
                     f"AP {number(c.row['average_precision'])}",
                 ),
             ),
-            (0.32, 0.06),
+            (0.72, 0.68),
         ),
     ]
     return (*plots, *_weight_plot(run))

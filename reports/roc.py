@@ -82,6 +82,7 @@ def draw_car_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[str, Any
         if curve.mode == "detector":
             ax.axhline(ceiling, color=style["color"], lw=0.8, ls=":")
     ax.set_xscale("log")
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.set(xlim=(left, 20), ylim=(0, 1.02), title="Cars found against false positives")
     ax.set_xlabel("false positives per image (log axis; the left edge stands for none)")
     ax.set_ylabel(f"true-positive rate: share of all {metrics['n_cars']} annotated cars")
@@ -96,7 +97,7 @@ def draw_precision_recall(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping
     ax.set(xlim=(0, 1.01), ylim=(0, 1.02), title="Precision and recall")
     ax.set_xlabel(f"recall: share of all {metrics['n_cars']} annotated cars found")
     ax.set_ylabel("precision: share of accepted candidates that are hits")
-    ax.legend(loc="lower left")
+    ax.legend(loc="best")
 
 
 def draw_weight(ax: Axes, tuning: Mapping[str, Mapping[str, Any]]) -> None:

@@ -117,8 +117,8 @@ def reason_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table:
     )
 
 
-def kind_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table | None:
-    """What the false alarms show, by kind of rendered thing; None where the kinds are unknown."""
+def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], max_rows: int = 12) -> Table | None:
+    """What the false alarms show, by kind of rendered thing, most first; None where the kinds are unknown."""
     if "kind" not in columns or not any(str(k) for k in columns["kind"]):
         return None
     false = columns["outcome_detector"] == "false_alarm"
@@ -129,8 +129,15 @@ def kind_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table | 
     kinds = sorted(
         {k for c in per.values() for k in c}, key=lambda k: (-sum(c.get(k, 0) for c in per.values()), k)
     )
-    rows = tuple((kind.replace("_", " "), *(str(per[d].get(kind, 0)) for d in detectors)) for kind in kinds)
-    return Table("False alarms by what they show", ("kind", *(detector_name(d) for d in detectors)), rows)
+    rows = [
+        (kind.replace("_", " "), *(str(per[d].get(kind, 0)) for d in detectors)) for kind in kinds[:max_rows]
+    ]
+    if kinds[max_rows:]:
+        others = (str(sum(per[d].get(kind, 0) for kind in kinds[max_rows:])) for d in detectors)
+        rows.append((f"{len(kinds) - max_rows} other kinds", *others))
+    return Table(
+        "False alarms by what they show", ("kind", *(detector_name(d) for d in detectors)), tuple(rows)
+    )
 
 
 def stereo_table(stereo: Mapping[str, Any]) -> Table | None:

@@ -70,6 +70,10 @@ def test_kinds_count_false_alarms_alone():
     table = kind_table(columns, ["a", "b"])
     assert table is not None
     assert table.rows == (("hedge", "1", "0"), ("low wall", "1", "0"))
+    short = kind_table(columns | {"outcome_detector": np.array(["false_alarm"] * 4, object)}, ["a", "b"], 1)
+    assert short is not None
+    # two cars, one of each detector; a hedge and a wall remain
+    assert short.rows == (("car", "1", "1"), ("2 other kinds", "2", "0"))
     assert kind_table(columns | {"kind": np.array([""] * 4, object)}, ["a", "b"]) is None
 
 
