@@ -118,7 +118,7 @@ def reason_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table:
 
 
 def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], max_rows: int = 12) -> Table | None:
-    """What the false alarms show, by kind of rendered thing, most first; None where the kinds are unknown."""
+    """What the false alarms show, by kind of rendered thing, most first; None where that is unknown."""
     if "kind" not in columns or not any(str(k) for k in columns["kind"]):
         return None
     false = columns["outcome_detector"] == "false_alarm"
@@ -129,9 +129,8 @@ def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], max_rows: i
     kinds = sorted(
         {k for c in per.values() for k in c}, key=lambda k: (-sum(c.get(k, 0) for c in per.values()), k)
     )
-    rows = [
-        (kind.replace("_", " "), *(str(per[d].get(kind, 0)) for d in detectors)) for kind in kinds[:max_rows]
-    ]
+    shown = kinds[:max_rows]
+    rows = [(kind.replace("_", " "), *(str(per[d].get(kind, 0)) for d in detectors)) for kind in shown]
     if kinds[max_rows:]:
         others = (str(sum(per[d].get(kind, 0) for kind in kinds[max_rows:])) for d in detectors)
         rows.append((f"{len(kinds) - max_rows} other kinds", *others))
