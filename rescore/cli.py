@@ -204,7 +204,8 @@ def apply(
         Path | None, typer.Option(help="Folder for what led to each score: <folder>/<detector>/<image>.npz.")
     ] = None,
     camera: Annotated[
-        str | None, typer.Option(help="Camera that predicts depth: default (the report's) or calibrated.")
+        str | None,
+        typer.Option(help="Camera that predicts depth: calibrated where known, or default (the report's)."),
     ] = None,
     disparities: Annotated[
         int | None, typer.Option(help="Disparities to search where there is no disparity file.")

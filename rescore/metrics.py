@@ -91,7 +91,7 @@ def average_precision(match: MatchTable) -> float:
     """COCO's average precision: mean of the highest precision at or beyond 101 recalls from 0 to 1.
 
     Recalls that are never reached give 0, so missed cars count. NaN where no car is annotated. Candidates of
-    equal ranking count one after another in the order given, and recalls are compared without tolerance, as in
+    equal ranking count one after another in the order given, and recalls are compared exactly, as in
     COCO's own tool.
     """
     if not match.n_cars:

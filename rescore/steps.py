@@ -6,7 +6,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from joblib import Parallel, delayed
 
@@ -25,6 +24,7 @@ from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
 from rescore.pipeline import CameraChoice, RescoreConfig, evidence_of_frames
 from rescore.progress import track
 from rescore.store import read_json, write_json
+from rescore.threads import one_thread
 from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
 
 
@@ -75,16 +75,15 @@ def detect(
 def _detections(
     detector: Detector, data: DataSet, jobs: int, what: str, show: bool
 ) -> Iterator[tuple[int, Detections]]:
-    tasks = (delayed(_detect_frame)(record, detector, jobs == 1) for record in data.frames)
+    tasks = (delayed(_detect_frame)(record, detector) for record in data.frames)
     results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks)
     return track(results, what, len(data.frames), show)
 
 
-def _detect_frame(record: FrameRecord, detector: Detector, alone: bool) -> tuple[int, Detections]:
-    if not alone:
-        cv2.setNumThreads(1)
+def _detect_frame(record: FrameRecord, detector: Detector) -> tuple[int, Detections]:
     rgb = read_rgb(record.left_path, record.width_px, record.height_px)
-    return record.image_id, detector.detect(rgb)
+    with one_thread():
+        return record.image_id, detector.detect(rgb)
 
 
 def find_evidence(

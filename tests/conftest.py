@@ -1,27 +1,20 @@
-"""What tests of several rooms share: a finished run of preset "tiny", and the real frames where they are at hand."""
+"""What tests share: a finished run of preset "tiny", and the real frames where they are at hand."""
 
 import fcntl
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-Command = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def run_rescore(*arguments: object) -> subprocess.CompletedProcess[str]:
     """Run the command as a user does."""
     command = [sys.executable, "-m", "rescore.cli", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
-
-
-@pytest.fixture(scope="session")
-def rescore() -> Command:
-    return run_rescore
 
 
 @pytest.fixture(scope="session")
@@ -44,7 +37,7 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def kitti() -> Path:
-    """The folder of six real frames; the environment variable RESCORE_KITTI says where, if not beside the project."""
+    """The folder of six real frames: that of the variable RESCORE_KITTI, else one beside the project."""
     folder = Path(os.environ.get("RESCORE_KITTI", ROOT.parent / "shared" / "data" / "kitti"))
     if not (folder / "annotations.json").is_file():
         pytest.skip(f"no real frames at {folder}; set RESCORE_KITTI to a folder that holds annotations.json")

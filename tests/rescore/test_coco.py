@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
+from recon.outcome import Failure, Reason
 from rescore.align_depth import DepthAlignment
 from rescore.candidates import Candidates
 from rescore.evidence import CandidateTable
@@ -177,7 +178,9 @@ def test_bad_detections_are_one_line(tmp_path: Path, data: DataSet, value: objec
 
 def test_scores_of_another_range_want_calibration(tmp_path: Path, data: DataSet) -> None:
     file = read_detections(write(tmp_path / "svm.json", [detection(score=-1.5), detection(score=2)]), data)
-    with pytest.raises(RescoreError, match="detections of svm: .*got scores from -1.5 to 2; calibrate them"):
+    with pytest.raises(
+        RescoreError, match=r"detections of svm: .*got scores from -1\.5 to 2; calibrate them"
+    ):
         file.candidates(data)
 
 
@@ -194,13 +197,16 @@ def test_raw_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
     np.testing.assert_array_equal(back.table.xyxy_px, table.xyxy_px)
     np.testing.assert_array_equal(back.table.likelihood, [0.9, 0.2])
     assert json.loads((tmp_path / "d.json").read_text())[0] == {
-        "image_id": 5, "category_id": 3, "bbox": [1.25, 2, 28.75, 38], "score": 3.5, "detector": "hog", "likelihood": 0.9,
-    }  # fmt: skip
+        "image_id": 5,
+        "category_id": 3,
+        "bbox": [1.25, 2, 28.75, 38],
+        "score": 3.5,
+        "detector": "hog",
+        "likelihood": 0.9,
+    }
 
 
 def test_rescored_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
-    from recon.outcome import Failure, Reason
-
     outcome = (DepthAlignment(0.25, -1.5, 0.125, 0.75, 8.0, 2.0), Failure(Reason.NO_OUTLINE, "gone"))
     table = CandidateTable.of_alignments(candidates(), outcome)
     posterior = np.array([0.0, 0.2])

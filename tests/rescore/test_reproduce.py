@@ -1,4 +1,4 @@
-"""The whole run of preset "tiny" (see conftest): what it leaves, that it is reused, and that nothing leaks."""
+"""The whole run of preset "tiny": what it leaves, that it is reused, and that nothing leaks."""
 
 import json
 import shutil
@@ -94,7 +94,7 @@ def test_settings_of_a_file_replace_those_of_the_preset(tmp_path: Path) -> None:
     [
         ('{"rescore": {"algin": {}}}', "rescore: unknown setting 'algin', known are align"),
         ('{"colour": 1}', "colour: extra inputs are not permitted"),
-        ('{"rescore": {"camera": "mine"}}', "rescore.camera: input should be 'default' or 'calibrated'"),
+        ('{"rescore": {"camera": "mine"}}', "rescore.camera: input should be 'calibrated' or 'default'"),
         ('{"tune": {"n_grid": "many"}}', r"tune.n_grid: input should be a valid integer"),
         ("[1]", "expected a JSON object of settings, got list"),
     ],

@@ -51,7 +51,7 @@ def test_atomic_path_leaves_nothing_on_failure(tmp_path: Path) -> None:
 def test_atomic_path_says_where_it_cannot_write(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(RescoreError, match="expected to write here, got .*choose another place"),
+        pytest.raises(RescoreError, match=r"expected to write here, got .*choose another place"),
         atomic_path(tmp_path / "file" / "x.json"),
     ):
         pass
