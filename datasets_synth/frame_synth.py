@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from datasets_synth.distractors import Pictures
 from datasets_synth.layout import CarModel, sample_scene
 from datasets_synth.mesh import Scene
 from datasets_synth.presets import MAX_CARS, CarConfig, SplitSize, SynthConfig
+from datasets_synth.prop_parts import Pictures
 from datasets_synth.render import StereoRender, eye_rays, render_pair
 from datasets_synth.scene_rays import MISS, build_scene_rays
 from datasets_synth.truth import VisibleObject, visible_objects

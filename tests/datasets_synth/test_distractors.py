@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from datasets_synth.distractors import PROPS, Prop, billboard, printed
+from datasets_synth.distractors import PROPS, Prop
+from datasets_synth.prop_parts import printed
+from datasets_synth.prop_prints import billboard
 
 PICTURE = np.zeros((60, 100, 3), np.uint8)
 PICTURE[:, :50] = (200, 30, 30)  # its left half is red, so a mirrored print would show
