@@ -26,7 +26,7 @@ test: setup
 	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadgroup
 
 bench: setup
-	$(BIN)/python -m reports.bench
+	$(BIN)/python tests/bench.py
 
 clean:
 	rm -rf runs build dist *.egg-info

@@ -89,7 +89,9 @@ class GroundPlane:
 
     def __post_init__(self) -> None:
         if not self.height_m > 0:
-            raise RescoreError(f"ground plane: the camera must be above the ground, got height_m={self.height_m}")
+            raise RescoreError(
+                f"ground plane: the camera must be above the ground, got height_m={self.height_m}"
+            )
 
     @property
     def up(self) -> FloatArray:
@@ -110,9 +112,7 @@ def default_camera(width_px: int, height_px: int) -> PinholeCamera:
     Focal length 1.4 times the picture height (about 40 degrees vertically), principal point in the middle.
     """
     focal_px = 1.4 * height_px
-    return PinholeCamera(
-        focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
-    )
+    return PinholeCamera(focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px)
 
 
 DEFAULT_GROUND = GroundPlane(height_m=1.5, pitch_rad=0.0)

@@ -1,0 +1,204 @@
+"""Speed as ratios against the bare library calls, measured side by side in one run: ``make bench``.
+
+Prints a table; asserts nothing, since a busy machine would fail it. Each ratio is the median of paired runs:
+both sides are timed in turn on the same frame, so that a machine that slows down slows both.
+"""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from datasets_synth.build import build_dataset
+from datasets_synth.car_models import cars_of_splits
+from datasets_synth.frame_synth import synth_frame
+from datasets_synth.presets import SynthConfig
+from datasets_synth.render import render_pair
+from datasets_synth.scene_rays import RayTree
+from datasets_synth.truth import visible_objects
+from recon.part_views import load_part_views
+from recon.stereo import compute_disparity
+from rescore import steps
+from rescore.candidates import Candidates
+from rescore.config import RunConfig, run_preset
+from rescore.detectors.hog_svm import HogDetector
+from rescore.formats.coco import read_dataset
+from rescore.frames import DataSet, load_frame, read_rgb
+from rescore.pipeline import depth_evidence
+
+SCENES = 4
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    what: str
+    ours_s: float
+    bare_s: float
+    ratio: float
+    limit: float
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Wall time of one call."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def paired(
+    what: str, limit: float, pairs: Iterator[tuple[Callable[[], object], Callable[[], object]]]
+) -> Row:
+    """Both sides in turn on each pair, after one warm-up; medians, and the median of the ratios."""
+    ours: list[float] = []
+    bare: list[float] = []
+    for our_call, bare_call in pairs:
+        our_call()
+        bare_call()
+        for _ in range(REPEATS):
+            ours.append(seconds(our_call))
+            bare.append(seconds(bare_call))
+    ratio = statistics.median(a / b for a, b in zip(ours, bare, strict=True))
+    return Row(what, statistics.median(ours), statistics.median(bare), ratio, limit)
+
+
+def rendering(config: SynthConfig) -> Row:
+    """A stereo pair with truth and measured disparity, against its ray casts and its SGBM alone."""
+
+    def pairs() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
+        cars = cars_of_splits()["test"]
+        for i in range(SCENES):
+            scene = synth_frame(config, 11, "test", i, 1, cars, ()).scene
+            first = render_pair(scene, np.random.default_rng(0))
+
+            def ours(scene=scene) -> None:  # type: ignore[no-untyped-def]
+                pair = render_pair(scene, np.random.default_rng(0))
+                visible_objects(pair, scene)
+                compute_disparity(pair.left_rgb, pair.right_rgb, config.sgbm)
+
+            casts = recorded_casts(ours)
+
+            def bare(casts=casts, first=first) -> None:  # type: ignore[no-untyped-def]
+                for cast in casts:
+                    cast()
+                compute_disparity(first.left_rgb, first.right_rgb, config.sgbm)
+
+            yield ours, bare
+
+    return paired("render a stereo pair / ray casts + SGBM", 4.0, pairs())
+
+
+def recorded_casts(work: Callable[[], object]) -> list[Callable[[], object]]:
+    """The bare Open3D call of every ray cast that ``work`` makes, its rays ready."""
+    import open3d as o3d  # noqa: PLC0415
+
+    calls: list[Callable[[], object]] = []
+    cast, occluded = RayTree.cast, RayTree.occluded
+
+    def tensor(rays):  # type: ignore[no-untyped-def]
+        return o3d.core.Tensor.from_numpy(np.ascontiguousarray(rays, dtype=np.float32))
+
+    def note_cast(self, rays):  # type: ignore[no-untyped-def]
+        if self.n_faces and len(rays):
+            calls.append(partial(self._scene.cast_rays, tensor(rays)))
+        return cast(self, rays)
+
+    def note_occluded(self, rays, t_far=np.inf):  # type: ignore[no-untyped-def]
+        if self.n_faces and len(rays):
+            calls.append(partial(self._scene.test_occlusions, tensor(rays), tfar=t_far))
+        return occluded(self, rays, t_far)
+
+    RayTree.cast, RayTree.occluded = note_cast, note_occluded  # type: ignore[method-assign]
+    try:
+        work()
+    finally:
+        RayTree.cast, RayTree.occluded = cast, occluded  # type: ignore[method-assign]
+    return calls
+
+
+def detection(data: DataSet, config: RunConfig) -> list[Row]:
+    """HOG against the bare detectMultiScale call with the same windows; boosted against HOG."""
+    hog = steps.train(data, config.hog, 0, 2)
+    boosted = steps.train(data, config.boosted, 0, 2)
+    assert isinstance(hog, HogDetector)
+    pictures = [read_rgb(f.left_path, f.width_px, f.height_px) for f in data.split("test").frames[:SCENES]]
+
+    def bare_calls() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
+        for rgb in pictures:
+            zoomed, _ = hog.zoomed(rgb)
+            descriptor, arguments = hog.descriptor(), hog.scan_arguments()
+            yield (
+                lambda rgb=rgb: hog.detect(rgb),
+                lambda z=zoomed, d=descriptor, a=arguments: d.detectMultiScale(z, **a),
+            )
+
+    against_hog = ((lambda r=rgb: boosted.detect(r), lambda r=rgb: hog.detect(r)) for rgb in pictures)
+    return [
+        paired("HOG detection / bare detectMultiScale", 1.3, bare_calls()),
+        paired("boosted detection / HOG detection", 5.0, against_hog),
+    ]
+
+
+def rescoring(data: DataSet, config: RunConfig) -> Row:
+    """15 candidates of a frame, from picture and disparity to D, against one 5-path SGBM of the frame."""
+    model = steps.learn(data.root / "part_views", config.class_name, config.learn)
+    rng = np.random.default_rng(0)
+
+    def pairs() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
+        for record in data.split("test").frames[:SCENES]:
+            frame = load_frame(record, config.synth.sgbm)
+            assert record.right_path is not None
+            right = read_rgb(record.right_path, record.width_px, record.height_px)
+            candidates = car_sized_boxes(record.image_id, record.width_px, record.height_px, rng)
+            yield (
+                lambda f=frame, c=candidates: depth_evidence(f, c, model, config.rescore),
+                lambda f=frame, r=right: compute_disparity(f.left_rgb, r, config.synth.sgbm),
+            )
+
+    return paired("rescore 15 candidates / SGBM of the frame", 6.0, pairs())
+
+
+def car_sized_boxes(image_id: int, width_px: int, height_px: int, rng: np.random.Generator) -> Candidates:
+    """Fifteen boxes inside the picture, 60 to 300 px wide, below the horizon: all stages run on each."""
+    width = rng.uniform(60, 300, 15)
+    height = width / 2.8
+    left = rng.uniform(0, width_px - width)
+    top = height_px / 2 + 20 + rng.uniform(0, 20, 15) - height / 2
+    boxes = np.stack([left, top, left + width, top + height], axis=1)
+    return Candidates(image_id, boxes, np.linspace(1, 0, 15), np.linspace(0.9, 0.1, 15))
+
+
+def main() -> None:
+    """Print the table."""
+    config = run_preset("demo")
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "data"
+        build_dataset(config.synth, root, seed=0, jobs=2)
+        load_part_views(root / "part_views")
+        data = read_dataset(root, config.class_name)
+        rows = [rendering(config.synth), *detection(data, config), rescoring(data, config)]
+    table = Table(title="Ratios against the bare library calls")
+    for name in ("what", "ours, ms", "bare, ms", "ratio", "wanted"):
+        table.add_column(name, justify="left" if name == "what" else "right")
+    for row in rows:
+        table.add_row(
+            row.what,
+            f"{row.ours_s * 1e3:.0f}",
+            f"{row.bare_s * 1e3:.0f}",
+            f"{row.ratio:.2f}",
+            f"<= {row.limit:g}",
+        )
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
