@@ -125,7 +125,7 @@ def cut_dictionary(
     return Dictionary(patches, filters, places, config)
 
 
-def _cut_group(  # noqa: PLR0917
+def _cut_group(
     crops: NDArray[np.uint8],
     window: WindowGeometry,
     config: FragmentConfig,
