@@ -70,7 +70,7 @@ PROPS: tuple[Prop, ...] = (
     Prop("bus_picture", bus_picture, ("road",), True),
     Prop("container_picture", container_picture, ("lot", "verge", "square", "road"), True),
     Prop("banner", banner, (*_WALK, "lot"), True),
-    Prop("showroom", showroom, ("pavement", "verge", "square"), True),
+    Prop("showroom", showroom, ("verge",), True),
     Prop("truck", truck, _DRIVE),
     Prop("bus", bus, ("road",)),
     Prop("caravan", caravan, ("lot", "road", "verge", "square")),
