@@ -63,7 +63,8 @@ class StereoCamera:
     def __post_init__(self) -> None:
         if not self.baseline_m > 0:
             raise RescoreError(
-                f"camera: baseline_m must be positive metres, got {self.baseline_m}; left and right may be swapped"
+                f"camera: baseline_m must be positive metres, got {self.baseline_m}; "
+                "left and right may be swapped"
             )
 
     def depth_m(self, disparity_px: NDArray[np.floating]) -> NDArray[np.float32]:
