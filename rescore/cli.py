@@ -1,9 +1,10 @@
 """The command ``rescore``. Heavy modules are imported by the command that needs them."""
 
-# ruff: noqa: PLC0415, PLR0917 - imports inside commands keep `--help` quick; options are parameters to typer
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -329,6 +330,8 @@ def reproduce(
 
 def main() -> None:
     """Run the command; an error that the user can mend is one line on standard error and exit code 1."""
+    # joblib renews workers whose memory has grown; it costs nothing and needs no one's attention
+    warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given")
     try:
         app()
     except RescoreError as error:
