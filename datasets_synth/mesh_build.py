@@ -141,10 +141,7 @@ def smooth_normals(corners_m: Floats, crease_rad: float) -> Floats:
         np.linalg.norm(ahead, axis=-1) * np.linalg.norm(behind, axis=-1), 1e-30
     )
     weight = np.arccos(np.clip(cosine, -1, 1)).ravel()
-    _, vertex = np.unique(
-        np.round(corners_m.reshape(-1, 3) / 1e-5).astype(np.int64), axis=0, return_inverse=True
-    )
-    vertex = vertex.ravel()
+    _, vertex = np.unique(_point_keys(corners_m.reshape(-1, 3)), return_inverse=True)
     first, second = _pairs_of_equal(vertex)
     face = np.repeat(np.arange(m), 3)
     close = (face_normal[face[first]] * face_normal[face[second]]).sum(1) >= np.cos(crease_rad)
@@ -154,6 +151,17 @@ def smooth_normals(corners_m: Floats, crease_rad: float) -> Floats:
     length = np.linalg.norm(total, axis=1, keepdims=True)
     own = np.repeat(face_normal, 3, axis=0)
     return np.where(length > 1e-12, total / np.maximum(length, 1e-12), own).reshape(m, 3, 3)
+
+
+def _point_keys(points_m: Floats) -> NDArray[np.int64]:
+    """A number for each point (n, 3), the same within 0.01 mm, in the order of x, then y, then z.
+
+    Sorting these is several times faster than sorting rows.
+    """
+    steps = np.round(points_m / 1e-5).astype(np.int64)
+    steps -= steps.min(axis=0)
+    _, y_steps, z_steps = (int(v) + 1 for v in steps.max(axis=0))
+    return np.asarray((steps[:, 0] * y_steps + steps[:, 1]) * z_steps + steps[:, 2])
 
 
 def _pairs_of_equal(group: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -178,7 +186,10 @@ def cut(soup: Soup, values: Floats, level: float = 0.0) -> Soup:
     """
     v = values - level
     v = np.where(np.abs(v) < _SNAP_M, 0.0, v)
-    crossing = (v.min(1) < 0) & (v.max(1) > 0)
+    # column by column, since reducing rows of three is slow
+    low = np.minimum(np.minimum(v[:, 0], v[:, 1]), v[:, 2])
+    high = np.maximum(np.maximum(v[:, 0], v[:, 1]), v[:, 2])
+    crossing = (low < 0) & (high > 0)
     if not crossing.any():
         return soup
     hit = np.flatnonzero(crossing)
@@ -268,8 +279,7 @@ def open_edges(soup: Soup) -> Floats:
 
 def _edge_codes(edges: Floats) -> NDArray[np.int64]:
     """A number for each edge (n, 2, 3), the same for both directions."""
-    keys = np.round(edges.reshape(-1, 3) / 1e-5).astype(np.int64)
-    _, point = np.unique(keys, axis=0, return_inverse=True)
+    _, point = np.unique(_point_keys(edges.reshape(-1, 3)), return_inverse=True)
     pair = np.sort(point.reshape(-1, 2), axis=1).astype(np.int64)
     return np.asarray(pair[:, 0] * (int(point.max()) + 1) + pair[:, 1])
 
@@ -306,8 +316,8 @@ def recess(
 def to_mesh(soup: Soup, materials: tuple[Material, ...]) -> Mesh:
     """The soup as a Mesh with shared vertices, without texture coordinates."""
     flat = soup.corners_m.reshape(-1, 3).astype(np.float32)
-    keys = np.round(flat.astype(np.float64) / 1e-5).astype(np.int64)
-    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    keys = _point_keys(flat.astype(np.float64))
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
     faces = inverse.reshape(-1, 3).astype(np.int32)
     vertices = flat[first]
     a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
