@@ -28,6 +28,7 @@ from recon.stereo import DisparityError, compute_disparity, disparity_error, rea
 from recon.view_bins import ViewBins
 from rescore.frames import SPLITS
 from rescore.store import atomic_path, read_json, write_json
+from rescore.threads import one_thread
 
 RECORDS = "records"
 PICTURES = "pictures"
@@ -144,6 +145,11 @@ def _is_done(task: _Task) -> bool:
 
 def _build_frame(task: _Task) -> None:
     """Render, measure and write one frame; its record comes last."""
+    with one_thread():
+        _build_frame_alone(task)
+
+
+def _build_frame_alone(task: _Task) -> None:
     pictures = tuple(_picture(path, path.stat().st_mtime_ns) for path in task.picture_paths)
     frame = synth_frame(
         task.config, task.seed, task.split, task.index, n_cars=task.n_cars, cars=task.cars, pictures=pictures

@@ -11,7 +11,7 @@ from datasets_synth.mesh import Scene
 from datasets_synth.presets import MAX_CARS, CarConfig, SplitSize, SynthConfig
 from datasets_synth.prop_parts import Pictures
 from datasets_synth.render import StereoRender, eye_rays, render_pair
-from datasets_synth.scene_rays import MISS, build_scene_rays
+from datasets_synth.scene_rays import MISS, SceneRays, build_scene_rays
 from datasets_synth.truth import VisibleObject, visible_objects
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
@@ -78,9 +78,10 @@ def synth_frame(
         scene = sample_scene(config, cars, rng, n_cars, pictures)
         if sum(item.kind == "car" for item in scene.items) < n_cars:
             continue
-        if sum(is_counted(c, config.cars) for c in _preview(scene)) != n_cars:
+        rays = build_scene_rays(scene.items)
+        if sum(is_counted(c, config.cars) for c in _preview(scene, rays)) != n_cars:
             continue
-        render = render_pair(scene, rng)
+        render = render_pair(scene, rng, rays)
         seen = tuple(c for c in visible_objects(render, scene) if c.visible_share > 0)
         if sum(is_counted(c, config.cars) for c in seen) == n_cars:
             return SynthFrame(scene, render, seen, attempt + 1)
@@ -90,7 +91,7 @@ def synth_frame(
     )
 
 
-def _preview(scene: Scene) -> tuple[VisibleObject, ...]:
+def _preview(scene: Scene, rays: SceneRays) -> tuple[VisibleObject, ...]:
     """The cars of a scene as seen in a coarse picture: enough to drop most streets before rendering."""
     left = scene.camera.left
     width, height = left.width_px // PREVIEW_STEP, left.height_px // PREVIEW_STEP
@@ -105,7 +106,6 @@ def _preview(scene: Scene) -> tuple[VisibleObject, ...]:
         height,
     )
     coarse = replace(scene, camera=StereoCamera(small, scene.camera.baseline_m))
-    rays = build_scene_rays(scene.items)
     v, u = np.mgrid[:height, :width].astype(np.float32)
     hits = rays.cast(eye_rays(coarse, np.stack([u.ravel(), v.ravel()], axis=1), eye=0))
     instance = np.zeros(len(hits.face), np.uint16)

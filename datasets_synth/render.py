@@ -31,14 +31,15 @@ class StereoRender:
     """What the left pixel centres see, shape (h, w): 0 for the sky, i for ``scene.items[i - 1]``."""
 
 
-def render_pair(scene: Scene, rng: np.random.Generator) -> StereoRender:
+def render_pair(scene: Scene, rng: np.random.Generator, rays: SceneRays | None = None) -> StereoRender:
     """The stereo pair of a scene with its truth; the same seed gives the same bytes.
 
     Args:
         scene: What to draw.
         rng: Source of the noise of the camera alone.
+        rays: The ray trees of the scene's items; built where they are not given.
     """
-    shader = _shader(scene)
+    shader = _shader(scene, rays)
     left, hits = _render_eye(scene, shader, eye=0)
     right, _ = _render_eye(scene, shader, eye=1)
     shape = left.shape[:2]
@@ -56,8 +57,8 @@ def render_rgb(scene: Scene) -> NDArray[np.uint8]:
     return srgb_from_linear(radiance * np.float32(scene.imaging.exposure[0]))
 
 
-def _shader(scene: Scene) -> Shader:
-    return build_shader(scene.items, scene.light, scene.camera.left.fx_px)
+def _shader(scene: Scene, rays: SceneRays | None = None) -> Shader:
+    return build_shader(scene.items, scene.light, scene.camera.left.fx_px, rays)
 
 
 def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[FloatArray, Hits]:

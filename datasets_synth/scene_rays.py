@@ -38,6 +38,10 @@ class Hits:
         """The hits of some of the rays."""
         return Hits(self.t[index], self.face[index], rows(self.barycentric, index), rows(self.normal, index))
 
+    def part(self, block: slice) -> "Hits":
+        """The hits of a run of rays, not copied."""
+        return Hits(self.t[block], self.face[block], self.barycentric[block], self.normal[block])
+
 
 @dataclass(frozen=True, eq=False)
 class FaceTable:
@@ -59,7 +63,7 @@ class FaceTable:
 
 
 class RayTree:
-    """Faces that rays are cast at. Embree gives the same bits whatever the number of threads."""
+    """Faces that rays are cast at, on one thread, since frames run side by side."""
 
     def __init__(self, vertices_m: FloatArray, faces: NDArray[np.int32]) -> None:
         self.n_faces = len(faces)
@@ -76,7 +80,7 @@ class RayTree:
             n = len(rays)
             zeros = np.zeros((n, 3), np.float32)
             return Hits(np.full(n, np.inf, np.float32), np.full(n, MISS, np.int64), zeros[:, :2], zeros)
-        answer = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
+        answer = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
         face = answer["primitive_ids"].numpy().astype(np.int64)
         face[face == self._scene.INVALID_ID] = MISS
         return Hits(
@@ -91,7 +95,8 @@ class RayTree:
         if not self.n_faces or not len(rays):
             return np.zeros(len(rays), np.bool_)
         return np.asarray(
-            self._scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), tfar=t_far).numpy(), np.bool_
+            self._scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), tfar=t_far, nthreads=1).numpy(),
+            np.bool_,
         )
 
 

@@ -16,23 +16,23 @@ _CLOUD_PX = 512
 
 def sky_radiance(direction: FloatArray, light: Light) -> FloatArray:
     """Linear radiance (n, 3) seen along unit world directions (n, 3)."""
-    horizon = np.array(light.sky_horizon_rgb, np.float32)
-    zenith = np.array(light.sky_zenith_rgb, np.float32)
-    up = np.clip(direction[:, 2:3], 0, 1)
-    clear = horizon + (zenith - horizon) * np.sqrt(up)
-    cover = _cloud_cover(direction, light)[:, None]
+    # one row a channel, since operations along three channels are slow
+    horizon = np.array(light.sky_horizon_rgb, np.float32)[:, None]
+    zenith = np.array(light.sky_zenith_rgb, np.float32)[:, None]
+    clear = horizon + (zenith - horizon) * np.sqrt(np.clip(direction[:, 2], 0, 1))
+    cover = _cloud_cover(direction, light)
     # clouds take their white from the sun and fade into the haze of the horizon
-    white = 0.55 * horizon + 0.35 * np.array(light.sun_rgb, np.float32)
-    return np.asarray(clear + cover * (white - clear) * 0.7, np.float32)
+    white = 0.55 * horizon + 0.35 * np.array(light.sun_rgb, np.float32)[:, None]
+    return np.asarray(clear + cover * (white - clear) * 0.7, np.float32).T
 
 
 def environment_radiance(direction: FloatArray, light: Light) -> FloatArray:
     """Radiance (n, 3) that a mirror shows along unit world directions (n, 3): sky above, street below."""
-    sky = sky_radiance(direction, light)
-    street = ground_radiance(light)
+    sky = sky_radiance(direction, light).T
+    street = ground_radiance(light)[:, None]
     # a soft band of houses and trees stands between the two, up to some 12 degrees
-    share = np.clip((direction[:, 2:3] - 0.02) / 0.2, 0, 1)
-    return np.asarray(street + (sky - street) * share * share * (3 - 2 * share), np.float32)
+    share = np.clip((direction[:, 2] - 0.02) / 0.2, 0, 1)
+    return np.asarray(street + (sky - street) * (share * share * (3 - 2 * share)), np.float32).T
 
 
 def mean_sky(light: Light) -> FloatArray:
@@ -53,9 +53,9 @@ def _cloud_cover(direction: FloatArray, light: Light) -> FloatArray:
     """Share of cloud (n,) in [0, 1]: fractal noise on a flat layer, moved by the position of the sun."""
     height = np.maximum(direction[:, 2], 0.02)
     shift = np.array(light.sun_direction[:2], np.float32) * 1013.0
-    xy = direction[:, :2] / height[:, None] * 40.0 + shift
+    xy = direction.T[:2] / height * 40.0 + shift[:, None]
     xy = (xy - np.floor(xy / _CLOUD_PX) * _CLOUD_PX).astype(np.float32)
-    noise = sample_bilinear(_cloud_noise(), xy, cv2.BORDER_WRAP)
+    noise = sample_bilinear(_cloud_noise(), xy.T, cv2.BORDER_WRAP)
     cover = np.clip((noise - 0.45) * 3, 0, 1)
     return np.asarray(cover * np.clip((direction[:, 2] - 0.05) * 6, 0, 1), np.float32)
 
