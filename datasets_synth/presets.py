@@ -66,9 +66,9 @@ class ClutterConfig:
     Counts are means of a Poisson number a frame for a street that is 20 m deep; deeper ones get more.
     """
 
-    pictures: float = 2.4
+    pictures: float = 1.5
     """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
-    wheeled: float = 1.4
+    wheeled: float = 1.9
     """Trucks, buses, caravans, trailers, boats, tractors."""
     boxes: float = 1.6
     """Kiosks, stalls, shelters, containers, skips, carts."""
@@ -122,8 +122,8 @@ class SynthConfig:
 
     splits: Mapping[str, SplitSize] = field(
         default_factory=lambda: {
-            "train": SplitSize(100, 110),
-            "calibration": SplitSize(60, 66),
+            "train": SplitSize(50, 56),
+            "calibration": SplitSize(50, 56),
             "validation": SplitSize(20, 22),
             "test": SplitSize(109, 127),
         }

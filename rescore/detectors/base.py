@@ -34,7 +34,7 @@ class Detections:
 class SuppressionConfig:
     """Which windows of a scan become candidates."""
 
-    max_iou: float = 0.3
+    max_iou: float = 0.5
     """A window that overlaps a better one by more is dropped."""
     max_count: int = 15
     """The report keeps the 15 best of each picture."""

@@ -43,7 +43,7 @@ class BoostedConfig:
     """Step of the window in grid steps of the fragments."""
     padding_px: tuple[int, int] = (24, 12)
     """Mirrored border of each level (x, y): cars cut by the picture's edge."""
-    floor: float = -3.0
+    floor: float = -6.0
     """Windows that score less are not reported by the scan."""
     fragments: FragmentConfig = field(default_factory=FragmentConfig)
     boosting: BoostConfig = field(default_factory=BoostConfig)

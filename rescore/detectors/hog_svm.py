@@ -50,9 +50,10 @@ class HogConfig:
     """Mirrored border of the scanned picture (x, y), in window pixels: for cars cut by the edge."""
     svm_c: float = 0.01
     """Soft margin of the SVM, as in the paper of Dalal and Triggs."""
-    floor: float = -1.2
+    floor: float = -1.6
     """Windows that score less are not reported by the scan."""
-    mining: MiningConfig = field(default_factory=MiningConfig)
+    mining: MiningConfig = field(default_factory=lambda: MiningConfig(rounds=1))
+    """One round, as in the paper of Dalal and Triggs."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
 
     def __post_init__(self) -> None:
