@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from datasets_synth.car_models import cars_of_splits
+from datasets_synth.car_models import TRAINING_CARS, ImportedModel, cars_of_splits, part_labelled_cars
 from datasets_synth.frame_synth import SynthFrame, annotation_record, camera_record, car_schedule, synth_frame
 from datasets_synth.layout import CarModel
 from datasets_synth.part_render import render_part_labels
@@ -97,7 +97,10 @@ def build_dataset(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         paths = _write_pictures(config, out, seed, cars, key=key, progress=progress, jobs=jobs)
-        _write_part_views(config, out, seed, cars["train"])
+        labelled, labels_from = part_labelled_cars(cars["train"])
+        if labels_from != TRAINING_CARS:
+            console.print(f"part-labelled views: of {labels_from}", highlight=False)
+        _write_part_views(config, out, seed, labelled)
         tasks = [
             _Task(out, config, seed, split, index, n, cars[split], key, paths[split])
             for split, size in config.splits.items()
@@ -107,7 +110,8 @@ def build_dataset(
         bar = progress.add_task("render frames", total=len(tasks), completed=len(tasks) - len(todo))
         for _ in _run(_build_frame, [(task,) for task in todo], jobs):
             progress.advance(bar)
-    return _finish(out, config, seed, [read_json(task.record_path, "a frame record") for task in tasks])
+    records = [read_json(task.record_path, "a frame record") for task in tasks]
+    return _finish(out, config, seed, records, labels_from)
 
 
 def _run(function: Any, arguments: Sequence[tuple[Any, ...]], jobs: int) -> Iterator[Any]:
@@ -131,7 +135,10 @@ def _make_folder(folder: Path) -> None:
 
 def _key(config: SynthConfig, seed: int, cars: dict[str, tuple[CarModel, ...]]) -> str:
     """Digest of everything that decides the bytes of a frame, apart from the code."""
-    shapes = {split: [(c.shape_id, c.size_m) for c in models] for split, models in cars.items()}
+    shapes = {
+        split: [(c.shape_id, c.size_m, c.digest if isinstance(c, ImportedModel) else "") for c in models]
+        for split, models in cars.items()
+    }
     text = json.dumps([asdict(config), seed, shapes], sort_keys=True, default=float)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -216,7 +223,9 @@ def _error_sums(error: DisparityError) -> dict[str, float]:
     }
 
 
-def _finish(out: Path, config: SynthConfig, seed: int, records: Sequence[dict[str, Any]]) -> Path:
+def _finish(
+    out: Path, config: SynthConfig, seed: int, records: Sequence[dict[str, Any]], labels_from: str
+) -> Path:
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for image_id, record in enumerate(records, start=1):
@@ -230,7 +239,8 @@ def _finish(out: Path, config: SynthConfig, seed: int, records: Sequence[dict[st
             }
             annotations.append(row)
     write_json(out / "stereo.json", _stereo_statistics(config, records))
-    write_json(out / "synth_config.json", {"seed": seed, "config": asdict(config)})
+    settings = {"seed": seed, "part_views_of": labels_from, "config": asdict(config)}
+    write_json(out / "synth_config.json", settings)
     path = out / "annotations.json"
     info = {"description": "rendered stereo street scenes", "seed": seed}
     write_json(path, {"info": info, "images": images, "annotations": annotations, "categories": [CATEGORY]})
@@ -318,22 +328,15 @@ def _render_picture(path: Path, cars: tuple[CarModel, ...], stream: list[int]) -
 
 
 def _write_part_views(config: SynthConfig, out: Path, seed: int, cars: Sequence[CarModel]) -> None:
-    """Part-labelled views of training shapes in every view bin; the first is a sedan, the canonical one."""
+    """Part-labelled views of shapes in every view bin; the first is a sedan, where there is one."""
     bins = ViewBins()
     rng = np.random.default_rng([seed, _PART_STREAM])
     views = []
     for car in _instances_to_label(cars, config.part_views.n_instances):
         mesh = car.build(rng)
-        if not mesh.face_part.any():
-            continue
         for b in range(bins.count):
             labels = render_part_labels(mesh, b, bins.elevation_rad, config.part_views.size_px)
             views.append(PartView(b, labels, car.shape_id))
-    if not views:
-        raise RescoreError(
-            "part-labelled views: expected training cars with labelled parts, got none; train on parametric "
-            "cars, or supply a learned class model"
-        )
     save_part_views(out / PART_VIEWS, PartViews(CAR_PARTS, bins, tuple(views)))
 
 

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets_synth.distractors import PROP, PROPS, Prop
+from datasets_synth.facades import facade_row
 from datasets_synth.lighting import sample_imaging, sample_light
 from datasets_synth.mesh import Mesh, Placed, Scene
 from datasets_synth.presets import SynthConfig
 from datasets_synth.prop_parts import Pictures
 from datasets_synth.solids import pose
-from datasets_synth.street import Strip, facade_row, ground_height_m, ground_items, sample_strips
+from datasets_synth.street import Strip, ground_height_m, ground_items, sample_strips
 from recon.camera import PinholeCamera, StereoCamera
 
 FloatArray = NDArray[np.float64]

@@ -113,6 +113,8 @@ def _edges(
 ) -> NDArray[np.bool_]:
     """Pixels (h * w) whose neighbours show another thing, material, slope, depth or side of a shadow."""
     hit = hits.face != MISS
+    if not hit.any():
+        return np.zeros(len(hit), np.bool_)
     key = (
         np.where(
             hit, rays.table.item[hits.face] * len(rays.table.materials) + rays.table.material[hits.face], -1

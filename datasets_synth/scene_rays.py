@@ -127,6 +127,9 @@ class SceneRays:
         return self.casters.occluded(rays)
 
 
+_Columns = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8], FloatArray, FloatArray, FloatArray]
+
+
 def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
     """The ray trees and the table of faces of placed meshes."""
     world = [world_vertices(p) for p in items]
@@ -135,10 +138,7 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
     materials: list[Material] = []
     first_material: dict[int, int] = {}
     trees: dict[bool, list[tuple[FloatArray, NDArray[np.int32]]]] = {True: [], False: []}
-    columns: list[
-        tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8], FloatArray, FloatArray, FloatArray]
-    ]
-    columns = []
+    columns: list[_Columns] = []
     for i in order:
         placed, mesh = items[i], items[i].mesh
         if id(mesh) not in first_material:
@@ -157,6 +157,8 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
                 _uv_per_m(mesh) / np.float32(scale),
             )
         )
+    if not columns:  # a scene of sky alone
+        columns.append(_no_faces())
     item, material, part, normals, uv, density = (np.concatenate(c) for c in zip(*columns, strict=True))
     table = FaceTable(
         item.astype(np.int32),
@@ -168,6 +170,12 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
         tuple(materials),
     )
     return SceneRays(table, _tree(trees[True]), _tree(trees[False]))
+
+
+def _no_faces() -> _Columns:
+    number, part = np.zeros(0, np.int32), np.zeros(0, np.uint8)
+    normals, uv = np.zeros((0, 3, 3), np.float32), np.zeros((0, 3, 2), np.float32)
+    return number, number, part, normals, uv, np.zeros(0, np.float32)
 
 
 def world_vertices(placed: Placed) -> FloatArray:

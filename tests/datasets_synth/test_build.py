@@ -72,6 +72,11 @@ def test_a_killed_build_is_taken_up_again_and_gives_the_same_bytes(
     assert _bytes(half) == _bytes(folder)
 
 
+def test_two_frames_at_a_time_give_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    build_dataset(TINY, tmp_path / "data", seed=3, jobs=2)
+    assert _bytes(tmp_path / "data") == _bytes(folder)
+
+
 def test_another_seed_builds_anew_and_differs(folder: Path) -> None:
     cars, pictures = build.cars_of_splits()["train"], ()
     a, b = (

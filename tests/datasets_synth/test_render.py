@@ -255,3 +255,13 @@ def test_instances_number_the_items_of_the_scene():
     assert render.instance[119, 5] == 1
     assert render.instance[20, 5] == 2
     assert render.instance.dtype == np.uint16
+
+
+def test_a_scene_without_things_is_sky():
+    s = scene()
+    pair = render_pair(s, np.random.default_rng(0))
+    assert np.isnan(pair.depth_m).all()
+    assert not pair.instance.any()
+    # a white sky with clouds of 0.55 that cover up to 0.7 of it: 1 - 0.7 * 0.45 = 0.685, in sRGB 214
+    assert pair.left_rgb.min() >= 213
+    assert pair.left_rgb.max() == 255
