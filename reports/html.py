@@ -21,7 +21,15 @@ from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, detector_nam
 from reports.pictures import RESIDUAL_LIMIT_M
 from reports.roc import write_curves
 from reports.run_folder import Run, load_run
-from reports.tables import Table, kind_table, number, reason_table, result_table, stereo_table
+from reports.tables import (
+    Table,
+    difficulty_table,
+    kind_table,
+    number,
+    reason_table,
+    result_table,
+    stereo_table,
+)
 from reports.templating import render
 from rescore.store import atomic_path
 
@@ -117,6 +125,7 @@ def _tables(run: Run) -> dict[str, Table | None]:
         "results": result_table(run.metrics),
         "reasons": reason_table(run.candidates, run.detectors),
         "kinds": kind_table(run.candidates, run.detectors),
+        "difficulty": difficulty_table(run.metrics.get("difficulty", {})),
         "stereo": stereo_table(run.metrics.get("stereo", {})),
     }
 

@@ -139,6 +139,22 @@ def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], max_rows: i
     )
 
 
+def difficulty_table(difficulty: Mapping[str, Any], max_kinds: int = 4) -> Table | None:
+    """How hard the test set is for each detector alone, on well-seen cars; None where unknown."""
+    if not any(d["share_by_kind"] for d in difficulty.values()):
+        return None
+    rows = []
+    for name, d in difficulty.items():
+        kinds = list(d["share_by_kind"].items())[:max_kinds]
+        shown = ", ".join(
+            f"{(kind or 'unknown').replace('_', ' ')} {percent(share)}" for kind, share in kinds
+        )
+        row = (detector_name(name), str(d["n_cars"]), percent(d["recall_ceiling"]))
+        rows.append((*row, number(d["fppi_at_70"], 2), shown))
+    header = ("detector", "cars", "found by a candidate", "FP/image at 70%", "what makes most of these")
+    return Table("Difficulty: cars that are at least 60% visible, detector alone", header, tuple(rows))
+
+
 def stereo_table(stereo: Mapping[str, Any]) -> Table | None:
     """Error of the measured disparity by split and region; None where there is no truth to compare with."""
     splits = stereo.get("splits", {})

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.detectors.base import Detections
+from rescore.difficulty import difficulty
 from rescore.evidence import NOT_RESCORED, CandidateTable
 from rescore.formats.coco import DetectionFile
 from rescore.frames import DataSet
@@ -68,6 +70,7 @@ def evaluate(
         "stereo": _stereo(data),
         "reasons": {f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in files},
         "tuning": _tuning(tunings or {}),
+        "difficulty": {f.detector: _difficulty(data, f.table) for f in files},
     }
     table = {name: np.concatenate([p[name] for p in parts]) for name in CANDIDATE_COLUMNS}
     write_candidates(run_dir / "candidates.parquet", table)
@@ -154,6 +157,22 @@ def _row(detector: str, mode: str, w: float | None, summary: Summary) -> dict[st
 def _number(value: float) -> float | None:
     """JSON has no NaN: an undefined figure is null."""
     return None if np.isnan(value) else value
+
+
+def _difficulty(data: DataSet, table: CandidateTable) -> dict[str, Any]:
+    """What the detector alone makes of the cars that are seen well (see ``rescore.difficulty``)."""
+    found = {
+        f.image_id: Detections(table.xyxy_px[rows], table.score[rows])
+        for f in data.frames
+        if len(rows := np.flatnonzero(table.image_id == f.image_id))
+    }
+    hard = difficulty(data, found)
+    return {
+        "n_cars": hard.n_cars,
+        "recall_ceiling": _number(hard.recall_ceiling),
+        "fppi_at_70": hard.fppi_at_70,
+        "share_by_kind": dict(hard.share_by_kind),
+    }
 
 
 def _stereo(data: DataSet) -> Any:

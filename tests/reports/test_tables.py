@@ -4,7 +4,15 @@ import numpy as np
 from rich.console import Console
 
 from reports.run_folder import Run
-from reports.tables import kind_table, reason_table, result_table, short_table, stereo_table, terminal_table
+from reports.tables import (
+    difficulty_table,
+    kind_table,
+    reason_table,
+    result_table,
+    short_table,
+    stereo_table,
+    terminal_table,
+)
 
 
 def test_the_result_table_shows_metrics_json(run: Run):
@@ -82,3 +90,16 @@ def test_stereo_errors_are_listed_by_split_and_region(run: Run):
     assert table is not None
     assert table.rows[0] == ("test", "cars", "93.0%", "1.25", "18.0%", "–")
     assert stereo_table({}) is None
+
+
+def test_the_difficulty_table_names_the_commonest_kinds():
+    hard = {
+        "n_cars": 10,
+        "recall_ceiling": 0.9,
+        "fppi_at_70": None,
+        "share_by_kind": {"bus_picture": 0.6, "": 0.4},
+    }
+    table = difficulty_table({"hog": hard})
+    assert table is not None
+    assert table.rows[0][1:] == ("10", "90.0%", "–", "bus picture 60.0%, unknown 40.0%")
+    assert difficulty_table({"hog": hard | {"share_by_kind": {}}}) is None

@@ -33,6 +33,12 @@ def test_metrics_keep_the_contract(tiny_run: Path) -> None:
         assert set(row) == ROW
         assert list(row["fppi_at_recall"]) == ["0.5", "0.6", "0.7", "0.8"]
     assert metrics["stereo"]["splits"]["test"]["car"]["wrong_share"] > 0
+    for name, hard in metrics["difficulty"].items():
+        alone = next(r for r in metrics["rows"] if (r["detector"], r["mode"]) == (name, "detector"))
+        # fewer cars count than annotated ones, and none counts that the candidates do not hold
+        assert 0 < hard["n_cars"] <= metrics["n_cars"]
+        found = round(alone["recall_ceiling"] * metrics["n_cars"])
+        assert round(hard["recall_ceiling"] * hard["n_cars"]) <= found
     for counts in metrics["reasons"].values():
         assert sum(counts.values()) <= 15 * metrics["n_images"]
 
