@@ -77,7 +77,7 @@ def rendering(config: SynthConfig) -> Row:
     def pairs() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
         cars = cars_of_splits()["test"]
         for i in range(SCENES):
-            scene = synth_frame(config, 11, "test", i, 1, cars, ()).scene
+            scene = synth_frame(config, 11, "test", i, n_cars=1, cars=cars, pictures=()).scene
             first = render_pair(scene, np.random.default_rng(0))
 
             def ours(scene=scene) -> None:  # type: ignore[no-untyped-def]
@@ -109,12 +109,12 @@ def recorded_casts(work: Callable[[], object]) -> list[Callable[[], object]]:
 
     def note_cast(self, rays):  # type: ignore[no-untyped-def]
         if self.n_faces and len(rays):
-            calls.append(partial(self._scene.cast_rays, tensor(rays)))
+            calls.append(partial(self._scene.cast_rays, tensor(rays), nthreads=1))
         return cast(self, rays)
 
     def note_occluded(self, rays, t_far=np.inf):  # type: ignore[no-untyped-def]
         if self.n_faces and len(rays):
-            calls.append(partial(self._scene.test_occlusions, tensor(rays), tfar=t_far))
+            calls.append(partial(self._scene.test_occlusions, tensor(rays), tfar=t_far, nthreads=1))
         return occluded(self, rays, t_far)
 
     RayTree.cast, RayTree.occluded = note_cast, note_occluded  # type: ignore[method-assign]
