@@ -70,9 +70,9 @@ class ClutterConfig:
     """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
     wheeled: float = 1.9
     """Trucks, buses, caravans, trailers, boats, tractors."""
-    boxes: float = 1.6
+    boxes: float = 1.9
     """Kiosks, stalls, shelters, containers, skips, carts."""
-    furniture: float = 5.0
+    furniture: float = 5.5
     """Bins, hedges, walls, crates, trees, poles, people."""
     occluder_share: float = 0.4
     """Share of cars that something is put in front of."""
@@ -122,7 +122,7 @@ class SynthConfig:
 
     splits: Mapping[str, SplitSize] = field(
         default_factory=lambda: {
-            "train": SplitSize(50, 56),
+            "train": SplitSize(45, 50),
             "calibration": SplitSize(50, 56),
             "validation": SplitSize(20, 22),
             "test": SplitSize(109, 127),

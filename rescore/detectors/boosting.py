@@ -51,7 +51,7 @@ class Stumps:
 class BoostConfig:
     """How many stumps, and where each looks for its feature."""
 
-    rounds: int = 150
+    rounds: int = 120
     """Stumps."""
     features_per_round: int = 200
     """Features tried in a round, drawn at random; more is slower and hardly better."""
