@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper bench clean
+.PHONY: demo test setup paper published bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -24,6 +24,10 @@ test: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadgroup
+
+# the results kept in the repository
+published: paper
+	$(BIN)/python -m reports.publish runs/paper reports/published/roc "make published"
 
 bench: setup
 	$(BIN)/python tests/bench.py
