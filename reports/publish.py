@@ -43,9 +43,7 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
     """
     run = load_run(run_dir)
     if not (run_dir / "curves").is_dir():
-        raise RescoreError(
-            f"{run_dir}: expected curves, found none; call rescore evaluate or reproduce first"
-        )
+        raise RescoreError(f"{run_dir}: expected curves, found none; call `rescore evaluate` first")
     (folder / "curves").mkdir(parents=True, exist_ok=True)
     drawn = [name for name in CURVES if (run_dir / "curves" / name).is_file()]
     for name in drawn:
