@@ -1,5 +1,6 @@
 """The interactive curves of the HTML page, as the data and layout that plotly.js draws."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,18 @@ Figure = dict[str, Any]
 """``id``, ``title``, ``alt``, ``note``, ``traces`` and ``layout``; JSON values only."""
 
 _DASHES = ("solid", "dashdot", "dot", "longdashdot")
+
+
+def json_values(value: Any) -> Any:
+    """The value with null for every number that JSON cannot hold, such as the rates of a class that is empty.
+
+    A browser refuses a page's data whole for a single NaN.
+    """
+    if isinstance(value, dict):
+        return {k: json_values(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_values(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def candidate_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Figure:

@@ -133,7 +133,7 @@ def _mover(detector: str, item: _Item, c: CandidateView, view: FrameView) -> Mov
         likelihood=c.likelihood,
         posterior=c.posterior,
         depth_difference=c.depth_difference,
-        evidence=REASON_TEXT.get(c.status, c.status),
+        evidence=REASON_TEXT.get(c.status, c.status) + (f": {c.reason_detail}" if c.reason_detail else ""),
         panels=candidate_panels(view, c),
         metric=view.metric,
     )

@@ -13,6 +13,7 @@ from reports.figures import (
     Figure,
     candidate_roc_figure,
     car_roc_figure,
+    json_values,
     precision_recall_figure,
     weight_figure,
 )
@@ -117,7 +118,7 @@ def _figures(run: Run) -> list[Figure]:
         precision_recall_figure(curves, run.metrics),
     ]
     tuning = run.tuning()
-    return [*figures, weight_figure(tuning)] if tuning else figures
+    return [json_values(f) for f in ([*figures, weight_figure(tuning)] if tuning else figures)]
 
 
 def _tables(run: Run) -> dict[str, Table | None]:

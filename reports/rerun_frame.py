@@ -30,7 +30,7 @@ DEPTH_RANGE_M = (2.0, 40.0)
 HOLE_CLASS = 255
 """Class id of pixels without depth: Rerun would paint their 0 like the nearest depth."""
 SHOWN_MODELS = 3
-"""So many best candidates after rescoring show their label and their model from the start."""
+"""So many best candidates show their label from the start, and so many best of those with a model show it."""
 JPEG_QUALITY = 85
 
 
@@ -63,8 +63,15 @@ def log_static(rec: rr.RecordingStream, detectors: Sequence[str], part_names: Se
         rec.log(candidates_path(detector), rr.AnnotationContext(outcomes), static=True)
 
 
-def log_frame(rec: rr.RecordingStream, view: FrameView) -> None:
-    """Log one frame at the time that is set."""
+def log_frame(rec: rr.RecordingStream, view: FrameView, packed: bool = True) -> None:
+    """Log one frame at the time that is set.
+
+    Args:
+        rec: the recording.
+        view: the frame.
+        packed: whether depth is stored as PNG. Rerun takes the PNGs of an entity for one video stream, whose
+            frames must have one size; a data set of pictures of several sizes is stored plain.
+    """
     camera, (h, w) = view.camera, view.measured.shape
     world = world_from_camera(view.ground)
     # Rerun's pinhole has its origin at the corner of the first pixel, ours in its middle
@@ -82,12 +89,12 @@ def log_frame(rec: rr.RecordingStream, view: FrameView) -> None:
     )
     rec.log(f"{IMAGE}/left", rr.EncodedImage(contents=jpeg(view.rgb), media_type="image/jpeg"))
     depth = in_metres(view.measured, view)
-    log_depth(rec, f"{IMAGE}/measured_depth", depth)
+    log_depth(rec, f"{IMAGE}/measured_depth", depth, packed)
     xyz, colours = stereo_points(depth, view.rgb, camera)
     rec.log(f"{WORLD}/stereo_points", rr.Points3D(apply_transform(world, xyz), colors=colours, radii=0.03))
     rec.log(f"{WORLD}/ground", _ground_grid(view.ground))
     for detector, candidates in view.candidates.items():
-        _log_detector(rec, detector, candidates, view)
+        _log_detector(rec, detector, candidates, view, packed)
 
 
 def in_metres(depth: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
@@ -104,21 +111,23 @@ def jpeg(rgb_image: NDArray[np.uint8], quality: int = JPEG_QUALITY) -> bytes:
     return data.tobytes()
 
 
-def log_depth(rec: rr.RecordingStream, path: str, depth_m: NDArray[np.float32]) -> None:
+def log_depth(rec: rr.RecordingStream, path: str, depth_m: NDArray[np.float32], packed: bool = True) -> None:
     """Log depth at ``path/depth``, and above it at ``path/holes`` a mask that shows holes as dark pixels."""
-    rec.log(f"{path}/depth", encoded_depth(depth_m))
+    rec.log(f"{path}/depth", depth_picture(depth_m, packed))
     holes = np.where(np.isfinite(depth_m) & (depth_m > 0), 0, HOLE_CLASS).astype(np.uint8)
     rec.log(f"{path}/holes", rr.SegmentationImage(holes, opacity=1.0, draw_order=5))
 
 
-def encoded_depth(depth_m: NDArray[np.float32]) -> rr.EncodedDepthImage:
-    """A depth picture as 16-bit PNG; holes are 0."""
+def depth_picture(depth_m: NDArray[np.float32], packed: bool) -> rr.EncodedDepthImage | rr.DepthImage:
+    """A depth picture of 16 bits, as PNG where it is packed; holes are 0."""
     steps = np.nan_to_num(depth_m * DEPTH_UNIT, nan=0.0, posinf=0.0, neginf=0.0)
     steps = np.where(steps < np.iinfo(np.uint16).max, np.clip(np.rint(steps), 0, None), 0).astype(np.uint16)
+    shown = [v * DEPTH_UNIT for v in DEPTH_RANGE_M]
+    if not packed:
+        return rr.DepthImage(steps, meter=DEPTH_UNIT, colormap="viridis", depth_range=shown)
     _, png = cv2.imencode(".png", steps)
-    low, high = (v * DEPTH_UNIT for v in DEPTH_RANGE_M)
     return rr.EncodedDepthImage(
-        png.tobytes(), media_type="image/png", meter=DEPTH_UNIT, colormap="viridis", depth_range=[low, high]
+        png.tobytes(), media_type="image/png", meter=DEPTH_UNIT, colormap="viridis", depth_range=shown
     )
 
 
@@ -140,7 +149,7 @@ def frame_table(view: FrameView, detector: str) -> str:
         "| ---: | ---: | ---: | ---: | --- | --- |\n",
     ]
     for c in sorted(view.candidates[detector], key=lambda c: c.new_rank):
-        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else c.status.replace("_", " ")
+        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else _why(c)
         lines.append(
             f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {c.posterior:.3f} | {d} | "
             f"{OUTCOME_NAME[c.outcome]} | {c.kind.replace('_', ' ')} |\n"
@@ -148,12 +157,24 @@ def frame_table(view: FrameView, detector: str) -> str:
     return "".join(lines)
 
 
+def _why(c: CandidateView) -> str:
+    """Why a candidate has no D, with what was expected and what came, for a cell of a Markdown table."""
+    text = c.status.replace("_", " ")
+    return (f"{text}: {c.reason_detail}" if c.reason_detail else text).replace("|", "/")
+
+
+def shown_models(candidates: Sequence[CandidateView]) -> tuple[CandidateView, ...]:
+    """The best candidates after rescoring that have a model to show."""
+    able = sorted((c for c in candidates if c.registered is not None), key=lambda c: c.new_rank)
+    return tuple(able[:SHOWN_MODELS])
+
+
 def label_spots(xyxy_px: NDArray[np.float64], width_px: int, height_px: int) -> NDArray[np.float64]:
     """Where labels (n, 2) stand: under their boxes, moved down where they would lie on an earlier label.
 
-    The size of a label in picture pixels depends on the zoom; assumed is a picture that fills its view.
+    The size of a label in picture pixels depends on the zoom; assumed is a picture as wide as its view.
     """
-    w, h = 0.36 * width_px, 0.042 * height_px * 640 / 480
+    w, h = 0.36 * width_px, 0.042 * width_px
     spots: list[tuple[float, float]] = []
     for x0, _, x1, y1 in xyxy_px:
         x = float(np.clip((x0 + x1) / 2, w / 2, width_px - w / 2))
@@ -165,7 +186,11 @@ def label_spots(xyxy_px: NDArray[np.float64], width_px: int, height_px: int) -> 
 
 
 def _log_detector(
-    rec: rr.RecordingStream, detector: str, candidates: Sequence[CandidateView], view: FrameView
+    rec: rr.RecordingStream,
+    detector: str,
+    candidates: Sequence[CandidateView],
+    view: FrameView,
+    packed: bool,
 ) -> None:
     root = f"{IMAGE}/{rr.escape_entity_path_part(detector)}"
     boxes = candidates_path(detector)
@@ -177,11 +202,11 @@ def _log_detector(
     _log_cars(rec, f"{boxes}/cars", candidates, view)
     worst_first = sorted(candidates, key=lambda c: -c.new_rank)
     depth, labels = compose(worst_first, view.measured.shape)
-    log_depth(rec, f"{root}/predicted_depth", in_metres(depth, view))
+    log_depth(rec, f"{root}/predicted_depth", in_metres(depth, view), packed)
     rec.log(f"{root}/parts", rr.SegmentationImage(labels, opacity=0.5))
     _log_outlines(rec, f"{boxes}/outlines", candidates)
-    top = [c for c in candidates if c.new_rank < SHOWN_MODELS]
-    others = [c for c in candidates if c.new_rank >= SHOWN_MODELS]
+    top = shown_models(candidates)
+    others = [c for c in candidates if c not in top]
     for name, some, size in (("first", top, 600), ("rest", others, 200)):
         meshes = [mesh for c in some if (mesh := candidate_mesh(c, view, size)) is not None]
         _log_models(rec, f"{models_path(detector)}/{name}", meshes, view.ground)
@@ -257,7 +282,7 @@ def _log_cars(
 
 
 def _log_outlines(rec: rr.RecordingStream, path: str, candidates: Sequence[CandidateView]) -> None:
-    some = [c for c in candidates if c.instance is not None and c.new_rank < SHOWN_MODELS]
+    some = shown_models(candidates)
     # pixel centres to Rerun's pixel edges, and back to the first point to close the line
     strips = [
         c.instance.outline_px[[*range(len(c.instance.outline_px)), 0]] + 0.5 for c in some if c.instance

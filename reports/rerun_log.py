@@ -72,10 +72,11 @@ def write_recording(
         text = rr.TextDocument(_guide(run, mode), media_type=rr.MediaType.MARKDOWN)
         rec.log("guide", text, static=True)
         views = frame_views(run, mode, chosen)
+        packed = len({(f.width_px, f.height_px) for f in run_data(run).frames}) == 1
         for i, view in enumerate(track(views, "recording", len(chosen), show)):
             rec.set_time("frame", sequence=i)
             rec.set_time("image_id", sequence=view.image_id)
-            log_frame(rec, view)
+            log_frame(rec, view, packed)
         rec.flush()
         rec.disconnect()
     return out

@@ -18,7 +18,7 @@ _SHORT_MODE = {"detector": "alone", "paper": "with depth"}
 REASON_TEXT = {
     "ok": "depth compared",
     "no_outline": "no outline found",
-    "registration_failed": "parts could not be registered",
+    "registration_failed": "does not fit the view of the model",
     "no_ground_contact": "no part touches the ground",
     "above_horizon": "ground line above the horizon",
     "parts_not_placed": "too few parts placed",

@@ -263,6 +263,10 @@ def evaluate(
     min_iou: Annotated[
         float, typer.Option(min=0, max=1, help="Overlap from which a candidate found a car.")
     ] = 0.5,
+    disparities: Annotated[
+        int | None,
+        typer.Option(help="Disparities to search where there is no disparity file, as for `rescore apply`."),
+    ] = None,
     report: Report = True,
     split: Split = "test",
 ) -> None:
@@ -272,13 +276,14 @@ def evaluate(
     """
     from rescore import steps
     from rescore.evaluate import evaluate as evaluate_files
+    from rescore.pipeline import RescoreConfig
     from rescore.reproduce import write_run_config
 
     data = _read_split(dataset, split)
     files = [_read_detections(path, data) for path in detections]
     tunings = {t.detector: t for t in (steps.load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
-    stereo = steps.automatic_stereo(data)
+    stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
     write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
     if report:

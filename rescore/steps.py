@@ -13,7 +13,7 @@ from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model
 from recon.part_views import load_part_views
-from recon.stereo import SgbmConfig
+from recon.stereo import SgbmConfig, disparities_to_reach
 from rescore.calibration import PlattScaling, fit_platt, label_candidates
 from rescore.candidates import Candidates
 from rescore.detectors.base import Detections, Detector
@@ -26,6 +26,9 @@ from rescore.progress import track
 from rescore.store import read_json, write_json
 from rescore.threads import one_thread
 from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
+
+NEAREST_M = 2.0
+"""Depth in metres from which ``automatic_stereo`` measures where the camera is known."""
 
 
 class DetectorKind(StrEnum):
@@ -112,11 +115,15 @@ def tune(detector: str, table: CandidateTable, data: DataSet, config: TuneConfig
 def automatic_stereo(data: DataSet) -> SgbmConfig:
     """Settings of the stereo matcher for frames without a disparity file.
 
-    Disparities up to a tenth of the picture's width are searched, rounded up to a multiple of 16: 64 at 640
-    pixels, 128 at KITTI's 1242, where that is depth from 3 m on.
+    Disparities up to a tenth of the picture's width are searched, rounded up to a multiple of 16, 64 at 640
+    pixels; and where cameras are known at least as many as reach ``NEAREST_M``, 208 for KITTI's. What is
+    nearer than the search reaches does not come out as a hole: much of it gets the largest disparity.
     """
     width = max((f.width_px for f in data.frames), default=640)
-    return SgbmConfig(num_disparities=-(-width // 160) * 16)
+    reach = [disparities_to_reach(f.camera, NEAREST_M) for f in data.frames if f.camera]
+    # OpenCV's result is not defined for searches nearly as wide as the picture
+    most = max(16, width // 32 * 16)
+    return SgbmConfig(num_disparities=min(max([-(-width // 160) * 16, *reach]), most))
 
 
 def save_scaling(path: Path, scaling: PlattScaling) -> None:

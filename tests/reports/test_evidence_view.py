@@ -73,6 +73,9 @@ def test_labels_and_tables_say_what_happened(run: Run):
     lines = frame_table(replace(view, candidates={"hog": (c, lost)}), "hog").splitlines()
     assert lines[-2].startswith("| 4 → 1 | 0.410 | 0.774 | 0.050 |")
     assert "| no outline |" in lines[-1]
+    told = replace(lost, reason_detail="an outline expected, the level set | vanished")
+    (line,) = frame_table(replace(view, candidates={"hog": (told,)}), "hog").splitlines()[-1:]
+    assert "| no outline: an outline expected, the level set / vanished |" in line
 
 
 def test_the_evaluated_split_is_the_one_of_the_config(run: Run):

@@ -8,6 +8,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from recon.errors import RescoreError
@@ -190,3 +192,25 @@ def test_a_browser_draws_every_curve(report: Path, tmp_path: Path):
 def _plots(page: str) -> Iterator[str]:
     for match in re.finditer(r'<div class="plot[^>]*>(.*?)</figure>', page, flags=re.S):
         yield match.group(1)
+
+
+def test_curves_of_a_detector_without_hits_are_json_that_a_browser_reads(run_dir: Path, tmp_path: Path):
+    # no hit: the rate of hits is 0 / 0, and one NaN in the data would leave every chart of the page blank
+    shutil.copytree(run_dir, tmp_path / "run")
+    table = pq.read_table(tmp_path / "run" / "candidates.parquet")
+    for name in ("outcome_detector", "outcome_paper"):
+        column = [
+            "false_alarm" if d == "hog" and o in ("hit", "duplicate") else o
+            for d, o in zip(table["detector"].to_pylist(), table[name].to_pylist(), strict=True)
+        ]
+        table = table.set_column(table.column_names.index(name), name, pa.array(column, table[name].type))
+    pq.write_table(table, tmp_path / "run" / "candidates.parquet")
+    page = Page(render_report(load_run(tmp_path / "run")))
+    (text,) = [text for attributes, text in page.scripts if attributes.get("id") == "figures"]
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is not JSON")
+
+    figures = {f["id"]: f for f in json.loads(text, parse_constant=refuse)}
+    hog = figures["candidate-roc"]["traces"][0]
+    assert set(hog["y"]) == {None}

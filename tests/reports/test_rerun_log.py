@@ -1,3 +1,5 @@
+import json
+import shutil
 import subprocess
 from collections import defaultdict
 from pathlib import Path
@@ -13,7 +15,14 @@ from rerun.chunk import RrdReader
 from reports.curves import curve_sets
 from reports.evidence_view import frame_views
 from reports.overlay import apply_transform, points_of_depth, world_from_camera
-from reports.rerun_frame import DEPTH_UNIT, HOLE_CLASS, OUTCOME_CLASSES, label_spots
+from reports.rerun_frame import (
+    DEPTH_UNIT,
+    HOLE_CLASS,
+    OUTCOME_CLASSES,
+    SHOWN_MODELS,
+    label_spots,
+    shown_models,
+)
 from reports.rerun_log import choose_frames, write_recording
 from reports.rerun_plot import ASPECT
 from reports.run_folder import Run, boxes_px
@@ -155,3 +164,37 @@ def test_labels_do_not_lie_on_one_another():
         for b in spots[:i]:
             assert abs(a[0] - b[0]) >= 200 or abs(a[1] - b[1]) >= 20
     assert label_spots(np.zeros((0, 4)), 640, 480).shape == (0, 2)
+
+
+def test_pictures_of_several_sizes_store_depth_plain(run_dir: Path, tmp_path: Path):
+    # Rerun takes PNGs of one entity for a video, whose frames must have one size
+    shutil.copytree(run_dir, tmp_path / "run")
+    file = tmp_path / "run" / "data" / "annotations.json"
+    value = json.loads(file.read_text())
+    image = value["images"][0]
+    for name in ("file_name", "disparity_file_name"):
+        path = file.parent / image[name]
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:-8])
+    image["height"] -= 8
+    file.write_text(json.dumps(value))
+    out = write_recording(tmp_path / "run", tmp_path / "mixed.rrd", max_frames=2, show=False)
+    depth = read(out, f"{IMAGE}/measured_depth/depth")
+    assert all("DepthImage:buffer" in row for row in depth.values())
+    assert len(depth) == 2
+
+
+def test_models_shown_are_the_best_that_there_are(run: Run):
+    for view in frame_views(run, "paper"):
+        for candidates in view.candidates.values():
+            shown = shown_models(candidates)
+            able = [c for c in candidates if np.isfinite(c.depth_difference)]
+            assert len(shown) == min(SHOWN_MODELS, len(able))
+            for c in shown:
+                assert sum(o.new_rank < c.new_rank for o in able) < SHOWN_MODELS
+
+
+def test_labels_of_a_wide_picture_keep_their_distance():
+    # a label is about as high in picture pixels as the picture is wide, times 0.042: 52 pixels at 1242
+    boxes = np.array([[600, 170, 660, 220], [610, 170, 690, 225]], float)
+    spots = label_spots(boxes, 1242, 375)
+    assert abs(spots[0, 1] - spots[1, 1]) >= 50
