@@ -69,8 +69,8 @@ def log_frame(rec: rr.RecordingStream, view: FrameView, packed: bool = True) -> 
     Args:
         rec: the recording.
         view: the frame.
-        packed: whether depth is stored as PNG. Rerun takes the PNGs of an entity for one video stream, whose
-            frames must have one size; a data set of pictures of several sizes is stored plain.
+        packed: whether pictures are stored as JPEG and depth as PNG. Rerun takes the files of an entity for
+            one video stream, whose frames must have one size; pictures of several sizes are stored plain.
     """
     camera, (h, w) = view.camera, view.measured.shape
     world = world_from_camera(view.ground)
@@ -87,7 +87,8 @@ def log_frame(rec: rr.RecordingStream, view: FrameView, packed: bool = True) -> 
             color=[255, 200, 0],
         ),
     )
-    rec.log(f"{IMAGE}/left", rr.EncodedImage(contents=jpeg(view.rgb), media_type="image/jpeg"))
+    left = rr.EncodedImage(contents=jpeg(view.rgb), media_type="image/jpeg") if packed else rr.Image(view.rgb)
+    rec.log(f"{IMAGE}/left", left)
     depth = in_metres(view.measured, view)
     log_depth(rec, f"{IMAGE}/measured_depth", depth, packed)
     xyz, colours = stereo_points(depth, view.rgb, camera)
@@ -145,22 +146,16 @@ def frame_table(view: FrameView, detector: str) -> str:
     n_hit = sum(i in found for i in cars)
     lines = [
         f"**Image {view.image_id}**: annotated cars: {len(cars)}, hit: {n_hit}.\n\n",
-        "| place | before | after | D | outcome | shows |\n",
-        "| ---: | ---: | ---: | ---: | --- | --- |\n",
+        "| place | before | after | D | outcome | shows | why no D |\n",
+        "| ---: | ---: | ---: | ---: | --- | --- | --- |\n",
     ]
     for c in sorted(view.candidates[detector], key=lambda c: c.new_rank):
-        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else _why(c)
+        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else c.status.replace("_", " ")
         lines.append(
             f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {c.posterior:.3f} | {d} | "
-            f"{OUTCOME_NAME[c.outcome]} | {c.kind.replace('_', ' ')} |\n"
+            f"{OUTCOME_NAME[c.outcome]} | {c.kind.replace('_', ' ')} | {c.reason_detail.replace('|', '/')} |\n"
         )
     return "".join(lines)
-
-
-def _why(c: CandidateView) -> str:
-    """Why a candidate has no D, with what was expected and what came, for a cell of a Markdown table."""
-    text = c.status.replace("_", " ")
-    return (f"{text}: {c.reason_detail}" if c.reason_detail else text).replace("|", "/")
 
 
 def shown_models(candidates: Sequence[CandidateView]) -> tuple[CandidateView, ...]:
