@@ -121,7 +121,8 @@ class ClassModel:
             IndexError,
         ) as error:
             raise RescoreError(
-                f"{path}: expected {FORMAT!r} JSON, could not read it ({error!r}); learn the model again"
+                f"{path}: expected {FORMAT!r} JSON, could not read it ({type(error).__name__}: {error}); "
+                "learn the model again"
             ) from error
 
 

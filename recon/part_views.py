@@ -81,7 +81,7 @@ def load_part_views(directory: Path) -> PartViews:
     """
     path = directory / LABELS_FILE
     if not path.is_file():
-        raise RescoreError(f"{path}: expected labelled views, found no file; write it with save_part_views")
+        raise RescoreError(f"{path}: expected labelled views, found no file; write them with `rescore synth`")
     try:
         head = json.loads(path.read_text())
         if head["format"] != FORMAT:

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
-from rescore.store import read_json
+from rescore.store import read_candidates, read_json
 
 Columns = Mapping[str, NDArray[Any]]
 """A table as arrays of one length, by column name."""
@@ -98,7 +97,7 @@ def load_run(run_dir: Path) -> Run:
     """Read config.json, metrics.json and candidates.parquet of a run folder.
 
     Raises:
-        RescoreError: a file is missing or lacks a column.
+        RescoreError: a file is missing, damaged, or lacks a column or figure.
     """
     root = Path(run_dir)
     for name in ("config.json", "metrics.json", "candidates.parquet"):
@@ -106,15 +105,14 @@ def load_run(run_dir: Path) -> Run:
             raise RescoreError(
                 f"{root}: expected a run folder with {name}, found none; run `rescore evaluate` first"
             )
-    table = pq.read_table(root / "candidates.parquet")
-    missing = [name for name in _NEEDED if name not in table.column_names]
-    if missing:
+    columns = read_candidates(root / "candidates.parquet", _NEEDED)
+    metrics = _read_object(root / "metrics.json")
+    lacking = [key for key in ("n_images", "n_cars", "n_candidates", "rows") if key not in metrics]
+    if lacking:
         raise RescoreError(
-            f"{root / 'candidates.parquet'}: expected column {missing[0]!r}, got "
-            f"{', '.join(table.column_names)}; write it again with `rescore evaluate`"
+            f"{root / 'metrics.json'}: expected key {lacking[0]!r}, found none; run `rescore evaluate` again"
         )
-    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
-    return Run(root, _read_object(root / "config.json"), _read_object(root / "metrics.json"), columns)
+    return Run(root, _read_object(root / "config.json"), metrics, columns)
 
 
 def boxes_px(rows: Columns) -> NDArray[np.float64]:

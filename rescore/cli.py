@@ -284,8 +284,8 @@ def evaluate(
     tunings = {t.detector: t for t in (steps.load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
-    write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
+    write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
     if report:
         from reports import build_report
 
@@ -343,7 +343,11 @@ def main() -> None:
         print(f"rescore: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(1)
     except OSError as error:
-        print(f"rescore: {error.filename or 'system'}: {error.strerror or error}", file=sys.stderr)
+        print(
+            f"rescore: {error.filename or 'system'}: expected to read or write here, got "
+            f"{error.strerror or error!r}; check the path and its permissions",
+            file=sys.stderr,
+        )
         sys.exit(1)
 
 

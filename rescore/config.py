@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from datasets_synth.presets import SynthConfig, synth_preset
 from recon.errors import RescoreError
@@ -26,7 +26,9 @@ class RunConfig(BaseModel):
 
     preset: str
     """Name of the preset it started from."""
-    detectors: tuple[DetectorKind, ...] = (DetectorKind.HOG, DetectorKind.BOOSTED)
+    detectors: tuple[DetectorKind, ...] = Field(
+        default=(DetectorKind.HOG, DetectorKind.BOOSTED), min_length=1
+    )
     """Detectors to train and compare."""
     class_name: str = "car"
     synth: SynthConfig

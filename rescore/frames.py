@@ -148,12 +148,26 @@ class Frame:
     ground: GroundPlane | None
 
 
+def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
+    """The pixels of a picture file as OpenCV gives them; None where it is no whole picture."""
+    # imdecode on bytes, since imread neither takes every path nor says why it failed
+    data = path.read_bytes()
+    # of a file that was cut off OpenCV gives the first rows, or prints lines of its own
+    ends = {b"\x89PNG": b"IEND", b"\xff\xd8": b"\xff\xd9"}
+    cut_off = any(data.startswith(head) and end not in data for head, end in ends.items())
+    if not data or cut_off:
+        return None
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        return None
+
+
 def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
     """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
-    # imdecode on bytes, since imread neither takes every path nor says why it failed
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
-    bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+    bgr = decode_picture(path, cv2.IMREAD_COLOR)
     if bgr is None:
         raise RescoreError(
             f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
@@ -163,7 +177,7 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
             f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}; "
             "mend width and height in annotations.json or the picture"
         )
-    return np.ascontiguousarray(bgr[..., ::-1])
+    return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
 
 def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:

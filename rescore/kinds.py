@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
-from rescore.frames import FrameRecord
+from rescore.frames import FrameRecord, decode_picture
 
 BACKGROUND_KINDS = frozenset({"", "sky", "ground", "road", "kerb", "pavement", "verge", "square"})
 """Kinds that lie under or behind what a detector may mean."""
@@ -27,7 +27,7 @@ def read_instances(record: FrameRecord) -> NDArray[np.uint16] | None:
         raise RescoreError(
             f"{path}: expected a picture of instance numbers, found no file; build the data set again"
         )
-    picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    picture = decode_picture(path, cv2.IMREAD_UNCHANGED)
     if picture is None or picture.dtype != np.uint16 or picture.shape != (record.height_px, record.width_px):
         came = "no picture" if picture is None else f"{picture.shape} {picture.dtype}"
         raise RescoreError(

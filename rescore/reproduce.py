@@ -114,7 +114,8 @@ class Run:
         config = {
             "synth": part_as_json(self.config.synth),
             "seed": self.seed,
-            "meshes": [str(p) for p in meshes],
+            "train_meshes": self.train_meshes and str(self.train_meshes),
+            "test_meshes": self.test_meshes and str(self.test_meshes),
         }
         stage = Stage("synth", config, meshes, (self.folder.data,), ("datasets_synth.build",), resumes=True)
 

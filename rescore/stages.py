@@ -76,7 +76,15 @@ def run_stage(root: Path, stage: Stage, work: Callable[[Path], None]) -> Done:
 
 def run_stage_in_place(root: Path, stage: Stage, work: Callable[[], None]) -> Done:
     """The same for work that writes several outputs, each of them in one piece, where they belong."""
-    return _run(root, stage, stage.key(root), work)
+
+    def build() -> None:
+        # what a killed run was writing through atomic_path
+        for folder in {root, *(p for p in stage.outputs if p.is_dir())}:
+            for left in folder.glob(f".{'?' * 12}.partial.*"):
+                remove(left)
+        work()
+
+    return _run(root, stage, stage.key(root), build)
 
 
 def _run(root: Path, stage: Stage, key: str, build: Callable[[], None]) -> Done:

@@ -185,7 +185,8 @@ def load_tuning(path: Path) -> Tuning:
 
 def with_stereo_for(config: RescoreConfig, data: DataSet, num_disparities: int | None) -> RescoreConfig:
     """The config with the disparities asked for, or at least as many as ``automatic_stereo`` advises."""
-    chosen = num_disparities or max(config.stereo.num_disparities, automatic_stereo(data).num_disparities)
+    advised = max(config.stereo.num_disparities, automatic_stereo(data).num_disparities)
+    chosen = advised if num_disparities is None else num_disparities
     return replace(config, stereo=replace(config.stereo, num_disparities=chosen))
 
 

@@ -211,11 +211,11 @@ def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
         pq.write_table(pa.table(arrays), beside, compression="zstd")
 
 
-def read_candidates(path: Path) -> dict[str, NDArray[Any]]:
+def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)) -> dict[str, NDArray[Any]]:
     """The columns of candidates.parquet as arrays of one length.
 
     Raises:
-        RescoreError: no such file, or not a table of candidates.
+        RescoreError: no such file, not a table of candidates, or a column of ``needed`` is missing.
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a table of candidates, found no file; run `rescore evaluate`")
@@ -223,7 +223,7 @@ def read_candidates(path: Path) -> dict[str, NDArray[Any]]:
         table = pq.read_table(path)
     except pa.ArrowException as error:
         raise RescoreError(f"{path}: expected a table of candidates, got {error}; write it again") from error
-    missing = [name for name in CANDIDATE_COLUMNS if name not in table.column_names]
+    missing = [name for name in needed if name not in table.column_names]
     if missing:
         raise RescoreError(
             f"{path}: expected column {missing[0]!r}, found none; run `rescore evaluate` again"

@@ -37,6 +37,12 @@ class TuneConfig:
     min_iou: float = 0.5
     """Overlap from which a candidate counts as having found a car."""
 
+    def __post_init__(self) -> None:
+        if self.n_grid < 2:
+            raise RescoreError(f"tune: expected n_grid of at least 2, got {self.n_grid}; 101 is usual")
+        if not 0 < self.min_iou <= 1:
+            raise RescoreError(f"tune: expected min_iou in (0, 1], got {self.min_iou:g}; 0.5 is usual")
+
 
 @dataclass(frozen=True, eq=False)
 class Tuning:

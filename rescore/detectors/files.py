@@ -1,7 +1,6 @@
 """Detectors on disk: one npz file of plain arrays and a JSON header. Nothing in it can run code."""
 
 import json
-import os
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from recon.errors import RescoreError
 from rescore.detectors.base import Detector
+from rescore.store import atomic_path
 
 FORMAT = "rescore-detector"
 FORMAT_VERSION = 1
@@ -33,14 +33,8 @@ def write_detector(
         "versions": {"numpy": np.__version__, "opencv": cv2.__version__, "scikit-learn": sklearn.__version__},
     }
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **arrays)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    with atomic_path(path) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **arrays)
 
 
 def read_detector_file(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -214,3 +214,14 @@ def test_curves_of_a_detector_without_hits_are_json_that_a_browser_reads(run_dir
     figures = {f["id"]: f for f in json.loads(text, parse_constant=refuse)}
     hog = figures["candidate-roc"]["traces"][0]
     assert set(hog["y"]) == {None}
+
+
+def test_damaged_results_are_one_error(run: Run, tmp_path: Path):
+    for name in ("config.json", "metrics.json", "candidates.parquet"):
+        (tmp_path / name).write_bytes((run.root / name).read_bytes())
+    (tmp_path / "metrics.json").write_text("{}")
+    with pytest.raises(RescoreError, match="expected key 'n_images', found none"):
+        load_run(tmp_path)
+    (tmp_path / "candidates.parquet").write_bytes(b"x" * 50)
+    with pytest.raises(RescoreError, match="expected a table of candidates"):
+        load_run(tmp_path)

@@ -161,3 +161,20 @@ def test_real_frames_go_through_as_they_are(
     logged = rescore("log", run, "--frames", 2)
     assert logged.returncode == 0, logged.stderr
     assert (run / "recording.rrd").stat().st_size > 10_000
+
+
+def test_what_fails_leaves_a_run_folder_as_it_was(rescore: Command, tiny_run: Path, tmp_path: Path) -> None:
+    data, detections = tiny_run / "data", tiny_run / "detections" / "hog_test.json"
+    run = tmp_path / "run"
+    assert "expected one file a detector" in wrong(
+        rescore("evaluate", data, detections, detections, "--out", run)
+    )
+    (tmp_path / "file").write_text("x")
+    assert "check the path" in wrong(
+        rescore("reproduce", "--preset", "tiny", "--out", tmp_path / "file" / "run")
+    )
+    (tmp_path / "changes.json").write_text('{"detectors": []}')
+    assert "detectors: tuple should have at least 1 item" in wrong(
+        rescore("reproduce", "--preset", "tiny", "--config", tmp_path / "changes.json", "--out", run)
+    )
+    assert not run.exists()

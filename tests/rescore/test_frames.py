@@ -72,3 +72,17 @@ def test_load_frame_reads_or_computes_disparity(tmp_path: Path) -> None:
     assert (load_frame(given, SgbmConfig()).disparity_px == 7.5).all()
     with pytest.raises(RescoreError, match="expected right_file_name or disparity_file_name, got neither"):
         load_frame(record(1, tmp_path / "left.png"), SgbmConfig())
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("share", [0.0, 0.6])
+def test_a_cut_off_picture_is_one_error_and_prints_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], suffix: str, share: float
+) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (20, 40, 3), dtype=np.uint8)
+    whole = cv2.imencode(suffix, noise)[1].tobytes()
+    path = tmp_path / f"left{suffix}"
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(RescoreError, match="could not decode"):
+        read_rgb(path, 40, 20)
+    assert capfd.readouterr() == ("", "")

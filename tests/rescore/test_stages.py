@@ -105,3 +105,14 @@ def test_in_place_watches_every_output(tmp_path: Path, stage: Stage) -> None:
     assert run_stage_in_place(tmp_path, stage, work).reused
     stage.outputs[1].unlink()
     assert not run_stage_in_place(tmp_path, stage, work).reused
+
+
+def test_what_a_killed_run_was_writing_in_place_is_removed(tmp_path: Path) -> None:
+    left = tmp_path / ".0123456789ab.partial.rrd"
+    left.write_text("half")
+    out = tmp_path / "recording.rrd"
+    run_stage_in_place(
+        tmp_path, Stage("log", None, (), (out,), ()), lambda: (out.write_text("whole"), None)[1]
+    )
+    assert not left.exists()
+    assert out.read_text() == "whole"

@@ -127,3 +127,9 @@ def test_refuses_an_area_of_one_kind_of_candidate() -> None:
     hits = t.take(t.xyxy_px[:, 0] == 0)
     with pytest.raises(RescoreError, match="expected both hits and false alarms"):
         tune_weight("hog", hits, validation, TuneConfig(objective=Objective.AREA))
+
+
+@pytest.mark.parametrize(("name", "value"), [("n_grid", -1), ("min_iou", 0.0)])
+def test_a_setting_that_cannot_work_is_refused_at_once(name: str, value: float) -> None:
+    with pytest.raises(RescoreError, match=f"tune: expected {name}"):
+        TuneConfig(**{name: value})
