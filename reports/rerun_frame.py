@@ -151,9 +151,10 @@ def frame_table(view: FrameView, detector: str) -> str:
     ]
     for c in sorted(view.candidates[detector], key=lambda c: c.new_rank):
         d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else c.status.replace("_", " ")
+        why = c.reason_detail.replace("|", "/")
         lines.append(
             f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {c.posterior:.3f} | {d} | "
-            f"{OUTCOME_NAME[c.outcome]} | {c.kind.replace('_', ' ')} | {c.reason_detail.replace('|', '/')} |\n"
+            f"{OUTCOME_NAME[c.outcome]} | {c.kind.replace('_', ' ')} | {why} |\n"
         )
     return "".join(lines)
 
