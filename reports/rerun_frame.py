@@ -1,6 +1,7 @@
 """One frame of a recording: pictures, depth, candidates, and the 3D scene with the registered predictions."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -223,8 +224,8 @@ def _log_boxes(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView]
             radii=rr.Radius.ui_points(1.8 if thick else 0.9),
             draw_order=20 if thick else 15,
         ),
-        rr.AnyValues(
-            drop_untyped_nones=True,
+        # values of no candidate are no batch at all, and rerun warns of them
+        *_values(
             rank=np.array([c.rank for c in some], np.int64),
             new_rank=np.array([c.new_rank for c in some], np.int64),
             likelihood=np.array([c.likelihood for c in some], np.float64),
@@ -233,6 +234,12 @@ def _log_boxes(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView]
             annotation_id=np.array([c.annotation_id for c in some], np.int64),
         ),
     )
+
+
+def _values(**columns: NDArray[Any]) -> tuple[rr.AnyValues, ...]:
+    """The columns as values for tests and tables to read; none where the columns are empty."""
+    some = any(len(column) for column in columns.values())
+    return (rr.AnyValues(drop_untyped_nones=True, **columns),) if some else ()
 
 
 def _log_labels(rec: rr.RecordingStream, path: str, some: Sequence[CandidateView], view: FrameView) -> None:
@@ -273,7 +280,7 @@ def _log_cars(
             radii=rr.Radius.ui_points(1.2),
             draw_order=10,
         ),
-        rr.AnyValues(annotation_id=truth.annotation_id),
+        *_values(annotation_id=truth.annotation_id),
     )
 
 

@@ -41,7 +41,8 @@ class DetectorKind(StrEnum):
 def learn(part_views: Path, class_name: str, config: LearnConfig) -> ClassModel:
     """The class model of a folder of part-labelled views."""
     views = load_part_views(part_views)
-    return learn_class_model(views, class_name, views.part_names, config)
+    with one_thread():
+        return learn_class_model(views, class_name, views.part_names, config)
 
 
 def train(data: DataSet, config: HogConfig | BoostedConfig, seed: int, jobs: int) -> Detector:
