@@ -32,6 +32,7 @@ from rescore.detectors.hog_svm import HogDetector
 from rescore.formats.coco import read_dataset
 from rescore.frames import DataSet, load_frame, read_rgb
 from rescore.pipeline import depth_evidence
+from rescore.threads import one_thread
 
 SCENES = 4
 REPEATS = 5
@@ -136,10 +137,13 @@ def detection(data: DataSet, config: RunConfig) -> list[Row]:
         for rgb in pictures:
             zoomed, _ = hog.zoomed(rgb)
             descriptor, arguments = hog.descriptor(), hog.scan_arguments()
-            yield (
-                lambda rgb=rgb: hog.detect(rgb),
-                lambda z=zoomed, d=descriptor, a=arguments: d.detectMultiScale(z, **a),
-            )
+
+            def bare(z=zoomed, d=descriptor, a=arguments) -> None:  # type: ignore[no-untyped-def]
+                # as many threads as the detector: with more, OpenCV mixes up scores
+                with one_thread():
+                    d.detectMultiScale(z, **a)
+
+            yield lambda rgb=rgb: hog.detect(rgb), bare
 
     against_hog = ((lambda r=rgb: boosted.detect(r), lambda r=rgb: hog.detect(r)) for rgb in pictures)
     return [

@@ -27,6 +27,7 @@ from rescore.detectors.mining import (
 )
 from rescore.detectors.windows import GrayImage, WindowGeometry, gray
 from rescore.frames import DataSet
+from rescore.threads import one_thread
 
 FloatArray = NDArray[np.float64]
 
@@ -96,7 +97,10 @@ class HogDetector:
         picture, zoom = self.zoomed(rgb)
         if picture.shape[0] < window.height_px or picture.shape[1] < window.width_px:
             return Detections(np.empty((0, 4)), np.empty(0))
-        found, score = self.descriptor().detectMultiScale(picture, **self.scan_arguments())
+        # OpenCV's threads lock windows and scores one after the other, and so now and then swap the scores of
+        # two levels; in one thread the pairs are right, and frames run in parallel anyway
+        with one_thread():
+            found, score = self.descriptor().detectMultiScale(picture, **self.scan_arguments())
         if not len(found):
             return Detections(np.empty((0, 4)), np.empty(0))
         corner_size = np.asarray(found, dtype=float)

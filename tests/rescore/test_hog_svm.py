@@ -144,3 +144,20 @@ def test_training_without_crops_is_refused():
 def test_floating_point_pictures_are_refused(trained):
     with pytest.raises(RescoreError, match="expected \\(h, w, 3\\) uint8 RGB"):
         trained.detect(np.zeros((240, 320, 3)))
+
+
+def test_windows_keep_their_own_scores(trained, monkeypatch):
+    threads = []
+    descriptor = trained.descriptor()
+
+    class Watched:
+        def detectMultiScale(self, *args, **kwargs):  # noqa: N802 (OpenCV's name)
+            threads.append(cv2.getNumThreads())
+            return descriptor.detectMultiScale(*args, **kwargs)
+
+    monkeypatch.setattr(type(trained), "descriptor", lambda _: Watched())
+    before = cv2.getNumThreads()
+    trained.detect(np.full((120, 320, 3), 90, np.uint8))
+    # with more threads OpenCV may hand the scores of one level to the windows of another
+    assert threads == [1]
+    assert cv2.getNumThreads() == before
