@@ -28,8 +28,10 @@ Polygons = list[tuple[str, list[list[float]]]]
 @pytest.fixture(scope="module")
 def original() -> PartViews:
     mesh = cars_of_splits(None, None)["train"][0].build(np.random.default_rng(0))
-    views = [render_part_labels(mesh, b, BINS.elevation_rad, 200) for b in (2, 3, 4)]
-    return PartViews(CAR_PARTS, BINS, tuple(PartView(b, v, "sedan") for b, v in enumerate(views, start=2)))
+    views = [render_part_labels(mesh, b, BINS.elevation_rad, 200) for b in (1, 2, 4)]
+    return PartViews(
+        CAR_PARTS, BINS, tuple(PartView(b, v, "sedan") for b, v in zip((1, 2, 4), views, strict=True))
+    )
 
 
 def polygons_of(labels: NDArray[np.uint8]) -> Polygons:
