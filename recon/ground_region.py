@@ -35,7 +35,7 @@ _STRIP_ROWS = 10
 PACKAGED = Path(__file__).parent / "data" / "ground_pixels.npz"
 MIN_GROUND = 0.5
 """Where the probability of ground below a point is at least this, the point stands on the ground."""
-REACH = 0.12
+REACH = 0.2
 """Ground is looked for within this share of the object's height below it, at least four pixels."""
 
 
@@ -163,7 +163,7 @@ def ground_features(rgb: NDArray[np.uint8], horizon_row_px: float | None = None)
     )
 
 
-FEATURES = 5 * (1 + len(_BLURS)) + 3 + 9 + 4
+FEATURES = 5 * (1 + len(_BLURS)) + 3 + 9 + 2
 """F, the number of features of a cell."""
 
 
@@ -193,11 +193,11 @@ def _below(near: Float32Array, texture: Float32Array) -> Float32Array:
 
 
 def _place(rows: int, columns: int, horizon: float) -> Float32Array:
-    """Place of each cell, shape (rows, columns, 4): from the middle, the upper edge and the horizon."""
-    y = np.repeat(((np.arange(rows) + 0.5) / rows)[:, None], columns, axis=1)
-    x = np.abs(np.repeat(((np.arange(columns) + 0.5) / columns - 0.5)[None], rows, axis=0))
-    down = (y - horizon) / max(1 - horizon, 0.1)
-    return np.stack([x, y, y - horizon, down], axis=2).astype(np.float32)
+    """How far each cell is below the horizon, shape (rows, columns, 2): in picture heights, and on the way
+    from the horizon to the lower edge."""
+    below = (np.arange(rows) + 0.5) / rows - horizon
+    both = np.stack([below, below / max(1 - horizon, 0.1)], axis=1)
+    return np.repeat(both[:, None], columns, axis=1).astype(np.float32)
 
 
 def ground_below(uv_px: FloatArray, ground_region: Float32Array, reach_px: float) -> FloatArray:

@@ -1,10 +1,12 @@
 """Training of the classifier of ground pixels on rendered scenes, and how well it does."""
 
+import warnings
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 from sklearn.preprocessing import StandardScaler
 
@@ -20,7 +22,7 @@ Mask = NDArray[np.bool_]
 class GroundTrainingConfig:
     """Settings of the training."""
 
-    copies: int = 16
+    copies: int = 12
     """Changed copies of each frame."""
     cells_per_copy: int = 1500
     """Cells drawn from each copy."""
@@ -64,7 +66,10 @@ def train_ground(data: DataSet, config: GroundTrainingConfig, rng: np.random.Gen
         n_iter_no_change=config.epochs,
         random_state=int(rng.integers(2**31)),
     )
-    network.fit(scaler.transform(features), is_ground)
+    with warnings.catch_warnings():
+        # the number of epochs is chosen, so that the fit need not have converged
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        network.fit(scaler.transform(features), is_ground)
     # the scaling goes into the first product
     weights = [network.coefs_[0] / scaler.scale_[:, None], *network.coefs_[1:]]
     biases = [
@@ -144,11 +149,11 @@ def _cropped(
 ) -> tuple[NDArray[np.uint8], Mask, float]:
     """A part of the picture, mirrored at random, with the row of its horizon.
 
-    Wide and low parts look as the pictures of a car's camera do, and their lower edge cuts through objects.
-    The horizon stays near the middle, as it does for level cameras.
+    Wide and low parts look as the pictures of a car's camera do. The horizon stays near the middle, as level
+    cameras have it.
     """
     height, width = truth.shape
-    high = round(height * 0.2 ** rng.uniform(0, 1))
+    high = round(height * rng.uniform(0.5, 1.0))
     wide = round(width * rng.uniform(0.6, 1.0))
     top = int(np.clip(round(horizon - high * rng.uniform(0.35, 0.6)), 0, height - high))
     left = int(rng.integers(0, width - wide + 1))
@@ -180,7 +185,7 @@ def _recoloured(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.
     x = middle * np.float32(np.exp(rng.normal(0, 0.2))) + (x - middle) * np.float32(
         np.exp(rng.normal(0.2, 0.4))
     )
-    smooth = cv2.GaussianBlur(x, (0, 0), rng.uniform(0.8, 3.0))
-    x = smooth + (x - smooth) * np.float32(np.exp(rng.uniform(-1.5, 1.4)))
-    x += rng.normal(0, rng.uniform(0, 0.05), x.shape).astype(np.float32)
+    smooth = cv2.GaussianBlur(x, (0, 0), rng.uniform(0.8, 5.0))
+    x = smooth + (x - smooth) * np.float32(np.exp(rng.uniform(-3.0, 1.4)))
+    x += rng.normal(0, rng.uniform(0, 0.06), x.shape).astype(np.float32)
     return np.asarray(np.clip(x * 255, 0, 255), np.uint8)

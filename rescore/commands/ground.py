@@ -22,7 +22,7 @@ def learn_ground(
 ) -> None:
     """Train the classifier of ground pixels (section 4.3) on the frames of a rendered data set.
 
-    The one that comes with the package was made from preset "demo", seed 1.
+    The one that comes with the package was made with --seed 1 from preset "demo" of seed 1.
 
     Example: [bold]rescore learn-ground data/demo --out ground_pixels.npz[/bold]
     """
@@ -31,10 +31,12 @@ def learn_ground(
     from rescore.config import part_as_json
     from rescore.ground_training import GroundTrainingConfig, score_ground, train_ground
     from rescore.store import atomic_path, write_provenance
+    from rescore.threads import one_thread
 
     config = GroundTrainingConfig()
     data = read_split(dataset, split)
-    classifier = train_ground(data, config, np.random.default_rng(seed))
+    with one_thread():
+        classifier = train_ground(data, config, np.random.default_rng(seed))
     with atomic_path(out) as beside:
         classifier.save(beside)
     write_provenance(out, "learn-ground", part_as_json(config), seed)

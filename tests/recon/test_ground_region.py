@@ -101,8 +101,8 @@ def test_a_drawn_street(seed: int) -> None:
     assert found.dtype == np.float32
     assert found.min() >= 0
     assert found.max() <= 1
-    assert ((found >= 0.5) == road).mean() > 0.9
-    # the box hides the road, which "all below the horizon" would not see
+    # all below the horizon gets 0.917: it takes the foot of the wall and the lower part of the box for road
+    assert ((found >= 0.5) == road).mean() > 0.93
     assert (found[115:165, 125:195] >= 0.5).mean() < 0.2
     np.testing.assert_array_equal(found, ground_probability(rgb))
 

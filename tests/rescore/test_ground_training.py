@@ -1,14 +1,18 @@
 """Training of ground pixels on drawn frames with pictures of instance numbers."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
+from recon.ground_region import GroundPixels
+from rescore.cli import app
 from rescore.frames import DataSet, FrameRecord
 from rescore.ground_training import GroundTrainingConfig, score_ground, train_ground
 
@@ -81,3 +85,28 @@ def test_frames_that_cannot_teach(frames: list[FrameRecord]) -> None:
         train_ground(data_set([replace(frames[0], instance_path=None)]), QUICK, rng)
     with pytest.raises(RescoreError, match="expected a camera with height_m, got none"):
         train_ground(data_set([replace(frames[0], ground=None)]), QUICK, rng)
+
+
+def test_the_command(frames: list[FrameRecord], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = {"fx": 150, "fy": 150, "cx": 79.5, "cy": 59.5, "baseline_m": 0.3, "height_m": 1.5}
+    images = [
+        {
+            **{"id": f.image_id, "file_name": str(f.left_path), "instance_file_name": str(f.instance_path)},
+            "instances": [{"id": number, "kind": kind} for number, kind in f.instance_kinds.items()],
+            **{"width": 160, "height": 120, "split": "train" if i < 4 else "test", "camera": camera},
+        }
+        for i, f in enumerate(frames)
+    ]
+    categories = [{"id": 1, "name": "car"}]
+    file = {"images": images, "annotations": [], "categories": categories}
+    (tmp_path / "annotations.json").write_text(json.dumps(file))
+    monkeypatch.setattr("rescore.ground_training.GroundTrainingConfig", lambda: QUICK)
+    out = tmp_path / "ground.npz"
+    arguments = ["learn-ground", str(tmp_path), "--out", str(out), "--seed", "3", "--check", str(tmp_path)]
+    done = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert done.stdout.count("of 9 frames") == 4
+    expected = train_ground(data_set(frames[:4]), QUICK, np.random.default_rng(3))
+    for mine, theirs in zip(GroundPixels.load(out).weights, expected.weights, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-4, atol=1e-5)
+    assert json.loads((tmp_path / "ground.npz.config.json").read_text())["seed"] == 3
