@@ -240,7 +240,7 @@ def _size(row: dict[str, Any], height: str, width: str, place: str) -> tuple[int
 
 
 def _number(value: object, key: str, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
         raise RescoreError(f"{place}: expected a finite number as {key}, got {_short(value)}; mend it")
     return float(value)
 
@@ -249,7 +249,7 @@ def _points(pairs: list[Any], where: str) -> FloatArray:
     """Points (m, 2); numbers that are not finite are for the check of the polygon."""
     try:
         return np.array(pairs, dtype=float).reshape(len(pairs), 2)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise RescoreError(
             f"{where}: expected points as pairs of numbers, got {_short(pairs)}; mend it"
         ) from error
