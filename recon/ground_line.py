@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
+from recon.ground_region import MIN_GROUND, Float32Array, ground_below, reach_px
 from recon.outcome import Failure, Reason
 
 FloatArray = NDArray[np.float64]
@@ -46,6 +47,7 @@ def ground_line(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: GroundLineConfig,
+    ground_region: Float32Array | None = None,
 ) -> GroundLine | Failure:
     """Line through the lower ends of the parts that touch the ground, and its points by eqs. 2 to 5.
 
@@ -58,15 +60,26 @@ def ground_line(
         camera: the camera M.
         ground: the ground plane Q_g.
         config: settings.
+        ground_region: probability of ground at each pixel of the whole image, shape (h, w); contacts with
+            less than one half of it below them are left out. None keeps all contacts.
     """
-    contacts = _contacts(labels, list(feet_cam), config)
+    contacts = _contacts(labels, x0_px, y0_px, list(feet_cam), config)
     if not contacts:
         return Failure(
             Reason.NO_GROUND_CONTACT,
             f"one of the parts {list(feet_cam)} expected in the image, found none",
         )
-    at = np.array(list(contacts.values())) + np.array([x0_px, y0_px])
     height = float(np.ptp(np.nonzero(labels)[0]) + 1)
+    if ground_region is not None:
+        below = {k: _ground_share(c, ground_region, height) for k, c in contacts.items()}
+        contacts = {k: c for k, c in contacts.items() if below[k] >= MIN_GROUND}
+        if not contacts:
+            shown = ", ".join(f"{k}: {share:.2f}" for k, share in below.items())
+            return Failure(
+                Reason.NO_GROUND_CONTACT,
+                f"ground of probability {MIN_GROUND} below a contact expected, got ({shown})",
+            )
+    at = np.array([_middle(c) for c in contacts.values()])
     slope, offset, on_line = _fit(at, config.line_tolerance * height)
     labels_on_line = [label for label, use in zip(contacts, on_line, strict=True) if use]
     expected = _view_slope(at[on_line], np.array([feet_cam[k] for k in labels_on_line]), camera, ground)
@@ -86,24 +99,35 @@ def ground_line(
 
 
 def _contacts(
-    labels: NDArray[np.uint8], ground_labels: Sequence[int], config: GroundLineConfig
-) -> dict[int, tuple[float, float]]:
-    """For each ground part in the window its contact: middle column and lower edge, window coordinates."""
+    labels: NDArray[np.uint8], x0_px: int, y0_px: int, ground_labels: Sequence[int], config: GroundLineConfig
+) -> dict[int, FloatArray]:
+    """For each ground part the lowest pixels (n, 2) of the columns that touch, image coordinates."""
     rows = np.nonzero(labels.any(axis=1))[0]
     if not len(rows):
         return {}
     tolerance = max(1.0, config.contact_height * (rows[-1] - rows[0] + 1))
-    found: dict[int, tuple[float, float]] = {}
+    found: dict[int, FloatArray] = {}
     for label in ground_labels:
         mask = labels == label
         columns = np.nonzero(mask.any(axis=0))[0]
         if not len(columns):
             continue
         lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0)
-        touching = columns[lowest >= lowest.max() - tolerance]
-        # + 0.5: the object ends at the lower edge of its lowest pixel
-        found[label] = (float(touching.mean()), float(lowest.max()) + 0.5)
+        touching = lowest >= lowest.max() - tolerance
+        found[label] = np.stack([columns[touching] + x0_px, lowest[touching] + y0_px], axis=1).astype(float)
     return found
+
+
+def _middle(contact_px: FloatArray) -> tuple[float, float]:
+    """Middle column and lower edge of a contact: the object ends at the lower edge of its lowest pixel."""
+    return float(contact_px[:, 0].mean()), float(contact_px[:, 1].max()) + 0.5
+
+
+def _ground_share(contact_px: FloatArray, ground_region: Float32Array, height_px: float) -> float:
+    """Mean probability of ground below a contact; 0 where all of that is outside the picture."""
+    below = ground_below(contact_px, ground_region, reach_px(height_px))
+    seen = np.isfinite(below)
+    return float(below[seen].mean()) if seen.any() else 0.0
 
 
 def _view_slope(

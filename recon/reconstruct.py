@@ -83,6 +83,7 @@ def reconstruct(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig | None = None,
+    ground_region: Float32Array | None = None,
 ) -> tuple[Reconstruction | Failure, ...]:
     """The 3D instance in each box, or why there is none; one result a box, in order.
 
@@ -94,6 +95,8 @@ def reconstruct(
         camera: M; ``default_camera`` where none is known.
         ground: Q_g; ``DEFAULT_GROUND`` where none is known.
         config: settings; None for the defaults.
+        ground_region: probability of ground at each pixel, shape (h, w) (``ground_probability``), which keeps
+            parts that do not stand on ground out of the ground line; None trusts the outline alone.
 
     Raises:
         RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
@@ -103,6 +106,11 @@ def reconstruct(
         raise RescoreError(
             f"picture: expected {camera.width_px} x {camera.height_px} pixels as the camera says, "
             f"got shape {rgb.shape}; calibrate for this picture size"
+        )
+    if ground_region is not None and ground_region.shape != rgb.shape[:2]:
+        raise RescoreError(
+            f"ground region: expected shape {rgb.shape[:2]} as the picture has, got {ground_region.shape}; "
+            "take it from this picture"
         )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
     view = prepare_view(model, view_bin, config.registration)
@@ -114,7 +122,7 @@ def reconstruct(
         results[i] = (
             outline
             if isinstance(outline, Failure)
-            else _instance(boxes[i], outline, view, view_bin, model, camera, ground, config)
+            else _instance(boxes[i], outline, view, view_bin, model, camera, ground, config, ground_region)
         )
     return tuple(r for r in results if r is not None)
 
@@ -140,6 +148,7 @@ def _instance(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig,
+    ground_region: Float32Array | None,
 ) -> Reconstruction | Failure:
     """From the outline on: register parts, find the ground line, place the planes."""
     parts = register_parts(outline, view, config.registration)
@@ -150,7 +159,7 @@ def _instance(
     labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
     cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
-    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line)
+    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region)
     if isinstance(line, Failure):
         return line
     placed = _place(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)

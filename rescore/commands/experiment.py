@@ -56,10 +56,20 @@ def synth(
     say(f"data set: {out}")
 
 
+VIEWS_HELP = (
+    "Folder with part_views.json, a data set that holds one, a COCO segmentation JSON, "
+    "or a folder of LabelMe JSON."
+)
+
+
 @app.command()
 def learn(
-    views: Annotated[Path, typer.Argument(help="Folder with part_views.json, or a data set that holds one.")],
+    views: Annotated[Path, typer.Argument(help=VIEWS_HELP)],
     out: Annotated[Path, typer.Option(help="Class model to write, JSON.")],
+    class_name: Annotated[
+        str | None,
+        typer.Option("--class", help="Name of the class.", show_default="supercategory, else the preset's"),
+    ] = None,
     preset: Preset = "paper",
     config: Changes = None,
 ) -> None:
@@ -67,13 +77,17 @@ def learn(
 
     Example: [bold]rescore learn data/demo --out car.json[/bold]
     """
+    from recon.polygon_labels import read_labelled_views
     from rescore import steps
     from rescore.config import part_as_json
     from rescore.store import atomic_path, write_provenance
 
     settings = config_of(preset, config)
-    folder = views / "part_views" if (views / "part_views").is_dir() else views
-    model = steps.learn(folder, settings.class_name, settings.learn)
+    labelled = read_labelled_views(views, settings.learn.bins)
+    for warning in labelled.warnings:
+        say(f"{views}: {warning}")
+    name = class_name or labelled.class_name or settings.class_name
+    model = steps.learn(labelled.part_views, name, settings.learn)
     with atomic_path(out) as beside:
         model.save(beside)
     write_provenance(out, "learn", part_as_json(settings.learn), None)
