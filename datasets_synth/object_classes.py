@@ -121,7 +121,7 @@ def _with_hulls(mesh: Mesh, labels: Sequence[int]) -> Mesh:
     start = len(mesh.vertices_m)
     for label in labels:
         points = mesh.vertices_m[np.unique(mesh.faces[mesh.face_part == label])]
-        hull = ConvexHull(points.astype(np.float64)).simplices
+        hull = _hull_faces(points.astype(np.float64))
         vertices.append(points)
         faces.append((hull + start).astype(np.int32))
         parts.append(np.full(len(hull), label, np.uint8))
@@ -136,6 +136,14 @@ def _with_hulls(mesh: Mesh, labels: Sequence[int]) -> Mesh:
         materials=mesh.materials,
         face_part=np.concatenate(parts),
     )
+
+
+def _hull_faces(points_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Faces (m, 3) of the convex hull of points (n, 3), counter-clockwise seen from outside."""
+    hull = ConvexHull(points_m)
+    a, b, c = (points_m[hull.simplices[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    return np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
 
 
 def _family(
