@@ -226,13 +226,16 @@ def _fork(draft: MeshDraft, s: BicycleShape, j: _Joints, paint: Material) -> Non
 
 
 def _saddle(draft: MeshDraft, j: _Joints, leather: Material) -> None:
-    x = np.linspace(-0.14, 0.15, 11)
-    half = np.interp(x, [-0.14, -0.09, 0.0, 0.15], [0.045, 0.075, 0.035, 0.016])
+    x = np.linspace(-0.14, 0.15, 15)
+    at = (-0.14, -0.13, -0.09, -0.04, 0.02, 0.12, 0.145, 0.15)
+    half = np.interp(x, at, (0.030, 0.055, 0.075, 0.066, 0.034, 0.021, 0.014, 0.006))
+    high = np.interp(x, at, (0.008, 0.016, 0.024, 0.025, 0.023, 0.020, 0.012, 0.006))
     ring = circle((0, 0, 0), 1.0, "x", 16)
     rings = np.zeros((len(x), 16, 3))
     rings[:, :, 0] = x[:, None]
     rings[:, :, 1] = half[:, None] * ring[:, 1]
-    rings[:, :, 2] = 0.024 * ring[:, 2] * np.where(ring[:, 2] < 0, 1.1, 0.8) + 0.05 * x[:, None] ** 2 * 4
+    # flat above, hollow from nose to tail
+    rings[:, :, 2] = high[:, None] * ring[:, 2] * np.where(ring[:, 2] < 0, 1.2, 0.6) + 0.4 * x[:, None] ** 2
     loft(draft, rings + j.saddle + xyz(0.0, 0, 0.03), leather)
 
 
