@@ -143,7 +143,7 @@ def _hull_faces(points_m: NDArray[np.float64]) -> NDArray[np.int64]:
     hull = ConvexHull(points_m)
     a, b, c = (points_m[hull.simplices[:, i]] for i in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
-    return np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
+    return np.asarray(np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices), np.int64)
 
 
 def _family(
