@@ -136,7 +136,7 @@ def refined_normal(
             outward: FloatArray = outward,
         ) -> FloatArray:
             distance = ((stack.carried(_turned(start, turn @ across)) - nearest) * outward).sum(axis=2)
-            return np.nan_to_num(distance * stack.factor, nan=outlier).ravel()
+            return np.asarray(np.nan_to_num(distance * stack.factor, nan=outlier).ravel())
 
         fit = least_squares(
             residual, np.zeros(2), loss="soft_l1", f_scale=outlier / 3, bounds=(-0.3, 0.3), max_nfev=20

@@ -27,7 +27,7 @@ SHAPES: tuple[FloatArray, ...] = (
     np.array([[-1.3, -0.5], [-0.2, -0.9], [1.1, -0.6], [1.4, 0.3], [0.4, 0.7], [-0.6, 0.6], [-1.1, 1.0]]),
     np.array([[-0.9, -1.2], [0.7, -1.0], [0.5, -0.2], [1.0, 0.5], [0.2, 1.2], [-0.7, 1.0], [-0.5, 0.1]]),
 )
-"""Corners of the flat shapes that turn, in their plane; none is symmetric, so that points are not mixed up."""
+"""Corners of the flat shapes that turn, in their plane; none is symmetric, which would mix up points."""
 
 
 @dataclass(frozen=True)
@@ -127,13 +127,15 @@ class _Sequence:
         source = self.outline[start]
         found: dict[int, tuple[FloatArray, FloatArray]] = {view_bin: (source, source)}
         for direction in (1, -1):
-            points, f = source, start
+            points: FloatArray = source
+            f = start
             for _ in range(self.length // 2):
                 g = (f + direction) % self.length
                 step = self.step.get(f if direction > 0 else g)
                 if step is None:
                     break
-                moved = apply_projective(step if direction > 0 else np.linalg.inv(step), points)
+                back = np.asarray(np.linalg.inv(step))
+                moved = apply_projective(step if direction > 0 else back, points)
                 points, f = self._onto_outline(moved, g), g
                 if f % self.config.steps_per_bin == 0:
                     found.setdefault(f // self.config.steps_per_bin, (source, points))
@@ -154,7 +156,7 @@ class _Sequence:
     def _onto_outline(self, points: FloatArray, f: int) -> FloatArray:
         """Points (m, 2) moved onto the outline of a picture, at right angles to it."""
         nearest, normal = nearest_on_outline(points, self.outline[f])
-        return points - normal * ((points - nearest) * normal).sum(axis=1, keepdims=True)
+        return np.asarray(points - normal * ((points - nearest) * normal).sum(axis=1, keepdims=True))
 
 
 def _centroid(polygon: FloatArray) -> FloatArray:
@@ -162,7 +164,7 @@ def _centroid(polygon: FloatArray) -> FloatArray:
     x, y = polygon.T
     x1, y1 = np.roll(x, -1), np.roll(y, -1)
     cross = x * y1 - x1 * y
-    return np.array([((x + x1) * cross).sum(), ((y + y1) * cross).sum()]) / (3 * cross.sum())
+    return np.asarray(np.array([((x + x1) * cross).sum(), ((y + y1) * cross).sum()]) / (3 * cross.sum()))
 
 
 def _rendered_outline(corners: FloatArray, config: GenericPhaseConfig) -> FloatArray:

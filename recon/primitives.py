@@ -31,8 +31,8 @@ class PrimitiveLibrary:
     """Projective transforms (k, b, b, 3, 3) from view bin to view bin; NaN where the primitive is seen
     edge-on, or from another side."""
     residual: FloatArray
-    """Root-mean-square error of each transform on the training sequences, shape (k, b, b), in root-mean-square
-    radii of the shapes; NaN where there is no transform."""
+    """Root-mean-square error of each transform on the training sequences, shape (k, b, b), in
+    root-mean-square radii of the shapes; NaN where there is no transform."""
 
     def __post_init__(self) -> None:
         k, b = len(self.normals), self.bins.count
@@ -42,7 +42,10 @@ class PrimitiveLibrary:
             raise ValueError(f"library: {self.residual.shape} residuals for {k} primitives, {b} view bins")
 
     def carried(self, points: FloatArray, bin_a: int, bin_b: int) -> FloatArray:
-        """Points (m, 2) of bin a as each primitive carries them to bin b, shape (k, m, 2); NaN for no transform."""
+        """Points (m, 2) of bin a as each primitive carries them to bin b, shape (k, m, 2).
+
+        NaN where there is no transform.
+        """
         return apply_projective(self.transform[:, bin_a, bin_b], points)
 
     def save(self, path: Path) -> None:

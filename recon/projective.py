@@ -9,7 +9,7 @@ FloatArray = NDArray[np.float64]
 def projective_transform(
     source: FloatArray, target: FloatArray, normal: FloatArray | None = None
 ) -> FloatArray:
-    """The projective transform (3, 3), last entry 1, that linear regression gives for points (m, 2) to (m, 2).
+    """The projective transform (3, 3), last entry 1, that linear regression gives for points (m, 2).
 
     With unit normals (m, 2), only the distances along them count: the points may slide along an outline.
     """

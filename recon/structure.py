@@ -22,7 +22,7 @@ class Structure:
     """Shape (v, 2)."""
 
     def residual(self, uv: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Distance of each centroid from where the structure puts it, object units, (v, n); NaN if unknown."""
+        """How far each centroid is from where the structure puts it, object units; (v, n), NaN if unknown."""
         put = np.einsum("vij,nj->vni", rotation[:, :2], self.points) + self.shift[:, None]
         return np.asarray(np.linalg.norm(put - self.scale[:, None, None] * uv, axis=2))
 
