@@ -160,12 +160,12 @@ def _family(
 
 
 def _chair() -> ObjectClass:
-    return _family("chair", CHAIR_PARTS, chair_shapes(), chair_mesh, 22.0, ("back",))
+    return _family("chair", CHAIR_PARTS, chair_shapes(), chair_mesh, 20.0, ("back",))
 
 
 def _bicycle() -> ObjectClass:
     wheels = ("front_wheel", "rear_wheel")
-    return _family("bicycle", BICYCLE_PARTS, bicycle_shapes(), bicycle_mesh, 10.0, wheels)
+    return _family("bicycle", BICYCLE_PARTS, bicycle_shapes(), bicycle_mesh, 20.0, wheels)
 
 
 def _airplane() -> ObjectClass:

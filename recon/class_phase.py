@@ -46,16 +46,21 @@ def primitive_costs(pairs: Sequence[BoundaryPair], library: PrimitiveLibrary, ou
     The cost is the mean squared distance between it and the boundary seen there, both ways, in part sizes,
     capped at ``outlier`` squared; which is also the cost where a primitive is seen edge-on.
     """
-    cap = outlier**2
     total = np.zeros(len(library.normals))
     for pair in pairs:
         carried = library.carried(pair.a, pair.bin_a, pair.bin_b)
-        # |c - b|^2 written out, so that the products of all primitives are one matrix product
-        squared = (carried**2).sum(axis=2)[:, :, None] + (pair.b**2).sum(axis=1) - 2 * carried @ pair.b.T
-        squared = np.nan_to_num(np.maximum(squared, 0) / pair.size**2, nan=cap)
-        there, back = np.minimum(squared.min(axis=2), cap), np.minimum(squared.min(axis=1), cap)
-        total += pair.weight * (there.mean(axis=1) + back.mean(axis=1)) / 2
+        total += pair.weight * _boundary_distance(carried, pair, outlier)
     return np.asarray(total / sum(p.weight for p in pairs))
+
+
+def _boundary_distance(carried: FloatArray, pair: BoundaryPair, outlier: float) -> FloatArray:
+    """Capped mean squared distance of carried boundaries (k, m, 2) and the one seen, both ways, shape (k,)."""
+    cap = outlier**2
+    # |c - b|^2 written out, so that the products of all primitives are one matrix product
+    squared = (carried**2).sum(axis=2)[:, :, None] + (pair.b**2).sum(axis=1) - 2 * carried @ pair.b.T
+    squared = np.nan_to_num(np.maximum(squared, 0) / pair.size**2, nan=cap)
+    there, back = np.minimum(squared.min(axis=2), cap), np.minimum(squared.min(axis=1), cap)
+    return np.asarray((there.mean(axis=1) + back.mean(axis=1)) / 2)
 
 
 def best_primitive(
@@ -114,15 +119,29 @@ def _transform_error(
     return total
 
 
-def refined_normal(
-    normal: FloatArray, pairs: Sequence[BoundaryPair], outlier: float, rounds: int
+def fitted_normal(
+    starts: FloatArray, pairs: Sequence[BoundaryPair], outlier: float, rounds: int
 ) -> FloatArray:
-    """The unit normal near that of a primitive whose plane carries boundaries to boundaries best.
+    """The unit normal (3,) whose plane carries boundaries to boundaries best, near one of some (k, 3).
 
-    The last step of section 3.2: with the primitive's correspondences the points of the outline have 3D
-    positions, and the plane through them is that of the part. Points may slide along the outline, since
-    shape contexts do not fix them to better than their spacing.
+    The last step of section 3.2: with the correspondences of a primitive the points of the outline have 3D
+    positions, and the plane through them is that of the part. A thin part fits several primitives alike, so
+    several are tried.
     """
+    found = [_refined(start, pairs, outlier, rounds) for start in starts]
+    cost = [
+        sum(
+            p.weight * float(_boundary_distance(c[None], p, outlier)[0])
+            for p, c in zip(pairs, carried, strict=True)
+        )
+        for carried in (_Stack(pairs).carried(n) for n in found)
+    ]
+    return found[int(np.argmin(cost))]
+
+
+def _refined(normal: FloatArray, pairs: Sequence[BoundaryPair], outlier: float, rounds: int) -> FloatArray:
+    """The normal turned to fit. Points may slide along the outline: shape contexts do not fix them to better
+    than their spacing."""
     stack = _Stack(pairs)
     for _ in range(rounds):
         across = np.linalg.svd(normal[None])[2][1:]

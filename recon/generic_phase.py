@@ -48,11 +48,21 @@ class GenericPhaseConfig:
 
 
 def learn_primitives(
-    bins: ViewBins | None = None, config: GenericPhaseConfig | None = None, jobs: int = 1
+    bins: ViewBins,
+    config: GenericPhaseConfig | None = None,
+    jobs: int = 1,
+    normals: FloatArray | None = None,
 ) -> PrimitiveLibrary:
-    """The library of primitives for a view space; the same settings give the same bytes for any ``jobs``."""
-    bins, config = bins or ViewBins(), config or GenericPhaseConfig()
-    normals = primitive_normals()
+    """The library of primitives for a view space; the same settings give the same bytes for any ``jobs``.
+
+    Args:
+        bins: the view space.
+        config: settings; None for the defaults.
+        jobs: primitives at a time.
+        normals: orientations to learn, shape (k, 3); None for all of ``primitive_normals``.
+    """
+    config = config or GenericPhaseConfig()
+    normals = primitive_normals() if normals is None else normals
     rows = Parallel(n_jobs=jobs)(delayed(_learn_primitive)(n, bins, config) for n in normals)
     transform = np.stack([t for t, _ in rows])
     return PrimitiveLibrary(bins, normals, transform, np.stack([r for _, r in rows]))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.class_model import ClassModel, ClassPart
-from recon.class_phase import BoundaryPair, best_primitive, primitive_costs, refined_normal
+from recon.class_phase import BoundaryPair, best_primitive, fitted_normal, primitive_costs
 from recon.errors import RescoreError
 from recon.generic_phase import primitive_library
 from recon.observations import Observations
@@ -32,8 +32,9 @@ class LearnConfig:
     """Regions smaller than this share of the labelled pixels do not count as seeing the part."""
     max_bin_step: int = 3
     """Boundaries are compared between views at most this many bins apart."""
-    candidates: int = 6
-    """Primitives whose transforms are compared with those that shape contexts find."""
+    candidates: int = 4
+    """Primitives that are looked at closely: their transforms are compared with those that shape contexts
+    find, and each is turned to fit."""
     refine_rounds: int = 3
     """Rounds that turn the plane of the primitive to fit the boundaries; 0 keeps the primitive."""
     outlier: float = 0.15
@@ -168,8 +169,11 @@ class _ClassPhase:
         primitive = best_primitive(
             pairs, self.library, config.outlier, config.candidates, config.shape_context
         )
-        start = self.library.normals[primitive]
-        return primitive, refined_normal(start, pairs, config.outlier, config.refine_rounds)
+        if not config.refine_rounds:
+            return primitive, self.library.normals[primitive]
+        likely = np.argsort(self.costs(pairs), kind="stable")[: config.candidates]
+        starts = self.library.normals[np.unique([primitive, *likely])]
+        return primitive, fitted_normal(starts, pairs, config.outlier, config.refine_rounds)
 
     def _offsets(self, label: int, view: int) -> FloatArray:
         """Boundary of a part in a view as offsets (m, 2) from its centroid, in object units."""

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,15 +50,16 @@ class PrimitiveLibrary:
         return apply_projective(self.transform[:, bin_a, bin_b], points)
 
     def save(self, path: Path) -> None:
-        """Write one NPZ file of plain arrays."""
+        """Write one NPZ file of plain arrays; ``load`` gives them back in single precision."""
         with path.open("wb") as file:
             np.savez_compressed(
                 file,
                 format=np.array(FORMAT),
                 view_bins=np.array([self.bins.count, self.bins.elevation_rad]),
                 normals=self.normals,
-                transform=self.transform,
-                residual=self.residual,
+                # half the size, and far finer than what is learned
+                transform=self.transform.astype(np.float32),
+                residual=self.residual.astype(np.float32),
             )
 
     @staticmethod
@@ -75,8 +77,9 @@ class PrimitiveLibrary:
                     raise ValueError(f"format {file['format']}")
                 count, elevation_rad = file["view_bins"]
                 bins = ViewBins(int(count), float(elevation_rad))
-                return PrimitiveLibrary(bins, file["normals"], file["transform"], file["residual"])
-        except (ValueError, KeyError, OSError, EOFError) as error:
+                transform, residual = (file[name].astype(float) for name in ("transform", "residual"))
+                return PrimitiveLibrary(bins, file["normals"], transform, residual)
+        except (ValueError, KeyError, OSError, EOFError, BadZipFile) as error:
             raise RescoreError(
                 f"{path}: expected {FORMAT!r} NPZ, could not read it ({type(error).__name__}: {error}); "
                 "learn the primitives again"

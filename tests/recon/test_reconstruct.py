@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, labelled_view
+from exact_primitives import exact_library
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera, default_camera
@@ -27,7 +28,7 @@ BINS = ViewBins(12, np.deg2rad(5))
 @pytest.fixture(scope="module")
 def model() -> ClassModel:
     views = [labelled_view(box_car(), b, BINS) for b in (1, 2, 3, 4)]
-    return learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=BINS))
+    return learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=BINS), exact_library(BINS))
 
 
 def drawn(
