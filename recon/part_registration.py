@@ -77,6 +77,8 @@ class PreparedView:
     """Shape contexts of the outline, shape (m, k)."""
     rings: tuple[tuple[int, slice], ...]
     """For each region of the labelled image its label and its rows of ``warp``; larger regions first."""
+    region_points: FloatArray
+    """Shape (p, 2): points on the outlines of all regions, pixels of the labelled image."""
     warp: FloatArray
     """Thin-plate operator (p, m): from targets of the outline points to the warped points of all regions."""
 
@@ -86,6 +88,7 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     """The model side of a view bin; remembered, since it is the same for every candidate."""
     labels = model.view(view_bin).labels
     rows, cols = np.nonzero(labels)
+    corner = np.array([cols.min(), rows.min()])
     labels = labels[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
     grid = _canonical_grid(labels.shape[1] / labels.shape[0], config)
     scale = np.array([grid.box_width_px / labels.shape[1], grid.box_height_px / labels.shape[0]])
@@ -105,9 +108,8 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     outline = resample(outline_polygon, config.outline_points)
     rings, points = _region_rings(labels)
     warp = thin_plate_operator(outline, canonical(points), config.regularisation)
-    return PreparedView(
-        grid, phi.astype(np.float32), outline, shape_contexts(outline, config.shape_context), rings, warp
-    )
+    context = shape_contexts(outline, config.shape_context)
+    return PreparedView(grid, phi.astype(np.float32), outline, context, rings, points + corner, warp)
 
 
 def _canonical_grid(aspect: float, config: RegistrationConfig) -> CanonicalGrid:

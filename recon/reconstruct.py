@@ -1,7 +1,7 @@
 """Reconstruction of candidates (section 4): outline, parts, ground line, planes, predicted depth."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -73,6 +73,12 @@ class Reconstruction:
     """Mean chi-squared cost of the outline match, in [0, 1]."""
     placed_share: float
     """Share of the labelled pixels that have a depth, in [0, 1]."""
+    part_regions: tuple[tuple[int, FloatArray], ...] = ()
+    """Label and outline (m, 2) of each region of the labelled image where registration puts it, pixel centres;
+    point i is where point i of ``PreparedView.region_points`` comes to lie. Evidence files leave it out."""
+    ground_points_m: dict[int, FloatArray] = field(default_factory=dict)
+    """Ground contact (3,) of each part that stands on a ground line by label, camera frame. Evidence files
+    leave it out."""
 
 
 def reconstruct(
@@ -174,6 +180,8 @@ def _instance(
         cam_from_object=cam_from_object,
         registration_cost=parts.cost,
         placed_share=placed.placed_share,
+        part_regions=tuple((label, to_image(polygon)) for label, polygon in parts.regions),
+        ground_points_m=line.points_m,
     )
 
 
@@ -337,7 +345,10 @@ def _place(
     if placed.planes:
         return placed
     stand_in = _stand_in(labels, rays, normals, line.points_m, scale, cam_from_object, model)
-    return place_parts(labels, rays, normals, stand_in, limits, config)
+    again = place_parts(labels, rays, normals, stand_in, limits, config)
+    # why the parts on the ground have no plane was found in the first round
+    reasons = again.unplaced | {k: why for k, why in placed.unplaced.items() if k in line.points_m}
+    return replace(again, unplaced={k: v for k, v in reasons.items() if k not in again.planes})
 
 
 def _stand_in(

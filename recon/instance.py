@@ -1,0 +1,293 @@
+"""The 3D instance of section 4: parts on planes, pose, size and box; and its depth from any camera."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane, PinholeCamera
+from recon.class_model import ClassModel
+from recon.depth_map import DepthMap
+from recon.occluded_parts import ClassToInstance, TransformConfig, class_to_instance
+from recon.outcome import Failure
+from recon.outlines import largest_outline, resample
+from recon.part_registration import RegistrationConfig, prepare_view
+from recon.reconstruct import Reconstruction
+
+FloatArray = NDArray[np.float64]
+
+NEAR_M = 0.05
+"""Surfaces nearer to a camera than this are cut off."""
+_OUTLINE_POINTS = 96
+_MAX_PLANE_OFFSET = 0.1
+"""A placed plane farther than this share of the box's diagonal from where the class model has the part comes
+from a border that is none in 3D; the part is predicted instead."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstancePart:
+    """One part of an instance: a polygon on a plane, in the camera frame of the picture."""
+
+    label: int
+    name: str
+    plane: FloatArray
+    """(a, b, c, d) with a X + b Y + c Z + d = 0 in metres, shape (4,); (a, b, c) has length 1."""
+    outline_m: FloatArray
+    """Polygon (m, 3) on the plane, metres."""
+    seen: bool
+    """Placed from the picture (section 4.3); False where the class model predicts it (section 4.4)."""
+
+    def __post_init__(self) -> None:
+        if self.plane.shape != (4,) or self.outline_m.ndim != 2 or self.outline_m.shape[1] != 3:
+            raise ValueError(f"part {self.name}: {self.plane.shape}, {self.outline_m.shape}")
+        if not np.isclose(np.linalg.norm(self.plane[:3]), 1.0):
+            raise ValueError(f"part {self.name}: the normal must have length 1, got {self.plane}")
+
+
+@dataclass(frozen=True)
+class InstanceQuality:
+    """How much can be trusted."""
+
+    registration_cost: float
+    """Mean chi-squared cost of the outline match, in [0, 1]."""
+    placed_share: float
+    """Share of the object's pixels on placed parts, in [0, 1]."""
+    transform_residual_m: float
+    """Root-mean-square distance of placed parts from the class model carried onto them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instance3D:
+    """A reconstructed object.
+
+    The object frame has x forward, y left, z up; its origin lies on the ground under the middle of the box.
+    """
+
+    class_name: str
+    view_bin: int
+    parts: tuple[InstancePart, ...]
+    """Seen parts and predicted ones, by label; each label once."""
+    cam_from_object: FloatArray
+    """Pose (4, 4), metres: a rotation and a translation."""
+    size_m: FloatArray
+    """Length, width and height of the box along the object's axes, shape (3,)."""
+    unplaced: dict[str, str]
+    """Why parts in the picture have no plane of their own, by name. They are among the predicted parts."""
+    class_to_instance: ClassToInstance
+    """The transform of section 4.4."""
+    quality: InstanceQuality
+
+    def __post_init__(self) -> None:
+        turn = self.cam_from_object[:3, :3]
+        if self.cam_from_object.shape != (4, 4) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6):
+            raise ValueError(f"instance: expected a rigid pose (4, 4), got {self.cam_from_object}")
+        if self.size_m.shape != (3,) or not (self.size_m > 0).all():
+            raise ValueError(f"instance: expected three positive sizes, got {self.size_m}")
+        labels = [p.label for p in self.parts]
+        if labels != sorted(set(labels)):
+            raise ValueError(f"instance: labels {labels} must be sorted and differ")
+
+    @property
+    def corners_m(self) -> FloatArray:
+        """Corners of the 3D box (8, 3), camera frame: rear before front, right before left, low before high."""
+        length, width, height = self.size_m
+        x, y, z = np.meshgrid([-length / 2, length / 2], [-width / 2, width / 2], [0, height], indexing="ij")
+        corners = np.stack([x, y, z], axis=-1).reshape(8, 3)
+        return np.asarray(corners @ self.cam_from_object[:3, :3].T + self.cam_from_object[:3, 3])
+
+    @property
+    def centroid_m(self) -> FloatArray:
+        """Middle of the box (3,), camera frame."""
+        return np.asarray(self.corners_m.mean(axis=0))
+
+    @property
+    def distance_m(self) -> float:
+        """From the camera to the middle of the box."""
+        return float(np.linalg.norm(self.centroid_m))
+
+    @property
+    def yaw_rad(self) -> float:
+        """Heading of the nose about the object's up, from the camera's right, counter-clockwise seen from above."""
+        nose, up = self.cam_from_object[:3, 0], self.cam_from_object[:3, 2]
+        right = np.array([1.0, 0.0, 0.0]) - up[0] * up
+        return float(np.arctan2(nose @ np.cross(up, right), nose @ right))
+
+    @property
+    def azimuth_rad(self) -> float:
+        """Direction of the camera seen from the object, [0, 2 pi): 0 before the nose, pi / 2 on its left."""
+        x, y, _ = -self.cam_from_object[:3, :3].T @ self.cam_from_object[:3, 3]
+        return float(np.arctan2(y, x) % (2 * np.pi))
+
+    def depth(self, camera: PinholeCamera, cam_from_instance: FloatArray) -> DepthMap:
+        """Z-depth of the nearest part at each pixel centre of a camera; NaN where there is none.
+
+        Args:
+            camera: the camera to look from.
+            cam_from_instance: (4, 4) from the camera frame of the picture to the frame of that camera.
+        """
+        shape = (camera.height_px, camera.width_px)
+        nearest = np.full(shape, np.inf)
+        for part in self.parts:
+            window = _part_depth(part, camera, cam_from_instance)
+            if window is not None:
+                rows, cols, depth = window
+                np.fmin(nearest[rows, cols], depth, out=nearest[rows, cols])
+        return DepthMap(0, 0, np.where(np.isfinite(nearest), nearest, np.nan).astype(np.float32))
+
+
+def build_instance(
+    found: Reconstruction,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    registration: RegistrationConfig | None = None,
+    transform: TransformConfig | None = None,
+) -> Instance3D | Failure:
+    """The 3D instance of a reconstruction, completed by the class model; or why it cannot be completed.
+
+    Args:
+        found: what ``reconstruct`` returned, fresh (evidence files leave out what is needed here).
+        view_bin: the bin that it was reconstructed with.
+        model: the class model.
+        camera: the camera that it was reconstructed with.
+        ground: the ground plane likewise.
+        registration: the settings of part registration that it was reconstructed with.
+        transform: settings of the transform of section 4.4.
+    """
+    view = prepare_view(model, view_bin, registration or RegistrationConfig())
+    moved = class_to_instance(found, view_bin, view, model, camera, ground, transform)
+    if isinstance(moved, Failure):
+        return moved
+    pose, size = _box(moved, model, ground)
+    astray = _astray(found, moved, model, _MAX_PLANE_OFFSET * float(np.linalg.norm(size)))
+    seen = [p for p in _seen_parts(found, model, camera) if p.label not in astray]
+    have = {p.label for p in seen}
+    predicted = [
+        InstancePart(
+            p.label, model.part_names[p.label - 1], moved.plane(p.plane), moved.points(p.outline), False
+        )
+        for p in model.parts
+        if p.label not in have
+    ]
+    unplaced = found.unplaced_parts | astray
+    return Instance3D(
+        class_name=model.class_name,
+        view_bin=view_bin,
+        parts=tuple(sorted([*seen, *predicted], key=lambda p: p.label)),
+        cam_from_object=pose,
+        size_m=size,
+        unplaced={model.part_names[k - 1]: why for k, why in unplaced.items()},
+        class_to_instance=moved,
+        quality=InstanceQuality(found.registration_cost, found.placed_share, moved.residual_m),
+    )
+
+
+def picture_depth(found: Reconstruction, instance: Instance3D, camera: PinholeCamera) -> DepthMap:
+    """Z-depth of every labelled pixel of the picture on the plane of its part, predicted parts too.
+
+    Within the depths of the part's outline, which bounds what planes seen edge-on give. NaN outside the object.
+    """
+    rows, cols = np.nonzero(found.part_labels)
+    uv = np.stack([cols + found.x0_px, rows + found.y0_px], axis=1).astype(float)
+    rays = camera.rays(uv)
+    labels = found.part_labels[rows, cols]
+    depth = np.full(len(rays), np.nan)
+    for part in instance.parts:
+        own = labels == part.label
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = -part.plane[3] / (rays[own] @ part.plane[:3])
+        # behind the camera means that the ray leaves the plane at its far end
+        far, near = part.outline_m[:, 2].max(), max(float(part.outline_m[:, 2].min()), NEAR_M)
+        depth[own] = np.clip(np.where(z > 0, z, far), near, far)
+    out = np.full(found.part_labels.shape, np.nan, np.float32)
+    out[rows, cols] = depth
+    return DepthMap(found.x0_px, found.y0_px, out)
+
+
+def _astray(
+    found: Reconstruction, moved: ClassToInstance, model: ClassModel, limit_m: float
+) -> dict[int, str]:
+    """Why placed parts whose planes lie far from the class model's are not used, by label."""
+    out = {}
+    for label, plane in found.part_planes.items():
+        off = abs(float(plane[:3] @ moved.points(model.part(label).centroid) + plane[3]))
+        if off > limit_m:
+            out[label] = f"its plane lies {off:.2f} m off the class model, at most {limit_m:.2f} m expected"
+    return out
+
+
+def _seen_parts(found: Reconstruction, model: ClassModel, camera: PinholeCamera) -> list[InstancePart]:
+    """Placed parts with the outline of their largest region, lifted onto their planes."""
+    parts = []
+    good = np.isfinite(found.depth.depth)
+    for label, plane in found.part_planes.items():
+        ring = largest_outline((found.part_labels == label) & good)
+        if ring is None or len(ring) < 3:
+            continue
+        ring = resample(ring, _OUTLINE_POINTS) if len(ring) > _OUTLINE_POINTS else ring
+        rays = camera.rays(ring + np.array([found.x0_px, found.y0_px], float))
+        outline = rays * (-plane[3] / (rays @ plane[:3]))[:, None]
+        parts.append(InstancePart(label, model.part_names[label - 1], plane, outline, True))
+    return parts
+
+
+def _box(moved: ClassToInstance, model: ClassModel, ground: GroundPlane) -> tuple[FloatArray, FloatArray]:
+    """Pose (4, 4) and size (3,): the box of the class model's outlines where the transform puts them.
+
+    The planes of single parts scatter, the transform averages over them. The box stands on the ground.
+    """
+    points = np.concatenate([moved.in_object(p.outline) for p in model.parts])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = moved.rotation @ ((low + high) / 2)
+    top = moved.rotation @ np.array([0.0, 0.0, high[2]])
+    pose = np.eye(4)
+    pose[:3, :3] = moved.rotation
+    pose[:3, 3] = middle - (middle @ ground.up + ground.height_m) * ground.up
+    height = float(top @ ground.up) + ground.height_m
+    return pose, np.array([high[0] - low[0], high[1] - low[1], max(height, 1e-3)])
+
+
+def _part_depth(
+    part: InstancePart, camera: PinholeCamera, transform: FloatArray
+) -> tuple[slice, slice, FloatArray] | None:
+    """Depth of a part in a window of a camera, NaN outside its outline; None where it is not in the picture."""
+    outline = _clip_near(part.outline_m @ transform[:3, :3].T + transform[:3, 3])
+    if len(outline) < 3:
+        return None
+    uv = camera.project(outline)
+    size = np.array([camera.width_px, camera.height_px])
+    low = np.clip(np.floor(uv.min(axis=0)), 0, size).astype(int)
+    high = np.clip(np.ceil(uv.max(axis=0)) + 1, 0, size).astype(int)
+    if (high <= low).any():
+        return None
+    inside = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
+    # far corners are cut to what fixed-point coordinates hold; 16 is two to the shift
+    points = np.clip((uv - low) * 16, -(2**24), 2**24)
+    cv2.fillPoly(inside, [np.round(points).astype(np.int32)], 1, shift=4)
+    normal = transform[:3, :3] @ part.plane[:3]
+    d = part.plane[3] - normal @ transform[:3, 3]
+    v, u = np.mgrid[low[1] : high[1], low[0] : high[0]].astype(float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = -d / (camera.rays(np.stack([u, v], axis=-1)) @ normal)
+    # fillPoly draws the border too, whose pixel centres an edge-on plane may meet far outside the polygon
+    depth = np.clip(depth, outline[:, 2].min(), outline[:, 2].max())
+    good = inside.astype(bool) & np.isfinite(depth)
+    return slice(low[1], high[1]), slice(low[0], high[0]), np.where(good, depth, np.nan)
+
+
+def _clip_near(polygon: FloatArray) -> FloatArray:
+    """The part of a polygon (m, 3) at z of at least ``NEAR_M`` (Sutherland and Hodgman)."""
+    ahead = polygon[:, 2] >= NEAR_M
+    if ahead.all():
+        return polygon
+    kept: list[FloatArray] = []
+    for a, b, a_in, b_in in zip(
+        polygon, np.roll(polygon, -1, axis=0), ahead, np.roll(ahead, -1), strict=True
+    ):
+        if a_in:
+            kept.append(a)
+        if a_in != b_in:
+            kept.append(a + (NEAR_M - a[2]) / (b[2] - a[2]) * (b - a))
+    return np.array(kept).reshape(-1, 3)
