@@ -54,7 +54,8 @@ def ground_line(
 
     A corner view shows parts on two lines, the sides of the object's footprint that face the camera. l_g is
     the one whose feet show the most; the other starts at the corner that they share, and the view bin says
-    where it leads on the ground. Parts on hidden sides get no point: what is seen of them is not their lower end.
+    where it leads on the ground. Parts on hidden sides get no point: what is seen of them is not their lower
+    end.
 
     Args:
         labels: part labels of a window, shape (h, w), 0 for none.
@@ -166,8 +167,8 @@ def _second_line(
 ) -> dict[int, FloatArray]:
     """Ground points (3,) of the contacts of a further side that have none yet, by label.
 
-    Along the direction that the view bin gives from the corner, at the column of the contact; from the contact
-    alone where the side has no corner yet or its direction is steep in the picture.
+    Along the direction that the view bin gives from the corner, at the column of the contact; from the
+    contact alone where the side has no corner yet or its direction is steep in the picture.
     """
     corner = next((k for k in side if k in known_m), None)
     found = {}

@@ -20,9 +20,13 @@ FloatArray = NDArray[np.float64]
 NEAR_M = 0.05
 """Surfaces nearer to a camera than this are cut off."""
 _OUTLINE_POINTS = 96
-_MAX_PLANE_OFFSET = 0.1
-"""A placed plane farther than this share of the box's diagonal from where the class model has the part comes
-from a border that is none in 3D; the part is predicted instead."""
+MIN_SEEN_SINE = float(np.sin(np.deg2rad(20.0)))
+"""Sine of the smallest angle at which the rays of a part may meet its plane for its outline to be of use: a
+pixel is three times as long on the plane there, and errors of its outline with it."""
+_MAX_ASTRAY = 0.1
+"""A placed plane farther than this share of the box's diagonal from where the class model has the part, or an
+outline that leaves the box by more, comes from a border that is none in 3D or from rays that graze the plane;
+the part is predicted instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +47,23 @@ class InstancePart:
             raise ValueError(f"part {self.name}: {self.plane.shape}, {self.outline_m.shape}")
         if not np.isclose(np.linalg.norm(self.plane[:3]), 1.0):
             raise ValueError(f"part {self.name}: the normal must have length 1, got {self.plane}")
+
+    @property
+    def facing_sine(self) -> float:
+        """Sine of the angle, in [0, 1], at which rays from the camera of the picture meet the plane (mean)."""
+        rays = self.outline_m / np.linalg.norm(self.outline_m, axis=1)[:, None]
+        return float(np.abs(rays @ self.plane[:3]).mean())
+
+    def depth_along(self, rays: FloatArray) -> FloatArray:
+        """Z-depth (n,) at which rays (n, 3) with z = 1 meet the plane, within the depths of the outline.
+
+        The bounds keep rays along a plane seen edge-on from leaving the object.
+        """
+        near, far = max(float(self.outline_m[:, 2].min()), NEAR_M), float(self.outline_m[:, 2].max())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = -self.plane[3] / (rays @ self.plane[:3])
+        # behind the camera means that the ray leaves the plane at its far end
+        return np.clip(np.where(z > 0, z, far), near, max(near, far))
 
 
 @dataclass(frozen=True)
@@ -90,7 +111,7 @@ class Instance3D:
 
     @property
     def corners_m(self) -> FloatArray:
-        """Corners of the 3D box (8, 3), camera frame: rear before front, right before left, low before high."""
+        """Corners of the 3D box (8, 3), camera frame: rear, right, low before front, left, high."""
         length, width, height = self.size_m
         x, y, z = np.meshgrid([-length / 2, length / 2], [-width / 2, width / 2], [0, height], indexing="ij")
         corners = np.stack([x, y, z], axis=-1).reshape(8, 3)
@@ -108,7 +129,7 @@ class Instance3D:
 
     @property
     def yaw_rad(self) -> float:
-        """Heading of the nose about the object's up, from the camera's right, counter-clockwise seen from above."""
+        """Heading of the nose about the object's up, from the camera's right; positive is away from it."""
         nose, up = self.cam_from_object[:3, 0], self.cam_from_object[:3, 2]
         right = np.array([1.0, 0.0, 0.0]) - up[0] * up
         return float(np.arctan2(nose @ np.cross(up, right), nose @ right))
@@ -161,8 +182,9 @@ def build_instance(
     if isinstance(moved, Failure):
         return moved
     pose, size = _box(moved, model, ground)
-    astray = _astray(found, moved, model, _MAX_PLANE_OFFSET * float(np.linalg.norm(size)))
-    seen = [p for p in _seen_parts(found, model, camera) if p.label not in astray]
+    placed = _seen_parts(found, model, camera)
+    astray = _astray(placed, moved, model, pose, size)
+    seen = [p for p in placed if p.label not in astray]
     have = {p.label for p in seen}
     predicted = [
         InstancePart(
@@ -185,10 +207,7 @@ def build_instance(
 
 
 def picture_depth(found: Reconstruction, instance: Instance3D, camera: PinholeCamera) -> DepthMap:
-    """Z-depth of every labelled pixel of the picture on the plane of its part, predicted parts too.
-
-    Within the depths of the part's outline, which bounds what planes seen edge-on give. NaN outside the object.
-    """
+    """Z-depth of every labelled pixel of the picture on its part's plane, predicted or not; NaN elsewhere."""
     rows, cols = np.nonzero(found.part_labels)
     uv = np.stack([cols + found.x0_px, rows + found.y0_px], axis=1).astype(float)
     rays = camera.rays(uv)
@@ -196,25 +215,30 @@ def picture_depth(found: Reconstruction, instance: Instance3D, camera: PinholeCa
     depth = np.full(len(rays), np.nan)
     for part in instance.parts:
         own = labels == part.label
-        with np.errstate(divide="ignore", invalid="ignore"):
-            z = -part.plane[3] / (rays[own] @ part.plane[:3])
-        # behind the camera means that the ray leaves the plane at its far end
-        far, near = part.outline_m[:, 2].max(), max(float(part.outline_m[:, 2].min()), NEAR_M)
-        depth[own] = np.clip(np.where(z > 0, z, far), near, far)
+        depth[own] = part.depth_along(rays[own])
     out = np.full(found.part_labels.shape, np.nan, np.float32)
     out[rows, cols] = depth
     return DepthMap(found.x0_px, found.y0_px, out)
 
 
 def _astray(
-    found: Reconstruction, moved: ClassToInstance, model: ClassModel, limit_m: float
+    placed: list[InstancePart], moved: ClassToInstance, model: ClassModel, pose: FloatArray, size_m: FloatArray
 ) -> dict[int, str]:
-    """Why placed parts whose planes lie far from the class model's are not used, by label."""
+    """Why placed parts that contradict the class model are not used, by label."""
+    limit_m = _MAX_ASTRAY * float(np.linalg.norm(size_m))
+    low, high = size_m * np.array([-0.5, -0.5, 0.0]), size_m * np.array([0.5, 0.5, 1.0])
     out = {}
-    for label, plane in found.part_planes.items():
-        off = abs(float(plane[:3] @ moved.points(model.part(label).centroid) + plane[3]))
-        if off > limit_m:
-            out[label] = f"its plane lies {off:.2f} m off the class model, at most {limit_m:.2f} m expected"
+    for part in placed:
+        off = abs(float(part.plane[:3] @ moved.points(model.part(part.label).centroid) + part.plane[3]))
+        inside = (part.outline_m - pose[:3, 3]) @ pose[:3, :3]
+        beyond = float(np.maximum(low - inside, inside - high).max())
+        sine = part.facing_sine
+        if sine < MIN_SEEN_SINE:
+            out[part.label] = f"seen at {np.rad2deg(np.arcsin(sine)):.1f} degrees, too flat for its outline"
+        elif off > limit_m:
+            out[part.label] = f"its plane lies {off:.2f} m off the class model, more than {limit_m:.2f} m"
+        elif beyond > limit_m:
+            out[part.label] = f"its outline leaves the object's box by {beyond:.2f} m, more than {limit_m:.2f} m"
     return out
 
 
@@ -252,7 +276,7 @@ def _box(moved: ClassToInstance, model: ClassModel, ground: GroundPlane) -> tupl
 def _part_depth(
     part: InstancePart, camera: PinholeCamera, transform: FloatArray
 ) -> tuple[slice, slice, FloatArray] | None:
-    """Depth of a part in a window of a camera, NaN outside its outline; None where it is not in the picture."""
+    """Depth of a part in a window of a camera, NaN outside its outline; None out of the picture."""
     outline = _clip_near(part.outline_m @ transform[:3, :3].T + transform[:3, 3])
     if len(outline) < 3:
         return None

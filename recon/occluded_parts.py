@@ -90,10 +90,10 @@ def class_to_instance(
 ) -> ClassToInstance | Failure:
     """The transform that carries the class model onto the placed parts of an instance.
 
-    The planes of the instance are those of the class model turned by T_alpha, so the rotation is known; scales
-    and translation are fitted to points of the placed parts. A point of a region of the labelled image is
-    lifted onto the part's plane in the class model, and where registration puts it in the picture it is lifted
-    onto the part's plane in the instance.
+    The planes of the instance are those of the class model turned by T_alpha, so the rotation is known;
+    scales and translation are fitted to points of the placed parts. A point of a region of the labelled image
+    is lifted onto the part's plane in the class model, and where registration puts it in the picture it is
+    lifted onto the part's plane in the instance.
 
     Args:
         found: the reconstruction.

@@ -74,8 +74,9 @@ class Reconstruction:
     placed_share: float
     """Share of the labelled pixels that have a depth, in [0, 1]."""
     part_regions: tuple[tuple[int, FloatArray], ...] = ()
-    """Label and outline (m, 2) of each region of the labelled image where registration puts it, pixel centres;
-    point i is where point i of ``PreparedView.region_points`` comes to lie. Evidence files leave it out."""
+    """Label and outline (m, 2) of each region of the labelled image where registration puts it, pixel
+    centres; point i is where point i of ``PreparedView.region_points`` comes to lie. Evidence files leave it
+    out."""
     ground_points_m: dict[int, FloatArray] = field(default_factory=dict)
     """Ground contact (3,) of each part that stands on a ground line by label, camera frame. Evidence files
     leave it out."""
@@ -304,10 +305,10 @@ def _part_labels(
         points = np.round((to_image(polygon) - low) * 16).astype(np.int32)
         cv2.fillPoly(labels, [points], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
-    return _fill_gaps(labels, inside), int(low[0]), int(low[1])
+    return fill_gaps(labels, inside), int(low[0]), int(low[1])
 
 
-def _fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Labels inside the outline; pixels that no region covers get the nearest region's label."""
     known = (labels > 0) & inside
     if not known.any():
