@@ -50,7 +50,7 @@ class InstancePart:
 
     @property
     def facing_sine(self) -> float:
-        """Sine of the angle, in [0, 1], at which rays from the camera of the picture meet the plane (mean)."""
+        """Sine of the angle, in [0, 1], at which rays from the picture's camera meet the plane (mean)."""
         rays = self.outline_m / np.linalg.norm(self.outline_m, axis=1)[:, None]
         return float(np.abs(rays @ self.plane[:3]).mean())
 
@@ -222,7 +222,11 @@ def picture_depth(found: Reconstruction, instance: Instance3D, camera: PinholeCa
 
 
 def _astray(
-    placed: list[InstancePart], moved: ClassToInstance, model: ClassModel, pose: FloatArray, size_m: FloatArray
+    placed: list[InstancePart],
+    moved: ClassToInstance,
+    model: ClassModel,
+    pose: FloatArray,
+    size_m: FloatArray,
 ) -> dict[int, str]:
     """Why placed parts that contradict the class model are not used, by label."""
     limit_m = _MAX_ASTRAY * float(np.linalg.norm(size_m))
@@ -238,7 +242,9 @@ def _astray(
         elif off > limit_m:
             out[part.label] = f"its plane lies {off:.2f} m off the class model, more than {limit_m:.2f} m"
         elif beyond > limit_m:
-            out[part.label] = f"its outline leaves the object's box by {beyond:.2f} m, more than {limit_m:.2f} m"
+            out[part.label] = (
+                f"its outline leaves the object's box by {beyond:.2f} m, more than {limit_m:.2f} m"
+            )
     return out
 
 

@@ -46,7 +46,7 @@ def gltf_from_camera(ground: GroundPlane) -> FloatArray:
 def write_glb(path: Path, layers: Sequence[tuple[str, PictureMesh, NDArray[np.uint8]]]) -> None:
     """Write named meshes, each with the photograph (h, w, 3) that its texture coordinates refer to.
 
-    The part of a photograph that a mesh uses is stored with it. Materials are rough, and seen from both sides.
+    The part of a photograph that a mesh uses is stored with it. Materials are rough and have two sides.
     """
     scene = trimesh.Scene()
     for name, mesh, rgb in layers:

@@ -67,7 +67,7 @@ def _shaded(mesh: PictureMesh, face: NDArray[np.integer], directions: FloatArray
 
 
 def turned_about(centre_m: FloatArray, up: FloatArray, angle_rad: float) -> FloatArray:
-    """(4, 4) that turns the frame of a camera about an axis through a point, as the camera walks around it."""
+    """(4, 4) that turns the camera frame about an axis through a point, as the camera walks around it."""
     axis = up / np.linalg.norm(up)
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     turn = np.eye(3) + np.sin(angle_rad) * k + (1 - np.cos(angle_rad)) * (k @ k)
