@@ -23,7 +23,10 @@ _OUTLINE_POINTS = 96
 MIN_SEEN_SINE = float(np.sin(np.deg2rad(20.0)))
 """Sine of the smallest angle at which the rays of a part may meet its plane for its outline to be of use: a
 pixel is three times as long on the plane there, and errors of its outline with it."""
-_MAX_ASTRAY = 0.1
+_MAX_CONTRADICTED = 0.6
+"""A predicted part that the picture does not show is left out where more than this share of it would lie
+outside the outline or before what the picture shows: this instance has no such part."""
+_MAX_ASTRAY = 0.13
 """A placed plane farther than this share of the box's diagonal from where the class model has the part, or an
 outline that leaves the box by more, comes from a border that is none in 3D or from rays that graze the plane;
 the part is predicted instead."""
@@ -94,7 +97,8 @@ class Instance3D:
     size_m: FloatArray
     """Length, width and height of the box along the object's axes, shape (3,)."""
     unplaced: dict[str, str]
-    """Why parts in the picture have no plane of their own, by name. They are among the predicted parts."""
+    """Why parts have no plane of their own from the picture though it could show them, by name. Those in the
+    picture are among the predicted parts; those that the instance seems not to have are in no list."""
     class_to_instance: ClassToInstance
     """The transform of section 4.4."""
     quality: InstanceQuality
@@ -193,7 +197,9 @@ def build_instance(
         for p in model.parts
         if p.label not in have
     ]
-    unplaced = found.unplaced_parts | astray
+    absent = _absent(found, seen, predicted, camera)
+    predicted = [p for p in predicted if p.label not in absent]
+    unplaced = found.unplaced_parts | astray | absent
     return Instance3D(
         class_name=model.class_name,
         view_bin=view_bin,
@@ -245,6 +251,33 @@ def _astray(
             out[part.label] = (
                 f"its outline leaves the object's box by {beyond:.2f} m, more than {limit_m:.2f} m"
             )
+    return out
+
+
+def _absent(
+    found: Reconstruction, seen: list[InstancePart], predicted: list[InstancePart], camera: PinholeCamera
+) -> dict[int, str]:
+    """Why predicted parts are left out that the picture would show but does not, by label."""
+    shown = np.full((camera.height_px, camera.width_px), -np.inf)
+    inside = np.zeros(shown.shape, bool)
+    inside[found.depth.window] = found.part_labels > 0
+    shown[inside] = np.inf
+    for part in seen:
+        window = _part_depth(part, camera, np.eye(4))
+        if window is not None:
+            rows, cols, depth = window
+            np.fmin(shown[rows, cols], depth, out=shown[rows, cols], where=inside[rows, cols])
+    in_picture = set(np.unique(found.part_labels).tolist())
+    out = {}
+    for part in predicted:
+        window = _part_depth(part, camera, np.eye(4))
+        if part.label in in_picture or window is None:
+            continue
+        rows, cols, depth = window
+        own = np.isfinite(depth)
+        share = float((depth < shown[rows, cols])[own].mean() + (~inside[rows, cols])[own].mean())
+        if own.any() and share > _MAX_CONTRADICTED:
+            out[part.label] = f"left out: {min(share, 1):.0%} of it would be in sight, the picture has none"
     return out
 
 

@@ -121,6 +121,7 @@ def class_to_instance(
             Reason.PARTS_NOT_PLACED,
             f"placed parts that fix a positive scale expected, got {np.round(scale, 3).tolist()} m a unit",
         )
+    scale, shift = _as_large_as_seen(scale, shift, found, model, camera)
     residual = {
         k: float(np.sqrt(((p.model * scale + shift - p.instance) ** 2).sum(axis=1).mean()))
         for k, p in parts.items()
@@ -128,6 +129,26 @@ def class_to_instance(
     squares = np.array(list(residual.values())) ** 2
     total = float(np.sqrt(np.average(squares, weights=weights)))
     return ClassToInstance(found.cam_from_object, scale, shift, total, residual)
+
+
+def _as_large_as_seen(
+    scale: FloatArray, shift: FloatArray, found: Reconstruction, model: ClassModel, camera: PinholeCamera
+) -> tuple[FloatArray, FloatArray]:
+    """Scale and shift with which the whole model is as wide and as high in the picture as the outline.
+
+    Outlines of the class model's parts come from several instances and reach farther than any one. The middle
+    of the model and its lowest points keep their place. An outline that the picture cuts off says nothing.
+    """
+    outline, size = found.outline_px, np.array([camera.width_px, camera.height_px])
+    points = np.concatenate([p.outline for p in model.parts])
+    seen = (points * scale + shift) @ found.cam_from_object.T
+    if (outline < 1).any() or (outline > size - 2).any() or (seen[:, 2] <= 0).any():
+        return scale, shift
+    wide, high = np.ptp(outline, axis=0) / np.maximum(np.ptp(camera.project(seen), axis=0), 1e-9)
+    factor = np.array([wide, wide, high])
+    low, top = points.min(axis=0), points.max(axis=0)
+    fixed = np.array([(low[0] + top[0]) / 2, (low[1] + top[1]) / 2, low[2]])
+    return scale * factor, shift + (1 - factor) * scale * fixed
 
 
 def part_correspondences(

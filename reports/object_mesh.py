@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from recon.camera import PinholeCamera
-from recon.instance import NEAR_M, Instance3D, InstancePart
+from recon.depth_map import DepthMap
+from recon.instance import NEAR_M, Instance3D, InstancePart, picture_depth
 from recon.outlines import fill_polygon
 from recon.reconstruct import Reconstruction, fill_gaps
 
@@ -17,8 +18,10 @@ IntArray = NDArray[np.int64]
 
 _MAX_CELLS = 60_000
 """Cells of the picture that an object is cut into at most; one cell a pixel where it has fewer."""
-_CAST_POINTS = 32
-"""Points along the longer side of a predicted part that carries the picture."""
+_MIN_CAST_SINE = float(np.sin(np.deg2rad(8.0)))
+"""A polygon that is seen at a smaller angle (sine) has too few pixels to carry the picture."""
+_INNER_POINTS = 32
+"""Points along the longer side of a predicted part."""
 _MAX_BRIDGE = 0.2
 """Parts that adjoin in the picture are joined over gaps up to this share of the box's diagonal."""
 
@@ -55,27 +58,46 @@ def object_meshes(
     """Meshes of an object in the camera frame: what the picture shows, its mirror image, and hidden parts.
 
     Seen parts carry their pixels. A predicted part that is in the picture is a polygon with the picture cast
-    onto it; pixels that no such polygon covers stand on the plane beside them. A hidden part whose name has
-    "left" for "right" (or the reverse) of a seen part gets that part's pixels, mirrored; the others have the
-    median colour of the object.
+    onto it, or of the median colour of its pixels where they are too few, edge-on; pixels that no cast covers
+    stand on the plane beside them. A hidden part whose name has "left" for "right" (or the reverse) of a seen
+    part gets that part's pixels, mirrored; the others have the median colour of the object.
     """
     pixels = found.part_labels
     seen = [p.label for p in instance.parts if p.seen]
     behind = [p for p in instance.parts if not p.seen and (pixels == p.label).any()]
-    cells, of_seen = _cells_of(found, seen, _covered(behind, found, camera))
+    cast = [p for p in behind if p.facing_sine >= _MIN_CAST_SINE]
+    cells, of_seen = _cells_of(found, seen, _covered(cast, found, camera))
     twins = _mirrored_labels(instance, seen, set(pixels.ravel().tolist()))
     meshes = [picture_mesh(cells, instance, camera)]
+    hidden = []
     if twins:
         own = np.where(np.isin(of_seen, list(twins)), of_seen, 0)
         side = picture_mesh(replace(cells, label=own), instance, camera)
-        meshes.append(side.moved(_mirror(instance)))
-    meshes += [m for p in behind if (m := _cast_mesh(p, found, camera)) is not None]
-    red, green, blue = np.median(rgb[found.depth.window][pixels > 0], axis=0).astype(int).tolist()
-    done = {*seen, *twins.values(), *(p.label for p in behind)}
+        hidden.append(side.moved(_mirror(instance)))
+    meshes += [m for p in cast if (m := _cast_mesh(p, found, camera)) is not None]
+    done = {*seen, *twins.values(), *(p.label for p in cast)}
+    window = rgb[found.depth.window]
     for part in (p for p in instance.parts if p.label not in done):
-        points, faces = _polygon(part, 0)
-        meshes.append(PictureMesh(points, faces, None, (red, green, blue)))
+        of = pixels == part.label if part in behind else pixels > 0
+        red, green, blue = np.median(window[of], axis=0).astype(int).tolist()
+        points, faces = _polygon(part, _INNER_POINTS)
+        (meshes if part in behind else hidden).append(PictureMesh(points, faces, None, (red, green, blue)))
+    depth = picture_depth(found, instance, camera)
+    meshes += [_out_of_sight(mesh, depth, camera) for mesh in hidden]
     return tuple(m for m in meshes if len(m.faces))
+
+
+def _out_of_sight(mesh: PictureMesh, depth: DepthMap, camera: PinholeCamera) -> PictureMesh:
+    """A mesh without the triangles that the camera of the picture would see: it does not see them."""
+    middle = mesh.xyz_m[mesh.faces].mean(axis=1)
+    ahead = middle[:, 2] > NEAR_M
+    at = np.round(camera.project(np.where(ahead[:, None], middle, 1.0))).astype(int)
+    at -= np.array([depth.x0_px, depth.y0_px])
+    h, w = depth.depth.shape
+    behind = ahead & ((at >= 0) & (at < [w, h])).all(axis=1)
+    # NaN outside the object makes the comparison False
+    behind[behind] = middle[behind, 2] > depth.depth[at[behind, 1], at[behind, 0]]
+    return replace(mesh, faces=mesh.faces[behind])
 
 
 def _covered(
@@ -92,11 +114,11 @@ def _covered(
 
 
 def _cast_mesh(part: InstancePart, found: Reconstruction, camera: PinholeCamera) -> PictureMesh | None:
-    """A predicted part's polygon with the picture cast onto it, from the part's own pixels alone.
+    """A predicted part's polygon with the picture cast onto it.
 
-    What would take its colour from outside them takes that of the nearest of them.
+    What would take its colour from outside the object takes that of the nearest of the part's own pixels.
     """
-    points, faces = _polygon(part, _CAST_POINTS)
+    points, faces = _polygon(part, _INNER_POINTS)
     if not len(faces) or points[:, 2].min() <= NEAR_M:
         return None
     corner = np.array([found.x0_px, found.y0_px], float)
@@ -106,7 +128,7 @@ def _cast_mesh(part: InstancePart, found: Reconstruction, camera: PinholeCamera)
     whole = np.round(at - corner).astype(int)
     h, w = own.shape
     inside = ((whole >= 0) & (whole < [w, h])).all(axis=1)
-    inside[inside] = own[whole[inside, 1], whole[inside, 0]]
+    inside[inside] = found.part_labels[whole[inside, 1], whole[inside, 0]] > 0
     pixels = np.stack([cols, rows], axis=1) + corner
     nearest = pixels[cKDTree(pixels).query(at)[1]]
     return PictureMesh(points, faces, np.where(inside[:, None], at, nearest))
@@ -206,7 +228,7 @@ def _mirror(instance: Instance3D) -> FloatArray:
 def _polygon(part: InstancePart, inner: int) -> tuple[FloatArray, IntArray]:
     """A part's polygon as triangles: points (n, 3) and indices (m, 3); none where it has no area.
 
-    With ``inner`` points along its longer side inside it, for textures.
+    With ``inner`` points along its longer side inside it, so that triangles are small.
     """
     axes = np.linalg.svd(part.plane[None, :3])[2][1:]
     flat = part.outline_m @ axes.T
@@ -217,7 +239,7 @@ def _polygon(part: InstancePart, inner: int) -> tuple[FloatArray, IntArray]:
         cols, rows = np.clip(np.round((points - low) / size * 255), 0, 255).astype(int).T
         return np.asarray(filled[rows, cols])
 
-    x, y = np.meshgrid(*(low + size * (np.arange(inner)[:, None] + 0.5) / max(inner, 1)).T)
+    x, y = np.meshgrid(*(low + size * (np.arange(inner)[:, None] + 0.5) / inner).T)
     grid = np.stack([x.ravel(), y.ravel()], axis=1)
     flat = np.concatenate([flat, grid[inside(grid)]])
     try:

@@ -110,11 +110,11 @@ def open_photo(
     if camera is not None:
         numbers = parse_numbers("--camera", camera, "fx,fy,cx,cy")
         known = dict(zip(_CALIB_KEYS, numbers.tolist(), strict=True))
-    lens = (
-        PinholeCamera(*(float(known[k]) for k in _CALIB_KEYS), width_px, height_px)
-        if known
-        else default_camera(width_px, height_px)
-    )
+    if known:
+        fx, fy, cx, cy = (float(known[k]) for k in _CALIB_KEYS)
+        lens = PinholeCamera(fx, fy, cx, cy, width_px, height_px)
+    else:
+        lens = default_camera(width_px, height_px)
     height = known.get("height_m", DEFAULT_GROUND.height_m) if height_m is None else height_m
     pitch = (
         known.get("pitch_rad", DEFAULT_GROUND.pitch_rad)

@@ -95,7 +95,7 @@ def popup(
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
-    bins: list[int | None] = [*(view_bin or [None])]
+    bins: list[int | None] = list(view_bin) if view_bin else [None]
     if len(bins) not in (1, len(box)):
         raise RescoreError(
             f"--view-bin: expected one for all boxes or {len(box)}, one a box, got {len(bins)}; mend them"
