@@ -16,7 +16,7 @@ from datasets_synth.street import surface
 from datasets_synth.truth import projected_box
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.class_model import ClassModel
-from recon.learn import learn_class_model
+from recon.learn import LearnConfig, learn_class_model
 from recon.part_views import PartView, PartViews
 from recon.view_bins import ViewBins
 
@@ -99,19 +99,17 @@ def test_cars() -> list[CarModel]:
 test_cars.__test__ = False  # type: ignore[attr-defined]
 
 
-def learned_car_model(n_instances: int = 6, size_px: int = 256) -> ClassModel:
-    """A class model of all view bins, learned from training shapes as a data set would label them."""
+def quick_car_model(size_px: int = 128) -> ClassModel:
+    """A class model of all view bins from one training sedan, without refining the planes."""
     cars, _ = part_labelled_cars(cars_of_splits(None, None)["train"])
-    sedans = [c for c in cars if "sedan" in c.shape_id][:1]
-    others = [c for c in cars if c is not sedans[0]]
-    chosen = sedans + others[:: max(1, len(others) // max(1, n_instances - 1))][: n_instances - 1]
+    car = next(c for c in cars if "sedan" in c.shape_id)
+    mesh = car.build(np.random.default_rng(0))
     views = [
         PartView(b, render_part_labels(mesh, b, BINS.elevation_rad, size_px), car.shape_id)
-        for car in chosen
-        for mesh in [car.build(np.random.default_rng(0))]
         for b in range(BINS.count)
     ]
-    return learn_class_model(PartViews(CAR_PARTS, BINS, tuple(views)), "car", CAR_PARTS)
+    config = LearnConfig(bins=BINS, refine_rounds=0)
+    return learn_class_model(PartViews(CAR_PARTS, BINS, tuple(views)), "car", CAR_PARTS, config)
 
 
 def _street(distance_m: float, rng: np.random.Generator, wall: bool) -> list[Placed]:
