@@ -1,7 +1,7 @@
 """Reconstruction of candidates (section 4): outline, parts, ground line, planes, predicted depth."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -73,6 +73,13 @@ class Reconstruction:
     """Mean chi-squared cost of the outline match, in [0, 1]."""
     placed_share: float
     """Share of the labelled pixels that have a depth, in [0, 1]."""
+    part_regions: tuple[tuple[int, FloatArray], ...] = ()
+    """Label and outline (m, 2) of each region of the labelled image where registration puts it, pixel
+    centres; point i is where point i of ``PreparedView.region_points`` comes to lie. Evidence files leave it
+    out."""
+    ground_points_m: dict[int, FloatArray] = field(default_factory=dict)
+    """Ground contact (3,) of each part that stands on a ground line by label, camera frame. Evidence files
+    leave it out."""
 
 
 def reconstruct(
@@ -183,6 +190,8 @@ def _instance(
         cam_from_object=cam_from_object,
         registration_cost=parts.cost,
         placed_share=placed.placed_share,
+        part_regions=tuple((label, to_image(polygon)) for label, polygon in parts.regions),
+        ground_points_m=line.points_m,
     )
 
 
@@ -305,10 +314,10 @@ def _part_labels(
         points = np.round((to_image(polygon) - low) * 16).astype(np.int32)
         cv2.fillPoly(labels, [points], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
-    return _fill_gaps(labels, inside), int(low[0]), int(low[1])
+    return fill_gaps(labels, inside), int(low[0]), int(low[1])
 
 
-def _fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Labels inside the outline; pixels that no region covers get the nearest region's label."""
     known = (labels > 0) & inside
     if not known.any():
@@ -337,22 +346,57 @@ def _place(
     v, u = np.mgrid[y0_px : y0_px + labels.shape[0], x0_px : x0_px + labels.shape[1]]
     rays = camera.rays(np.stack([u, v], axis=-1).astype(float))
     normals = {p.label: cam_from_object @ p.plane[:3] for p in model.parts}
-    feet = list(line.points_m.values())
-    depth = float(np.mean([p[2] for p in feet]))
-    reach = config.max_depth_range * _object_size_m(labels, depth, cam_from_object, model, camera)
+    depth = float(np.mean([p[2] for p in line.points_m.values()]))
+    scale = _metres_per_unit(labels, depth, cam_from_object, model, camera)
+    # the object's size: the diagonal of the model's extents
+    reach = config.max_depth_range * scale * float(np.linalg.norm(model.extents))
     limits = (max(depth - reach, 1e-3), depth + reach)
-    return place_parts(labels, rays, normals, line.points_m, limits, config)
+    placed = place_parts(labels, rays, normals, line.points_m, limits, config)
+    if placed.planes:
+        return placed
+    stand_in = _stand_in(labels, rays, normals, line.points_m, scale, cam_from_object, model)
+    again = place_parts(labels, rays, normals, stand_in, limits, config)
+    # why the parts on the ground have no plane was found in the first round
+    reasons = again.unplaced | {k: why for k, why in placed.unplaced.items() if k in line.points_m}
+    return replace(again, unplaced={k: v for k, v in reasons.items() if k not in again.planes})
 
 
-def _object_size_m(
+def _stand_in(
+    labels: NDArray[np.uint8],
+    rays: FloatArray,
+    normals: Mapping[int, FloatArray],
+    points_m: Mapping[int, FloatArray],
+    metres_per_unit: float,
+    cam_from_object: FloatArray,
+    model: ClassModel,
+) -> dict[int, FloatArray]:
+    """A known point of one part for a view that shows all parts on the ground edge-on, as a car's front.
+
+    It belongs to the part that shows the most area to the camera, and lies as far from the ground contacts as
+    in the class model.
+    """
+    shown = {
+        k: float(np.abs(rays[labels == k] @ normal).sum())
+        for k, normal in normals.items()
+        if k not in points_m and (labels == k).any()
+    }
+    if not shown:
+        return {}
+    label = max(shown, key=lambda k: shown[k])
+    foot, centroid = feet(model), model.part(label).centroid
+    steps = [p + metres_per_unit * cam_from_object @ (centroid - foot[k]) for k, p in points_m.items()]
+    return {label: np.mean(steps, axis=0)}
+
+
+def _metres_per_unit(
     labels: NDArray[np.uint8],
     depth_m: float,
     cam_from_object: FloatArray,
     model: ClassModel,
     camera: PinholeCamera,
 ) -> float:
-    """Diagonal of the object in metres: that of the model's extents, scaled by the width in the image."""
-    shown: Sequence[FloatArray] = [p.outline @ cam_from_object[0] for p in model.parts]
+    """Metres of a unit of the model, from the width of the object in the picture at the depth of its feet."""
+    across: Sequence[FloatArray] = [p.outline @ cam_from_object[0] for p in model.parts]
     columns = np.nonzero(labels.any(axis=0))[0]
     width_m = (columns[-1] - columns[0] + 1) * depth_m / camera.fx_px
-    return float(width_m / np.ptp(np.concatenate(shown)) * np.linalg.norm(model.extents))
+    return float(width_m / np.ptp(np.concatenate(across)))

@@ -15,7 +15,18 @@ from rescore.formats.coco import read_dataset, read_detections
 
 Command = Callable[..., "Outcome"]
 COMMANDS = (
-    *("synth", "train", "detect", "learn", "learn-ground", "tune", "apply", "evaluate", "log", "reproduce"),
+    "synth",
+    "train",
+    "detect",
+    "learn",
+    "learn-ground",
+    "tune",
+    "apply",
+    "evaluate",
+    "log",
+    "reproduce",
+    "reconstruct",
+    "popup",
 )
 
 
