@@ -27,9 +27,10 @@ _MAX_CONTRADICTED = 0.6
 """A predicted part that the picture does not show is left out where more than this share of it would lie
 outside the outline or before what the picture shows: this instance has no such part."""
 _MAX_ASTRAY = 0.13
-"""A placed plane farther than this share of the box's diagonal from where the class model has the part, or an
-outline that leaves the box by more, comes from a border that is none in 3D or from rays that graze the plane;
-the part is predicted instead."""
+"""A placed plane farther than this share of the box's diagonal from where the class model has the part comes
+from a border that is none in 3D; the part is predicted instead."""
+_MAX_BEYOND = 0.2
+"""So is a part whose outline leaves the box by more than this share of the diagonal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +236,8 @@ def _astray(
     size_m: FloatArray,
 ) -> dict[int, str]:
     """Why placed parts that contradict the class model are not used, by label."""
-    limit_m = _MAX_ASTRAY * float(np.linalg.norm(size_m))
+    diagonal_m = float(np.linalg.norm(size_m))
+    limit_m, reach_m = _MAX_ASTRAY * diagonal_m, _MAX_BEYOND * diagonal_m
     low, high = size_m * np.array([-0.5, -0.5, 0.0]), size_m * np.array([0.5, 0.5, 1.0])
     out = {}
     for part in placed:
@@ -247,10 +249,8 @@ def _astray(
             out[part.label] = f"seen at {np.rad2deg(np.arcsin(sine)):.1f} degrees, too flat for its outline"
         elif off > limit_m:
             out[part.label] = f"its plane lies {off:.2f} m off the class model, more than {limit_m:.2f} m"
-        elif beyond > limit_m:
-            out[part.label] = (
-                f"its outline leaves the object's box by {beyond:.2f} m, more than {limit_m:.2f} m"
-            )
+        elif beyond > reach_m:
+            out[part.label] = f"its outline leaves the box by {beyond:.2f} m, more than {reach_m:.2f} m"
     return out
 
 

@@ -25,6 +25,8 @@ class TransformConfig:
     own_scale_spread: float = 0.1
     """An axis along which the correspondences spread by this many units of the model (standard deviation)
     has a scale of its own in equal shares with the common one; with less spread the common one prevails."""
+    max_stretch: float = 1.5
+    """The scale of an axis differs from the common one by no more than this factor."""
     robust_rounds: int = 5
     """Rounds that weigh down the parts that do not fit."""
     ground_weight: float = 1.0
@@ -278,4 +280,6 @@ def _weighted_fit(
     common = float(cov.sum() / max(float(var.sum()), 1e-12))
     prior = config.own_scale_spread**2
     scale = (cov + prior * common) / (var + prior)
+    if common > 0:
+        scale = np.clip(scale, common / config.max_stretch, common * config.max_stretch)
     return scale, b_mean - scale * a_mean

@@ -23,7 +23,8 @@ class MeshView:
         self._scene = o3d.t.geometry.RaycastingScene()
         for mesh, _ in layers:
             self._scene.add_triangles(
-                o3d.core.Tensor(mesh.xyz_m.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32))
+                o3d.core.Tensor.from_numpy(mesh.xyz_m.astype(np.float32)),
+                o3d.core.Tensor.from_numpy(mesh.faces.astype(np.uint32)),
             )
 
     def picture(
@@ -44,7 +45,7 @@ class MeshView:
         directions = camera.rays(np.stack([u, v], axis=-1)) @ back[:3, :3].T
         start = np.broadcast_to(back[:3, 3], directions.shape)
         rays = np.concatenate([start, directions], axis=-1).astype(np.float32)
-        hits = self._scene.cast_rays(o3d.core.Tensor(rays))
+        hits = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
         which, face = hits["geometry_ids"].numpy(), hits["primitive_ids"].numpy()
         share = hits["primitive_uvs"].numpy().astype(float)
         out = np.empty((*which.shape, 3), np.uint8)

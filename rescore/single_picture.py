@@ -13,12 +13,18 @@ from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.instance import Instance3D, build_instance
 from recon.outcome import Failure
-from recon.reconstruct import Reconstruction, reconstruct
+from recon.part_registration import RegistrationConfig
+from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct
 from rescore.frames import decode_picture
 from rescore.store import read_json
 
 FloatArray = NDArray[np.float64]
 
+_SOLID_AREA_PX = 12288.0
+_THIN_AREA_PX = 24576.0
+"""Areas of the box on the canonical grid, for solid objects and for thin ones."""
+_THIN = 0.08
+"""Width of a thin limb, in roots of the box area."""
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
@@ -155,12 +161,30 @@ def load_class(path: Path, class_name: str) -> ClassModel:
     return model
 
 
+def fine_registration(model: ClassModel, view_bin: int) -> RegistrationConfig:
+    """Part registration on a finer grid than thousands of candidates can have; finer still for thin objects.
+
+    An object is thin where an opening takes more than a twentieth of its labelled image, as it does with the
+    legs of a chair: the outline would lose them.
+    """
+    mask = (model.view(view_bin).labels > 0).astype(np.uint8)
+    rows, cols = np.nonzero(mask)
+    side = float(np.sqrt((np.ptp(rows) + 1) * (np.ptp(cols) + 1)))
+    width = max(3, round(_THIN * side))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+    padded = cv2.copyMakeBorder(mask, width, width, width, width, cv2.BORDER_CONSTANT)
+    kept = int(np.count_nonzero(cv2.morphologyEx(padded, cv2.MORPH_OPEN, disc)))
+    thin = kept < 0.95 * len(rows)
+    return RegistrationConfig(box_area_px=_THIN_AREA_PX if thin else _SOLID_AREA_PX)
+
+
 def find_object(photo: Photo, xyxy_px: FloatArray, view_bin: int, model: ClassModel) -> FoundObject | Failure:
     """The object in a box (4,) in 3D, or why there is none."""
-    (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.camera, photo.ground)
+    config = ReconstructConfig(registration=fine_registration(model, view_bin))
+    (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.camera, photo.ground, config)
     if isinstance(found, Failure):
         return found
-    instance = build_instance(found, view_bin, model, photo.camera, photo.ground)
+    instance = build_instance(found, view_bin, model, photo.camera, photo.ground, config.registration)
     return instance if isinstance(instance, Failure) else FoundObject(found, instance)
 
 

@@ -1,6 +1,7 @@
 """One rendered car on a street, seen from a given azimuth, with its truth."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,13 +100,14 @@ def test_cars() -> list[CarModel]:
 test_cars.__test__ = False  # type: ignore[attr-defined]
 
 
+@lru_cache(maxsize=1)
 def quick_car_model(size_px: int = 128) -> ClassModel:
     """A class model of all view bins from one training sedan, without refining the planes."""
     cars, _ = part_labelled_cars(cars_of_splits(None, None)["train"])
     car = next(c for c in cars if "sedan" in c.shape_id)
     mesh = car.build(np.random.default_rng(0))
     views = [
-        PartView(b, render_part_labels(mesh, b, BINS.elevation_rad, size_px), car.shape_id)
+        PartView(b, render_part_labels(mesh, BINS.view_from_object(b), size_px), car.shape_id)
         for b in range(BINS.count)
     ]
     config = LearnConfig(bins=BINS, refine_rounds=0)

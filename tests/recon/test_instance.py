@@ -8,10 +8,12 @@ import pytest
 from numpy.typing import NDArray
 
 from recon.camera import PinholeCamera
+from recon.class_model import ClassModel, ClassPart
 from recon.depth_map import DepthMap
-from recon.instance import Instance3D, InstancePart, InstanceQuality, picture_depth
+from recon.instance import Instance3D, InstancePart, InstanceQuality, _absent, _astray, picture_depth
 from recon.occluded_parts import ClassToInstance
 from recon.reconstruct import Reconstruction
+from recon.view_bins import ViewBins
 
 CAMERA = PinholeCamera(300.0, 300.0, 99.5, 74.5, 200, 150)
 
@@ -117,26 +119,73 @@ def test_depth_along_stays_within_the_outline() -> None:
     np.testing.assert_allclose(floor.depth_along(rays), [5, 4, 6, 6])
 
 
+def reconstruction(labels: NDArray[np.uint8], x0_px: int, y0_px: int) -> Reconstruction:
+    """A reconstruction of which only the labels matter."""
+    return Reconstruction(
+        outline_px=np.zeros((3, 2)),
+        initial_outline_px=np.zeros((3, 2)),
+        x0_px=x0_px,
+        y0_px=y0_px,
+        part_labels=labels,
+        part_planes={},
+        unplaced_parts={},
+        depth=DepthMap(x0_px, y0_px, np.full(labels.shape, np.nan, np.float32)),
+        ground_line_px=np.zeros((2, 2)),
+        cam_from_object=np.eye(3),
+        registration_cost=0.0,
+        placed_share=1.0,
+    )
+
+
+def upright(label: int, x_m: float, z_m: float, seen: bool = False) -> InstancePart:
+    return part(label, [(x_m + s / 2, t / 2, z_m) for s, t in SQUARE], seen)
+
+
+def test_a_part_that_the_picture_would_show_is_left_out() -> None:
+    # 1 m at 5 m and 300 px are 60 pixels about the middle (99.5, 74.5)
+    found = reconstruction(np.ones((60, 60), np.uint8), 70, 45)
+    seen = [upright(1, 0.0, 5.0, seen=True)]
+    predicted = [upright(2, 0.0, 6.0), upright(3, 0.0, 4.0), upright(4, 1.2, 6.0), upright(5, 0.0, -4.0)]
+    absent = _absent(found, seen, predicted, CAMERA)
+    # behind what is seen: kept; before it and beside it: left out; behind the camera: no evidence
+    assert set(absent) == {3, 4}
+    assert absent[4] == "left out: 100% of it would be in sight, the picture has none"
+    # what the picture has is not judged
+    assert not _absent(found, seen, [replace(upright(3, 0.0, 4.0), label=1)], CAMERA)
+
+
+def test_parts_that_contradict_the_class_model_are_not_used() -> None:
+    def class_part(label: int, z: float) -> ClassPart:
+        outline = np.array([[-1, -1, z], [1, -1, z], [1, 1, z]], float)
+        return ClassPart(label, np.array([0.0, 0.0, z]), np.array([0.0, 0, 1, -z]), outline, 0, 2)
+
+    model = ClassModel(
+        "box", ("a", "b", "c", "d"), ViewBins(), tuple(class_part(k, 5.0) for k in range(1, 5)), ()
+    )
+    same = ClassToInstance(np.eye(3), np.ones(3), np.zeros(3), 0.0, {})
+    # a box of 2 x 2 x 2 m from z = 4 on, diagonal 3.46 m: 0.45 m off the plane, 0.69 m out of the box
+    pose = np.eye(4)
+    pose[:3, 3] = [0, 0, 4]
+    placed = [
+        upright(1, 0.0, 5.3, seen=True),
+        upright(2, 0.0, 5.6, seen=True),
+        upright(3, 1.4, 5.0, seen=True),
+        part(4, [(-1.0, 0.9, 4.5), (1.0, 0.9, 4.5), (1.0, 0.95, 5.5), (-1.0, 0.95, 5.5)]),
+    ]
+    reasons = _astray(placed, same, model, pose, np.full(3, 2.0))
+    assert set(reasons) == {2, 3, 4}
+    assert reasons[2] == "its plane lies 0.60 m off the class model, more than 0.45 m"
+    assert reasons[3] == "its outline leaves the box by 0.90 m, more than 0.69 m"
+    assert "too flat for its outline" in reasons[4]
+
+
 def test_picture_depth_takes_the_plane_of_each_label() -> None:
     parts = (
         part(1, [(-1, -1, 4), (1, -1, 4), (1, 1, 4), (-1, 1, 4)]),
         part(2, [(-2, -2, 7), (2, -2, 7), (2, 2, 7), (-2, 2, 7)], seen=False),
     )
     labels = np.array([[0, 1, 2], [1, 1, 2]], np.uint8)
-    found = Reconstruction(
-        outline_px=np.zeros((3, 2)),
-        initial_outline_px=np.zeros((3, 2)),
-        x0_px=90,
-        y0_px=70,
-        part_labels=labels,
-        part_planes={},
-        unplaced_parts={},
-        depth=DepthMap(90, 70, np.full((2, 3), np.nan, np.float32)),
-        ground_line_px=np.zeros((2, 2)),
-        cam_from_object=np.eye(3),
-        registration_cost=0.0,
-        placed_share=1.0,
-    )
+    found = reconstruction(labels, 90, 70)
     depth = picture_depth(found, instance(parts), CAMERA)
     assert (depth.x0_px, depth.y0_px) == (90, 70)
     np.testing.assert_allclose(depth.depth, [[np.nan, 4, 7], [4, 4, 7]])

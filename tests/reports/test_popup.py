@@ -71,7 +71,7 @@ def test_structural_similarity_in_closed_form() -> None:
     assert structural_similarity(picture, 255 - picture).mean() < 0
 
 
-@pytest.mark.parametrize("view_bin", [0, 2, 5, 10])
+@pytest.mark.parametrize("view_bin", [0, 5, 10])
 def test_cars_from_all_around(model: ClassModel, view_bin: int) -> None:
     car = car_from(30 * view_bin, seed=view_bin, width_px=320)
     photo, found = found_in(car, view_bin, model)

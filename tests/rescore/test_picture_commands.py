@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -45,6 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@lru_cache(maxsize=1)
 def the_car() -> CarPicture:
     return car_from(90, seed=3, width_px=320)
 
