@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
-from recon.outlines import resample
+from recon.outline_edges import OutlinePoints
 from recon.shape_space import Float32Array, ShapeSpace, sample_hull
 from recon.standing_box import StandingBox, cam_from_ground, turn
 
@@ -24,8 +24,6 @@ class JointFitConfig:
 
     model_scale: float = 1.0
     """Size of the object in units of those the shape space was learned from: 1 / 18 for model cars."""
-    outline_points: int = 160
-    """Rays through the outline."""
     coarse_points: int = 60
     """Rays while the view bin is looked for."""
     coarse_steps: int = 10
@@ -77,6 +75,8 @@ class GroundRays:
     """Shape (3,)."""
     direction: FloatArray
     """Shape (n, 3), going down by 1: origin height less t is the height."""
+    weight: FloatArray
+    """Shape (n,), in (0, 1]."""
 
     def between(self, high_m: float, samples: int) -> tuple[FloatArray, FloatArray]:
         """Heights (s,) from ``high_m`` to the ground and points (n, s, 3) of the rays there."""
@@ -91,35 +91,31 @@ class GroundRays:
         return np.asarray(self.origin + t[..., None] * self.direction.reshape(shape))
 
 
-def ground_rays(uv_px: FloatArray, camera: PinholeCamera, ground: GroundPlane, scale: float) -> GroundRays:
-    """Rays of pixels (n, 2) that look below the horizon."""
+def ground_rays(
+    outline: OutlinePoints, camera: PinholeCamera, ground: GroundPlane, scale: float
+) -> GroundRays:
+    """Rays of points of an outline, which look below the horizon."""
     pose = cam_from_ground(ground)
-    direction = camera.rays(uv_px) @ pose[:3, :3]
-    return GroundRays(np.array([0.0, 0.0, ground.height_m / scale]), direction / -direction[:, 2:])
-
-
-def outline_points(ring_px: FloatArray, count: int) -> FloatArray:
-    """Evenly spaced points (count, 2) on the outer edge of a region, from its ring of border pixel centres."""
-    points = resample(ring_px, count)
-    along = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    x, y = points.T
-    inward = x @ np.roll(y, -1) - y @ np.roll(x, -1) < 0
-    return np.asarray(points + (-0.5 if inward else 0.5) * normal)
+    direction = camera.rays(outline.uv_px) @ pose[:3, :3]
+    return GroundRays(np.array([0.0, 0.0, ground.height_m / scale]), direction / -direction[:, 2:], outline.weight)
 
 
 class OutlineFit:
     """The problem of one outline."""
 
     def __init__(
-        self, ring_px: FloatArray, space: ShapeSpace, camera: PinholeCamera, ground: GroundPlane, config: JointFitConfig
+        self,
+        outline: OutlinePoints,
+        space: ShapeSpace,
+        camera: PinholeCamera,
+        ground: GroundPlane,
+        config: JointFitConfig,
     ) -> None:
         self.space, self.config = space, config
-        points = outline_points(ring_px, config.outline_points)
-        self.rays = ground_rays(points, camera, ground, config.model_scale)
-        every = max(1, config.outline_points // config.coarse_points)
-        self.coarse = ground_rays(points[::every], camera, ground, config.model_scale)
+        self.rays = ground_rays(outline, camera, ground, config.model_scale)
+        every = max(1, len(outline.weight) // config.coarse_points)
+        few = OutlinePoints(outline.uv_px[::every], outline.weight[::every])
+        self.coarse = ground_rays(few, camera, ground, config.model_scale)
         self.start_xy = self._middle()
 
     def _middle(self) -> FloatArray:
@@ -185,13 +181,13 @@ class OutlineFit:
         config, space = self.config, self.space
         prior = np.concatenate([np.zeros(3), 1 / space.log_size_rest, np.ones(space.count)])[:free]
         n = len(rays.direction)
-        weight = np.sqrt(min(config.independent_points / n, 1.0)) / config.noise_m
+        weight = rays.weight * np.sqrt(min(config.independent_points / n, 1.0)) / config.noise_m
         damping = 1e-2
         state = self._state(vector, rays)
         cost = self._cost(vector, state[0], weight)
         for _ in range(steps):
             residual, unit, hull, size = state
-            jac = self.jacobian(vector, unit, hull, size)[:, :free] * weight
+            jac = self.jacobian(vector, unit, hull, size)[:, :free] * weight[:, None]
             robust = 1 / (1 + (residual / config.outlier_m) ** 2)
             normal = (jac * robust[:, None]).T @ jac + np.diag(prior**2)
             gradient = jac.T @ (robust * residual * weight) + prior**2 * np.append(np.zeros(3), vector[3:free])
@@ -212,9 +208,9 @@ class OutlineFit:
             vector, state, cost, damping = trial, trial_state, trial_cost, damping / 4
             if gain < 1e-4 * cost:
                 break
-        capped = np.minimum(np.abs(state[0]), 3 * config.outlier_m)
+        capped = np.minimum(np.abs(state[0]), 3 * config.outlier_m) * rays.weight
         return FittedInstance(
-            vector[:2], float(vector[2]), vector[3:6], vector[6:], cost, float(np.sqrt((capped**2).mean()))
+            vector[:2], float(vector[2]), vector[3:6], vector[6:], cost, float(np.linalg.norm(capped) / np.linalg.norm(rays.weight))
         )
 
     def _state(self, vector: FloatArray, rays: GroundRays) -> tuple[FloatArray, FloatArray, Float32Array, FloatArray]:
@@ -223,9 +219,9 @@ class OutlineFit:
         residual, unit = self.residuals(vector, rays, hull, size)
         return residual, unit, hull, size
 
-    def _cost(self, vector: FloatArray, residual: FloatArray, weight: float) -> float:
+    def _cost(self, vector: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
         outlier = self.config.outlier_m
-        data = (weight * outlier) ** 2 * np.log1p((residual / outlier) ** 2).sum()
+        data = ((weight * outlier) ** 2 * np.log1p((residual / outlier) ** 2)).sum()
         prior = ((vector[3:6] / self.space.log_size_rest) ** 2).sum() + (vector[6:] ** 2).sum()
         return float(data + prior) / 2
 
@@ -245,24 +241,24 @@ class OutlineFit:
 
 
 def joint_fits(
-    ring_px: FloatArray,
+    outline: OutlinePoints,
     space: ShapeSpace,
     camera: PinholeCamera,
     ground: GroundPlane,
     yaws_rad: FloatArray,
     config: JointFitConfig,
 ) -> list[FittedInstance]:
-    """Instances that explain an outline (a ring of border pixel centres), best first, one of each direction.
+    """Instances that explain an outline, best first, one of each direction.
 
     Args:
-        ring_px: the outline, shape (m, 2).
+        outline: its points.
         space: the class.
         camera: M.
         ground: Q_g.
         yaws_rad: directions of the nose to start from, such as the middles of the view bins, shape (b,).
         config: settings.
     """
-    problem = OutlineFit(ring_px, space, camera, ground, config)
+    problem = OutlineFit(outline, space, camera, ground, config)
     starts = problem.starts(yaws_rad)[: config.kept_starts]
     fits = [problem.refine(s.vector, problem.rays, 6 + space.count, config.steps) for s in starts]
     return sorted(fits, key=lambda f: f.cost)

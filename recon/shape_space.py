@@ -108,26 +108,32 @@ class ShapeSpace:
         )
 
 
-def learn_shape_space(
-    instances: Sequence[TrainingInstance], part_names: Sequence[str], config: ShapeSpaceConfig
-) -> ShapeSpace:
-    """The shape space of a class.
+@dataclass(frozen=True, eq=False)
+class InstanceShape:
+    """What a shape space keeps of one training instance."""
+
+    hull: Float32Array
+    """Hull function in metres, shape (nx, ny, nz)."""
+    outlines: FloatArray
+    """Part outlines in units of length, width and height, shape (p, m, 3); NaN for parts that no view shows."""
+    log_size: FloatArray
+    """Logarithms of length, width and height in metres, shape (3,)."""
+
+
+def instance_shape(
+    instance: TrainingInstance, part_names: Sequence[str], config: ShapeSpaceConfig
+) -> InstanceShape:
+    """The shape of one instance.
 
     Raises:
-        RescoreError: too few instances for the modes, or views that cannot be put together.
+        RescoreError: its views cannot be put together.
     """
-    if len(instances) <= config.modes:
-        raise RescoreError(
-            f"shape space: expected more than {config.modes} training instances for {config.modes} modes, "
-            f"got {len(instances)}; label more instances or ask for fewer modes"
-        )
-    sizes = np.log([i.size_m for i in instances])
-    hulls, outlines = [], []
-    for instance in instances:
-        placed = object_views(instance, len(part_names))
-        hulls.append(visual_hull(placed, np.array(instance.size_m), config))
-        outlines.append(_part_outlines(placed, instance, part_names, config))
-    return _principal(np.stack(hulls), np.stack(outlines), sizes, config)
+    placed = object_views(instance, len(part_names))
+    return InstanceShape(
+        visual_hull(placed, np.array(instance.size_m), config),
+        _part_outlines(placed, instance, part_names, config),
+        np.log(instance.size_m),
+    )
 
 
 def object_views(instance: TrainingInstance, part_count: int) -> ScaledViews:
@@ -161,7 +167,8 @@ def _disc_foot(scaled: ScaledViews, label: int) -> tuple[float, float]:
     rows, targets = [], []
     for v, view in enumerate(scaled.views):
         mask = view.labels == label
-        if mask.sum() >= 40:
+        # seen from far aside the body hides the foot of a wheel
+        if mask.sum() >= 40 and abs(scaled.rotation[v, 2, 1]) > 0.6:
             low = np.nonzero(mask.any(axis=1))[0][-1]
             uv = np.array([np.nonzero(mask[low])[0].mean(), low + 0.5])
             right, down = scaled.rotation[v, :2]
@@ -229,7 +236,7 @@ def _part_outlines(
     """
     bins = instance.bins[0]
     views = [v for v, b in zip(instance.views, instance.bins, strict=True) if b == bins]
-    model = learn_class_model(views, "instance", part_names, LearnConfig(bins=bins, refine_rounds=1))
+    model = learn_class_model(views, "instance", part_names, LearnConfig(bins=bins, refine_rounds=0))
     out = np.full((len(part_names), config.outline_points, 3), np.nan)
     own, seen = [], []
     for part in model.parts:
@@ -262,8 +269,20 @@ def _centroid(placed: ScaledViews, label: int) -> FloatArray | None:
     return np.asarray(point) if rank == 3 else None
 
 
-def _principal(hulls: Float32Array, outlines: FloatArray, sizes: FloatArray, config: ShapeSpaceConfig) -> ShapeSpace:
-    """Mean and principal components of hulls near the surface with the sizes; outlines follow them."""
+def principal_shapes(shapes: Sequence[InstanceShape], config: ShapeSpaceConfig) -> ShapeSpace:
+    """Mean and principal components of hulls near the surface with the sizes; outlines follow them.
+
+    Raises:
+        RescoreError: too few instances for the modes.
+    """
+    if len(shapes) < config.modes + 2:
+        raise RescoreError(
+            f"shape space: expected at least {config.modes + 2} training instances for {config.modes} modes, "
+            f"got {len(shapes)}; label more instances or ask for fewer modes"
+        )
+    hulls = np.stack([s.hull for s in shapes])
+    outlines = np.stack([s.outlines for s in shapes])
+    sizes = np.stack([s.log_size for s in shapes])
     n, k = len(hulls), config.modes
     mean = hulls.mean(axis=0)
     weight = np.exp(-0.5 * (mean / config.surface_m) ** 2)

@@ -1,0 +1,111 @@
+"""Outline points moved to the edge that they stand for, to a fraction of a pixel.
+
+A colour threshold lies where the threshold wants it: outside the blur of a pale object, or at the rim of the
+soft shade under it. The object ends at the outermost sharp edge near by.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.outlines import resample
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+_DOWN = 0.3
+"""Sine of the angle below the level from which on an outward normal faces down."""
+
+
+@dataclass(frozen=True)
+class OutlineEdgeConfig:
+    """Settings of the search along the normals of the outline."""
+
+    inward_px: float = 5.0
+    """How far inside the outline an edge may lie."""
+    inward_below_px: float = 14.0
+    """The same where the outline faces down: the soft shade under the object lies between the two."""
+    outward_px: float = 3.0
+    """How far outside."""
+    step_px: float = 0.5
+    """Distance of samples."""
+    smooth_sigma_px: float = 1.0
+    """Gaussian before the gradient."""
+    least_gradient: float = 0.03
+    """Smallest gradient of an edge a pixel, of the root of linear light (its noise is even)."""
+    share_of_strongest: float = 0.35
+    """Smallest gradient of the edge beside the strongest one on the same normal."""
+    share_below: float = 0.6
+    """The same where the outline faces down: the border of the shade is no edge of the object."""
+    weak_weight: float = 0.15
+    """Weight of points without such an edge; they stay where they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutlinePoints:
+    """Points on an outline and how far they can be trusted."""
+
+    uv_px: FloatArray
+    """Shape (n, 2), image pixel centres."""
+    weight: FloatArray
+    """Shape (n,), in (0, 1]."""
+
+
+def outline_points(ring_px: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Evenly spaced points (count, 2) on the outer edge of a region, and outward normals (count, 2).
+
+    The ring holds the centres of the region's border pixels, so that the edge lies half a pixel outside.
+    """
+    points = resample(ring_px, count)
+    along = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    x, y = points.T
+    if x @ np.roll(y, -1) - y @ np.roll(x, -1) < 0:
+        normal = -normal
+    return points + 0.5 * normal, normal
+
+
+def points_on_edges(
+    light: Float32Array, ring_px: FloatArray, count: int, config: OutlineEdgeConfig
+) -> OutlinePoints:
+    """The points of an outline moved onto the outermost sharp edge of a picture.
+
+    Args:
+        light: linear light, shape (h, w, 3), in [0, 1].
+        ring_px: the outline, shape (m, 2), centres of its border pixels.
+        count: number of points.
+        config: settings.
+    """
+    points, normal = outline_points(ring_px, count)
+    low = np.maximum(np.floor(ring_px.min(axis=0)) - 20, 0).astype(int)
+    high = np.ceil(ring_px.max(axis=0)).astype(int) + 21
+    window = np.sqrt(np.maximum(light[low[1] : high[1], low[0] : high[0]], 0)).astype(np.float32)
+    window = np.asarray(cv2.GaussianBlur(window, (0, 0), config.smooth_sigma_px), np.float32)
+    offsets = np.arange(-config.inward_below_px - config.step_px, config.outward_px + 1.5 * config.step_px, config.step_px)
+    at = (points[:, None] + offsets[None, :, None] * normal[:, None] - low).astype(np.float32)
+    profile = cv2.remap(window, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    slope = np.linalg.norm(profile[:, 2:] - profile[:, :-2], axis=2) / (2 * config.step_px)
+    below = normal[:, 1] > _DOWN
+    allowed = below[:, None] | (offsets[1:-1] >= -config.inward_px - config.step_px)
+    share = np.where(below, config.share_below, config.share_of_strongest)
+    least = np.maximum(config.least_gradient, share * np.where(allowed, slope, 0).max(axis=1))
+    shift, found = _outermost_peak(slope.astype(float), offsets[1:-1], allowed, least, config.step_px)
+    moved = points + np.where(found, shift, 0.0)[:, None] * normal
+    return OutlinePoints(moved, np.where(found, 1.0, config.weak_weight))
+
+
+def _outermost_peak(
+    slope: FloatArray, offsets: FloatArray, allowed: NDArray[np.bool_], least: FloatArray, step_px: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Offset (n,) of the last local maximum of each row that is strong enough, and whether there is one."""
+    middle = slope[:, 1:-1]
+    peak = (middle >= slope[:, :-2]) & (middle > slope[:, 2:]) & (middle >= least[:, None]) & allowed[:, 1:-1]
+    last = peak.shape[1] - 1 - np.argmax(peak[:, ::-1], axis=1)
+    row = np.arange(len(slope))
+    a, b, c = (slope[row, last + k] for k in range(3))
+    bend = np.where(a - 2 * b + c < 0, a - 2 * b + c, -1.0)
+    fraction = np.clip(0.5 * (a - c) / bend, -0.5, 0.5)
+    return offsets[last + 1] + fraction * step_px, peak.any(axis=1)
