@@ -142,7 +142,9 @@ def _furniture() -> tuple[Placed, ...]:
 def _window(placement: Placement) -> tuple[slice, slice]:
     """Rows and columns that the car and its shadow can change."""
     box = placement.box
-    around = StandingBox(box.xy_m, box.yaw_rad, box.size_m * np.array([_SHADOW_REACH, 1 + _SHADOW_REACH, 1.1]))
+    around = StandingBox(
+        box.xy_m, box.yaw_rad, box.size_m * np.array([_SHADOW_REACH, 1 + _SHADOW_REACH, 1.1])
+    )
     pose_ = cam_from_ground(GROUND)
     uv = CAMERA.project(around.corners_m @ pose_[:3, :3].T + pose_[:3, 3])
     limit = [CAMERA.width_px, CAMERA.height_px]

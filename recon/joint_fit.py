@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outline_edges import OutlinePoints
 from recon.shape_space import Float32Array, ShapeSpace, sample_hull
-from recon.standing_box import StandingBox, cam_from_ground, turn
+from recon.standing_box import StandingBox, angle_between, cam_from_ground, turn
+from recon.view_bins import ViewBins
 
 FloatArray = NDArray[np.float64]
 
@@ -61,6 +62,12 @@ class FittedInstance:
         """All unknowns: x, y, yaw, log_rest, coefficients."""
         return np.concatenate([self.xy_m, [self.yaw_rad], self.log_rest, self.coefficients])
 
+    def parts_m(self, space: ShapeSpace, scale: float) -> FloatArray:
+        """Outlines of the parts of ``space.part_labels`` in the ground frame, shape (p, m, 3)."""
+        out = space.part_outlines(self.coefficients, space.size_m(self.coefficients, self.log_rest))
+        out[..., :2] = out[..., :2] @ turn(self.yaw_rad).T + self.xy_m
+        return out * scale
+
     def box(self, space: ShapeSpace, scale: float) -> StandingBox:
         """The bounding box in the ground frame."""
         size = space.size_m(self.coefficients, self.log_rest)
@@ -97,7 +104,9 @@ def ground_rays(
     """Rays of points of an outline, which look below the horizon."""
     pose = cam_from_ground(ground)
     direction = camera.rays(outline.uv_px) @ pose[:3, :3]
-    return GroundRays(np.array([0.0, 0.0, ground.height_m / scale]), direction / -direction[:, 2:], outline.weight)
+    return GroundRays(
+        np.array([0.0, 0.0, ground.height_m / scale]), direction / -direction[:, 2:], outline.weight
+    )
 
 
 class OutlineFit:
@@ -152,7 +161,9 @@ class OutlineFit:
         value = sample_hull(hull, self.space.grid_coordinates(unit))
         return np.asarray(value + np.sqrt((beyond**2).sum(axis=1)))
 
-    def jacobian(self, vector: FloatArray, unit: FloatArray, hull: Float32Array, size_m: FloatArray) -> FloatArray:
+    def jacobian(
+        self, vector: FloatArray, unit: FloatArray, hull: Float32Array, size_m: FloatArray
+    ) -> FloatArray:
         """Derivatives (n, 6 + k) of the least values; the place along the ray does not count (it is least)."""
         space = self.space
         step = 0.008
@@ -190,7 +201,9 @@ class OutlineFit:
             jac = self.jacobian(vector, unit, hull, size)[:, :free] * weight[:, None]
             robust = 1 / (1 + (residual / config.outlier_m) ** 2)
             normal = (jac * robust[:, None]).T @ jac + np.diag(prior**2)
-            gradient = jac.T @ (robust * residual * weight) + prior**2 * np.append(np.zeros(3), vector[3:free])
+            gradient = jac.T @ (robust * residual * weight) + prior**2 * np.append(
+                np.zeros(3), vector[3:free]
+            )
             moved = False
             for _ in range(4):
                 step = np.zeros(len(vector))
@@ -210,10 +223,17 @@ class OutlineFit:
                 break
         capped = np.minimum(np.abs(state[0]), 3 * config.outlier_m) * rays.weight
         return FittedInstance(
-            vector[:2], float(vector[2]), vector[3:6], vector[6:], cost, float(np.linalg.norm(capped) / np.linalg.norm(rays.weight))
+            vector[:2],
+            float(vector[2]),
+            vector[3:6],
+            vector[6:],
+            cost,
+            float(np.linalg.norm(capped) / np.linalg.norm(rays.weight)),
         )
 
-    def _state(self, vector: FloatArray, rays: GroundRays) -> tuple[FloatArray, FloatArray, Float32Array, FloatArray]:
+    def _state(
+        self, vector: FloatArray, rays: GroundRays
+    ) -> tuple[FloatArray, FloatArray, Float32Array, FloatArray]:
         size = self.space.size_m(vector[6:], vector[3:6])
         hull = self.space.hull(vector[6:]) if vector[6:].any() else self.space.mean
         residual, unit = self.residuals(vector, rays, hull, size)
@@ -229,12 +249,14 @@ class OutlineFit:
         """The mean shape fitted from several directions of the nose, best first, one of each result."""
         empty = np.zeros(3 + self.space.count)
         found = [
-            self.refine(np.concatenate([self.start_xy, [yaw], empty]), self.coarse, 6, self.config.coarse_steps)
+            self.refine(
+                np.concatenate([self.start_xy, [yaw], empty]), self.coarse, 6, self.config.coarse_steps
+            )
             for yaw in yaws_rad
         ]
         kept: list[FittedInstance] = []
         for fit in sorted(found, key=lambda f: f.cost):
-            turns = [abs(np.angle(np.exp(1j * (fit.yaw_rad - k.yaw_rad)))) for k in kept]
+            turns = [angle_between(fit.yaw_rad, k.yaw_rad) for k in kept]
             if not turns or min(turns) > np.deg2rad(15):
                 kept.append(fit)
         return kept
@@ -245,7 +267,7 @@ def joint_fits(
     space: ShapeSpace,
     camera: PinholeCamera,
     ground: GroundPlane,
-    yaws_rad: FloatArray,
+    bins: ViewBins,
     config: JointFitConfig,
 ) -> list[FittedInstance]:
     """Instances that explain an outline, best first, one of each direction.
@@ -255,10 +277,12 @@ def joint_fits(
         space: the class.
         camera: M.
         ground: Q_g.
-        yaws_rad: directions of the nose to start from, such as the middles of the view bins, shape (b,).
+        bins: view bins; the fit starts from the middle of each.
         config: settings.
     """
     problem = OutlineFit(outline, space, camera, ground, config)
-    starts = problem.starts(yaws_rad)[: config.kept_starts]
+    to_camera = float(np.arctan2(-problem.start_xy[1], -problem.start_xy[0]))
+    yaws = np.array([to_camera - bins.azimuth_rad(b) for b in range(bins.count)])
+    starts = problem.starts(yaws)[: config.kept_starts]
     fits = [problem.refine(s.vector, problem.rays, 6 + space.count, config.steps) for s in starts]
     return sorted(fits, key=lambda f: f.cost)

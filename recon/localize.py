@@ -3,7 +3,7 @@
 Three ways: by the report's construction, by a joint fit of pose and shape, and by one upright plane.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,34 @@ from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.class_to_instance import InstanceTransform, fit_instance_transform
 from recon.errors import RescoreError
+from recon.joint_fit import FittedInstance, JointFitConfig, joint_fits
+from recon.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
 from recon.outcome import Failure, Reason
 from recon.outlines import canonical_ring, fill_polygon, largest_outline
 from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct_outline
-from recon.standing_box import StandingBox, cam_from_ground
+from recon.shape_space import ShapeSpace
+from recon.standing_box import StandingBox, angle_between, cam_from_ground
+from recon.view_bins import ViewBins
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _RING_POINTS = 24
 """Points on each part outline that the class model and the instance are compared by."""
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """Settings of localisation by the joint fit."""
+
+    view_bins: int = 12
+    """Directions that the fit starts from."""
+    outline_points: int = 160
+    """Points on the outline."""
+    max_error_m: float = 0.3
+    """A larger error of the outline at the object, in metres of the shape space, is a failure."""
+    edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
+    fit: JointFitConfig = field(default_factory=JointFitConfig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +65,9 @@ def single_plane(mask: Mask, camera: PinholeCamera, ground: GroundPlane) -> Upri
     ends = columns[[0, -1]].astype(float)
     line_m = ground.intersect(camera.rays(np.stack([ends, slope * ends + offset], axis=1)))
     if not np.isfinite(line_m).all():
-        return Failure(Reason.ABOVE_HORIZON, "a ground line below the horizon expected, got one that crosses it")
+        return Failure(
+            Reason.ABOVE_HORIZON, "a ground line below the horizon expected, got one that crosses it"
+        )
     along = line_m[1] - line_m[0]
     normal = np.cross(along, ground.up)
     v, u = np.nonzero(mask)
@@ -56,7 +76,9 @@ def single_plane(mask: Mask, camera: PinholeCamera, ground: GroundPlane) -> Upri
         depth = (line_m[0] @ normal) / (rays @ normal)
     seen = depth > 0
     if not seen.any():
-        return Failure(Reason.PARTS_NOT_PLACED, "a surface in front of the camera expected, it is seen edge-on")
+        return Failure(
+            Reason.PARTS_NOT_PLACED, "a surface in front of the camera expected, it is seen edge-on"
+        )
     pose = cam_from_ground(ground)
     centroid = (depth[seen, None] * rays[seen]).mean(axis=0)
     direction = along @ pose[:3, :3]
@@ -152,7 +174,11 @@ def _box(transform: InstanceTransform, model: ClassModel) -> StandingBox:
 
 
 def _projection_iou(
-    transform: InstanceTransform, model: ClassModel, ring_px: FloatArray, camera: PinholeCamera, pose: FloatArray
+    transform: InstanceTransform,
+    model: ClassModel,
+    ring_px: FloatArray,
+    camera: PinholeCamera,
+    pose: FloatArray,
 ) -> float:
     """Intersection over union of the outline's region and the projected parts, in [0, 1]."""
     low = np.floor(ring_px.min(axis=0)) - 20
@@ -164,3 +190,50 @@ def _projection_iou(
         if (cam[:, 2] > 0).all():
             parts |= fill_polygon(camera.project(cam) - low, height, width)
     return float((region & parts).sum() / (region | parts).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class FitLocalization:
+    """What the joint fit says of one outline."""
+
+    box: StandingBox
+    fit: FittedInstance
+    outline: OutlinePoints
+    """The points that were fitted."""
+    runner_up: FittedInstance | None
+    """The best fit of another direction of the nose; None where all starts led to one."""
+
+
+def localize_by_fit(
+    light: NDArray[np.float32],
+    ring_px: FloatArray,
+    space: ShapeSpace,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: FitConfig,
+) -> FitLocalization | Failure:
+    """The joint fit of pose and shape, started from the middle of every view bin; the least cost wins.
+
+    Args:
+        light: linear light of the picture, shape (h, w, 3).
+        ring_px: outline from the segmentation, shape (m, 2), centres of its border pixels.
+        space: the shape space of the class.
+        camera: M.
+        ground: Q_g.
+        config: settings.
+    """
+    if not np.isfinite(ground.intersect(camera.rays(ring_px))).all():
+        return Failure(Reason.ABOVE_HORIZON, "an outline below the horizon expected, got points above it")
+    outline = points_on_edges(light, ring_px, config.outline_points, config.edges)
+    fits = joint_fits(outline, space, camera, ground, ViewBins(config.view_bins), config.fit)
+    best = fits[0]
+    if best.outline_error_m > config.max_error_m:
+        return Failure(
+            Reason.REGISTRATION_FAILED,
+            f"an outline that the class explains to {config.max_error_m:g} m expected, "
+            f"got {best.outline_error_m:.2f} m",
+        )
+    others = [f for f in fits[1:] if angle_between(f.yaw_rad, best.yaw_rad) > np.deg2rad(15)]
+    return FitLocalization(
+        best.box(space, config.fit.model_scale), best, outline, others[0] if others else None
+    )

@@ -84,7 +84,9 @@ def points_on_edges(
     high = np.ceil(ring_px.max(axis=0)).astype(int) + 21
     window = np.sqrt(np.maximum(light[low[1] : high[1], low[0] : high[0]], 0)).astype(np.float32)
     window = np.asarray(cv2.GaussianBlur(window, (0, 0), config.smooth_sigma_px), np.float32)
-    offsets = np.arange(-config.inward_below_px - config.step_px, config.outward_px + 1.5 * config.step_px, config.step_px)
+    offsets = np.arange(
+        -config.inward_below_px - config.step_px, config.outward_px + 1.5 * config.step_px, config.step_px
+    )
     at = (points[:, None] + offsets[None, :, None] * normal[:, None] - low).astype(np.float32)
     profile = cv2.remap(window, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     slope = np.linalg.norm(profile[:, 2:] - profile[:, :-2], axis=2) / (2 * config.step_px)

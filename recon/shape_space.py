@@ -138,7 +138,9 @@ def instance_shape(
 
 def object_views(instance: TrainingInstance, part_count: int) -> ScaledViews:
     """The views of an instance in metres, the origin on the ground below the middle."""
-    rotation = np.stack([b.view_from_object(v.view_bin) for v, b in zip(instance.views, instance.bins, strict=True)])
+    rotation = np.stack(
+        [b.view_from_object(v.view_bin) for v, b in zip(instance.views, instance.bins, strict=True)]
+    )
     scaled = scale_views(instance.views, rotation)
     front, side = scaled.extent(np.array([1.0, 0, 0])), scaled.extent(np.array([0, 1.0, 0]))
     factor = instance.size_m[0] / float(front[1] - front[0])

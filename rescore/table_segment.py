@@ -61,8 +61,18 @@ def _smooth(light: Float32Array, config: TableSegmentConfig) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(light, (0, 0), config.smooth_sigma_px), np.float32)
 
 
-def segment_car(rgb: NDArray[np.uint8], table: EmptyTable) -> NDArray[np.bool_] | Failure:
-    """The mask (h, w) of the largest thing on the table in a picture (h, w, 3); or that there is none."""
+@dataclass(frozen=True, eq=False)
+class TableRegion:
+    """One thing on the table."""
+
+    mask: NDArray[np.bool_]
+    """Shape (h, w), holes filled."""
+    ring_px: NDArray[np.float64]
+    """Centres of its border pixels, shape (m, 2)."""
+
+
+def segment_table(rgb: NDArray[np.uint8], table: EmptyTable) -> list[TableRegion] | Failure:
+    """All things on the table in a picture (h, w, 3), the largest first; or that there is none."""
     config = table.config
     light = _smooth(linear_from_srgb(rgb), config)
     grey, grey_empty = light.mean(axis=2) + config.noise, table.light.mean(axis=2) + config.noise
@@ -71,23 +81,27 @@ def segment_car(rgb: NDArray[np.uint8], table: EmptyTable) -> NDArray[np.bool_] 
     own = np.abs(light - share[..., None] * table.light).max(axis=2)
     tint = own / np.maximum(grey, grey_empty)
     car = (share > 1 + config.brighter) | (share < config.darkest_shadow) | (tint > config.tint)
-    return _largest_filled(car, config)
+    return _regions(car, config)
 
 
-def _largest_filled(car: NDArray[np.bool_], config: TableSegmentConfig) -> NDArray[np.bool_] | Failure:
-    """The largest region of a mask (h, w), specks dropped, small gaps closed and holes filled."""
+def _regions(car: NDArray[np.bool_], config: TableSegmentConfig) -> list[TableRegion] | Failure:
+    """Regions of a mask (h, w), specks dropped, small gaps closed and holes filled."""
     speck = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     gap = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (config.close_px, config.close_px))
     mask = cv2.morphologyEx(car.astype(np.uint8), cv2.MORPH_OPEN, speck)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, gap)
     rings, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    ring = max(rings, key=cv2.contourArea, default=None)
-    area = 0.0 if ring is None else cv2.contourArea(ring)
-    if ring is None or area < config.min_area_px:
+    rings = sorted(rings, key=cv2.contourArea, reverse=True)
+    largest = cv2.contourArea(rings[0]) if rings else 0.0
+    if largest < config.min_area_px:
         return Failure(
             Reason.NO_OUTLINE,
-            f"a region of at least {config.min_area_px} pixels expected on the table, got {area:.0f}",
+            f"a region of at least {config.min_area_px} pixels expected on the table, got {largest:.0f}",
         )
-    out = np.zeros_like(mask)
+    return [_filled(r, mask.shape) for r in rings if cv2.contourArea(r) >= config.min_area_px]
+
+
+def _filled(ring: NDArray[np.int32], shape: tuple[int, ...]) -> TableRegion:
+    out = np.zeros(shape, np.uint8)
     cv2.drawContours(out, [ring], -1, 1, cv2.FILLED)
-    return out.astype(bool)
+    return TableRegion(out.astype(bool), np.asarray(ring, float).reshape(-1, 2))
