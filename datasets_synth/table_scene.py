@@ -44,7 +44,7 @@ _LIGHT = Light(
 )
 _IMAGING = Imaging((1.05, 1.05), (0.7, 0.7), 0.12, 0.004, 0.012, (0.0, 0.0))
 _HIDDEN_PAINTS = ("paint black", "paint dark grey")
-"""Paints as dark as the table: their outline cannot be told from it by colour, so such cars are not placed."""
+"""Paints as dark as the table: colour does not tell their outline from it, so such cars are not placed."""
 _EMPTY_SHOTS = 16
 """Pictures of the empty table that are averaged."""
 _MARGIN_PX = 24
@@ -100,7 +100,7 @@ def photograph_empty() -> NDArray[np.float32]:
     shots = [
         linear_from_srgb(expose(_empty_radiance().copy(), _IMAGING, 0, rng)) for _ in range(_EMPTY_SHOTS)
     ]
-    return np.mean(shots, axis=0, dtype=np.float32)
+    return np.asarray(np.mean(shots, axis=0, dtype=np.float32))
 
 
 @lru_cache(maxsize=1)

@@ -1,7 +1,7 @@
 """Trials of localisation: a car placed at random, photographed, and localised by every method."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -51,9 +51,9 @@ _APART_M = 0.33
 class TrialConfig:
     """Settings of all methods."""
 
-    segment: TableSegmentConfig = TableSegmentConfig()
-    parts: ReconstructConfig = ReconstructConfig()
-    fit: FitConfig = FitConfig(fit=JointFitConfig(model_scale=SCALE))
+    segment: TableSegmentConfig = field(default_factory=TableSegmentConfig)
+    parts: ReconstructConfig = field(default_factory=ReconstructConfig)
+    fit: FitConfig = field(default_factory=lambda: FitConfig(fit=JointFitConfig(model_scale=SCALE)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +132,8 @@ def fit_region(
     rgb: NDArray[np.uint8], region: TableRegion, table_class: TableClass, config: TrialConfig
 ) -> FitLocalization | Failure:
     """The joint fit to one thing on the table."""
-    light = linear_from_srgb(rgb)
-    return localize_by_fit(light, region.ring_px, table_class.space, CAMERA, GROUND, config.fit)
+    light, empty = linear_from_srgb(rgb), photograph_empty()
+    return localize_by_fit(light, empty, region.ring_px, table_class.space, CAMERA, GROUND, config.fit)
 
 
 @lru_cache(maxsize=1)

@@ -164,7 +164,7 @@ class OutlineFit:
     def jacobian(
         self, vector: FloatArray, unit: FloatArray, hull: Float32Array, size_m: FloatArray
     ) -> FloatArray:
-        """Derivatives (n, 6 + k) of the least values; the place along the ray does not count (it is least)."""
+        """Derivatives (n, 6 + k) of the least values; the place on the ray is the least one."""
         space = self.space
         step = 0.008
         gradient = np.stack(

@@ -13,8 +13,8 @@ from recon.class_model import ClassModel
 from recon.class_to_instance import InstanceTransform, fit_instance_transform
 from recon.errors import RescoreError
 from recon.joint_fit import FittedInstance, JointFitConfig, joint_fits
-from recon.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
 from recon.outcome import Failure, Reason
+from recon.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
 from recon.outlines import canonical_ring, fill_polygon, largest_outline
 from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct_outline
 from recon.shape_space import ShapeSpace
@@ -206,6 +206,7 @@ class FitLocalization:
 
 def localize_by_fit(
     light: NDArray[np.float32],
+    background: NDArray[np.float32],
     ring_px: FloatArray,
     space: ShapeSpace,
     camera: PinholeCamera,
@@ -216,6 +217,7 @@ def localize_by_fit(
 
     Args:
         light: linear light of the picture, shape (h, w, 3).
+        background: the same of the empty scene.
         ring_px: outline from the segmentation, shape (m, 2), centres of its border pixels.
         space: the shape space of the class.
         camera: M.
@@ -224,7 +226,7 @@ def localize_by_fit(
     """
     if not np.isfinite(ground.intersect(camera.rays(ring_px))).all():
         return Failure(Reason.ABOVE_HORIZON, "an outline below the horizon expected, got points above it")
-    outline = points_on_edges(light, ring_px, config.outline_points, config.edges)
+    outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
     fits = joint_fits(outline, space, camera, ground, ViewBins(config.view_bins), config.fit)
     best = fits[0]
     if best.outline_error_m > config.max_error_m:

@@ -25,8 +25,11 @@ class OutlineEdgeConfig:
 
     inward_px: float = 5.0
     """How far inside the outline an edge may lie."""
-    inward_below_px: float = 14.0
+    inward_below_px: float = 20.0
     """The same where the outline faces down: the soft shade under the object lies between the two."""
+    shade: float = 1.1
+    """Where the outline faces down, light below this multiple of the background's shows no edge: it may be
+    shade as well as a dark part."""
     outward_px: float = 3.0
     """How far outside."""
     step_px: float = 0.5
@@ -37,8 +40,6 @@ class OutlineEdgeConfig:
     """Smallest gradient of an edge a pixel, of the root of linear light (its noise is even)."""
     share_of_strongest: float = 0.35
     """Smallest gradient of the edge beside the strongest one on the same normal."""
-    share_below: float = 0.6
-    """The same where the outline faces down: the border of the shade is no edge of the object."""
     weak_weight: float = 0.15
     """Weight of points without such an edge; they stay where they are."""
 
@@ -69,12 +70,17 @@ def outline_points(ring_px: FloatArray, count: int) -> tuple[FloatArray, FloatAr
 
 
 def points_on_edges(
-    light: Float32Array, ring_px: FloatArray, count: int, config: OutlineEdgeConfig
+    light: Float32Array,
+    background: Float32Array,
+    ring_px: FloatArray,
+    count: int,
+    config: OutlineEdgeConfig,
 ) -> OutlinePoints:
     """The points of an outline moved onto the outermost sharp edge of a picture.
 
     Args:
         light: linear light, shape (h, w, 3), in [0, 1].
+        background: the same without the object.
         ring_px: the outline, shape (m, 2), centres of its border pixels.
         count: number of points.
         config: settings.
@@ -82,21 +88,28 @@ def points_on_edges(
     points, normal = outline_points(ring_px, count)
     low = np.maximum(np.floor(ring_px.min(axis=0)) - 20, 0).astype(int)
     high = np.ceil(ring_px.max(axis=0)).astype(int) + 21
-    window = np.sqrt(np.maximum(light[low[1] : high[1], low[0] : high[0]], 0)).astype(np.float32)
-    window = np.asarray(cv2.GaussianBlur(window, (0, 0), config.smooth_sigma_px), np.float32)
+    rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
+    plain = light[rows, columns]
+    lit = np.maximum(plain, config.shade * background[rows, columns])
     offsets = np.arange(
         -config.inward_below_px - config.step_px, config.outward_px + 1.5 * config.step_px, config.step_px
     )
     at = (points[:, None] + offsets[None, :, None] * normal[:, None] - low).astype(np.float32)
-    profile = cv2.remap(window, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    slope = np.linalg.norm(profile[:, 2:] - profile[:, :-2], axis=2) / (2 * config.step_px)
     below = normal[:, 1] > _DOWN
     allowed = below[:, None] | (offsets[1:-1] >= -config.inward_px - config.step_px)
-    share = np.where(below, config.share_below, config.share_of_strongest)
-    least = np.maximum(config.least_gradient, share * np.where(allowed, slope, 0).max(axis=1))
-    shift, found = _outermost_peak(slope.astype(float), offsets[1:-1], allowed, least, config.step_px)
+    slope = np.where(below[:, None], _slopes(lit, at, config), _slopes(plain, at, config))
+    strongest = np.where(allowed, slope, 0).max(axis=1)
+    least = np.maximum(config.least_gradient, config.share_of_strongest * strongest)
+    shift, found = _outermost_peak(slope, offsets[1:-1], allowed, least, config.step_px)
     moved = points + np.where(found, shift, 0.0)[:, None] * normal
     return OutlinePoints(moved, np.where(found, 1.0, config.weak_weight))
+
+
+def _slopes(light: Float32Array, at_px: Float32Array, config: OutlineEdgeConfig) -> FloatArray:
+    """Gradient a pixel of the root of light along rows of samples (n, s, 2), shape (n, s - 2)."""
+    root = cv2.GaussianBlur(np.sqrt(np.maximum(light, 0)), (0, 0), config.smooth_sigma_px)
+    profile = cv2.remap(root, at_px[..., 0], at_px[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(np.linalg.norm(profile[:, 2:] - profile[:, :-2], axis=2) / (2 * config.step_px), float)
 
 
 def _outermost_peak(
@@ -110,4 +123,4 @@ def _outermost_peak(
     a, b, c = (slope[row, last + k] for k in range(3))
     bend = np.where(a - 2 * b + c < 0, a - 2 * b + c, -1.0)
     fraction = np.clip(0.5 * (a - c) / bend, -0.5, 0.5)
-    return offsets[last + 1] + fraction * step_px, peak.any(axis=1)
+    return offsets[last + 1] + fraction * step_px, np.asarray(peak.any(axis=1))

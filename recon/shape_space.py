@@ -81,7 +81,7 @@ class ShapeSpace:
     @property
     def count(self) -> int:
         """Number of modes."""
-        return self.modes.shape[-1]
+        return int(self.modes.shape[-1])
 
     def size_m(self, coefficients: FloatArray, log_rest: FloatArray) -> FloatArray:
         """Length, width and height in metres, shape (3,)."""
@@ -115,7 +115,7 @@ class InstanceShape:
     hull: Float32Array
     """Hull function in metres, shape (nx, ny, nz)."""
     outlines: FloatArray
-    """Part outlines in units of length, width and height, shape (p, m, 3); NaN for parts that no view shows."""
+    """Part outlines in units of length, width and height, shape (p, m, 3); NaN for parts not shown."""
     log_size: FloatArray
     """Logarithms of length, width and height in metres, shape (3,)."""
 
@@ -189,7 +189,7 @@ def _disc_foot(scaled: ScaledViews, label: int) -> tuple[float, float]:
 def visual_hull(placed: ScaledViews, size_m: FloatArray, config: ShapeSpaceConfig) -> Float32Array:
     """The greatest signed distance to a silhouette over the views, in metres on the grid (nx, ny, nz).
 
-    The object is taken as symmetric (the mean of both sides), standing on the ground and no higher than it is.
+    The object is taken as symmetric (the mean of both sides), on the ground and no higher than its size says.
     """
     unit = grid_points(config)
     points = unit * size_m
@@ -208,10 +208,10 @@ def visual_hull(placed: ScaledViews, size_m: FloatArray, config: ShapeSpaceConfi
                 borderMode=cv2.BORDER_REPLICATE,
             )
             np.maximum(hull, at.ravel() * np.float32(placed.scale[v]), out=hull)
-        out = hull if side > 0 else (out + hull) / 2
+        out = hull if side > 0 else np.asarray((out + hull) / 2, np.float32)
     z = points[:, 2].astype(np.float32)
     out = np.maximum(out, np.maximum(-z, z - np.float32(size_m[2])))
-    return out.reshape(config.cells)
+    return np.asarray(out.reshape(config.cells), np.float32)
 
 
 def grid_points(config: ShapeSpaceConfig) -> FloatArray:

@@ -56,7 +56,7 @@ class ScaledViews:
             along = self.rotation[v, :2] @ direction
             at = outer_ring(self.views[v].labels > 0) @ along * self.scale[v] - self.shift[v] @ along
             found.append([at.min(), at.max()])
-        return np.mean(found, axis=0)
+        return np.asarray(np.mean(found, axis=0))
 
 
 def outer_ring(mask: NDArray[np.bool_]) -> FloatArray:

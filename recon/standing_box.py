@@ -29,7 +29,7 @@ class StandingBox:
     xy_m: FloatArray
     """Middle of the footprint, shape (2,)."""
     yaw_rad: float
-    """Direction of its length (of the nose, where front and rear are told apart), counter-clockwise from x."""
+    """Direction of its length (of the nose, where the front is known), counter-clockwise from x."""
     size_m: FloatArray
     """Length, width and height, shape (3,), positive."""
 

@@ -8,7 +8,10 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+    Line3DCollection,
+    Poly3DCollection,
+)
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
@@ -58,7 +61,7 @@ class TableCamera:
 
 def brightened(picture: Rgb) -> Rgb:
     """A picture (h, w, 3) of the dark table, to be looked at."""
-    return np.clip(picture.astype(np.float32) * _GAIN, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(picture.astype(np.float32) * _GAIN, 0, 255), np.uint8)
 
 
 def draw(

@@ -1,4 +1,4 @@
-"""How well objects were localised: overlap, centroid and orientation, by method and by object (section 5.1)."""
+"""How well objects were localised: overlap, centroid, orientation, by method and object (section 5.1)."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,6 +1,7 @@
 """Colour segmentation of a car on the black table: what differs in colour from the known empty table."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +24,7 @@ class TableSegmentConfig:
     """... as is one that is darker than this share of the table, which a shadow outside the footprint hardly
     is. In between it is shadow, unless it has a colour of its own:"""
     tint: float = 0.09
-    """difference of red, green or blue, from the table in this light, as a share of the brighter of the two."""
+    """difference of a channel from the table in this light, as a share of the brighter of the two."""
     noise: float = 0.004
     """Linear light that is lost in noise; it keeps shares of dark pixels calm."""
     close_px: int = 9
@@ -101,7 +102,7 @@ def _regions(car: NDArray[np.bool_], config: TableSegmentConfig) -> list[TableRe
     return [_filled(r, mask.shape) for r in rings if cv2.contourArea(r) >= config.min_area_px]
 
 
-def _filled(ring: NDArray[np.int32], shape: tuple[int, ...]) -> TableRegion:
+def _filled(ring: NDArray[Any], shape: tuple[int, ...]) -> TableRegion:
     out = np.zeros(shape, np.uint8)
     cv2.drawContours(out, [ring], -1, 1, cv2.FILLED)
     return TableRegion(out.astype(bool), np.asarray(ring, float).reshape(-1, 2))
