@@ -33,7 +33,7 @@ class JointFitConfig:
     """Best starts that are refined."""
     steps: int = 14
     """Steps of the refinement."""
-    noise_m: float = 0.02
+    noise_m: float = 0.014
     """Expected error of the outline at the object, in metres of the shape space."""
     outlier_m: float = 0.05
     """Residuals beyond this lose weight (Cauchy): mirrors, shadows, gaps in the outline."""
@@ -82,8 +82,14 @@ class GroundRays:
     """Shape (3,)."""
     direction: FloatArray
     """Shape (n, 3), going down by 1: origin height less t is the height."""
-    weight: FloatArray
-    """Shape (n,), in (0, 1]."""
+    outside_weight: FloatArray
+    """Weights of residuals above 0, where the ray misses the object, shape (n,)."""
+    inside_weight: FloatArray
+    """Weights of residuals below 0, where it cuts the object, shape (n,)."""
+
+    def weight(self, residual: FloatArray) -> FloatArray:
+        """Weights (n,) of residuals (n,)."""
+        return np.where(residual > 0, self.outside_weight, self.inside_weight)
 
     def between(self, high_m: float, samples: int) -> tuple[FloatArray, FloatArray]:
         """Heights (s,) from ``high_m`` to the ground and points (n, s, 3) of the rays there."""
@@ -105,7 +111,10 @@ def ground_rays(
     pose = cam_from_ground(ground)
     direction = camera.rays(outline.uv_px) @ pose[:3, :3]
     return GroundRays(
-        np.array([0.0, 0.0, ground.height_m / scale]), direction / -direction[:, 2:], outline.weight
+        np.array([0.0, 0.0, ground.height_m / scale]),
+        direction / -direction[:, 2:],
+        outline.outside_weight,
+        outline.inside_weight,
     )
 
 
@@ -122,8 +131,7 @@ class OutlineFit:
     ) -> None:
         self.space, self.config = space, config
         self.rays = ground_rays(outline, camera, ground, config.model_scale)
-        every = max(1, len(outline.weight) // config.coarse_points)
-        few = OutlinePoints(outline.uv_px[::every], outline.weight[::every])
+        few = outline.every(max(1, len(outline.uv_px) // config.coarse_points))
         self.coarse = ground_rays(few, camera, ground, config.model_scale)
         self.start_xy = self._middle()
 
@@ -192,12 +200,13 @@ class OutlineFit:
         config, space = self.config, self.space
         prior = np.concatenate([np.zeros(3), 1 / space.log_size_rest, np.ones(space.count)])[:free]
         n = len(rays.direction)
-        weight = rays.weight * np.sqrt(min(config.independent_points / n, 1.0)) / config.noise_m
+        unit_weight = np.sqrt(min(config.independent_points / n, 1.0)) / config.noise_m
         damping = 1e-2
         state = self._state(vector, rays)
-        cost = self._cost(vector, state[0], weight)
+        cost = self._cost(vector, state[0], unit_weight * rays.weight(state[0]))
         for _ in range(steps):
             residual, unit, hull, size = state
+            weight = unit_weight * rays.weight(residual)
             jac = self.jacobian(vector, unit, hull, size)[:, :free] * weight[:, None]
             robust = 1 / (1 + (residual / config.outlier_m) ** 2)
             normal = (jac * robust[:, None]).T @ jac + np.diag(prior**2)
@@ -210,7 +219,7 @@ class OutlineFit:
                 step[:free] = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
                 trial = vector + step
                 trial_state = self._state(trial, rays)
-                trial_cost = self._cost(trial, trial_state[0], weight)
+                trial_cost = self._cost(trial, trial_state[0], unit_weight * rays.weight(trial_state[0]))
                 if trial_cost < cost:
                     moved = True
                     break
@@ -221,14 +230,14 @@ class OutlineFit:
             vector, state, cost, damping = trial, trial_state, trial_cost, damping / 4
             if gain < 1e-4 * cost:
                 break
-        capped = np.minimum(np.abs(state[0]), 3 * config.outlier_m) * rays.weight
+        capped = np.minimum(np.abs(state[0]), 3 * config.outlier_m) * rays.weight(state[0])
         return FittedInstance(
             vector[:2],
             float(vector[2]),
             vector[3:6],
             vector[6:],
             cost,
-            float(np.linalg.norm(capped) / np.linalg.norm(rays.weight)),
+            float(np.sqrt((capped**2).mean())),
         )
 
     def _state(
@@ -285,4 +294,9 @@ def joint_fits(
     yaws = np.array([to_camera - bins.azimuth_rad(b) for b in range(bins.count)])
     starts = problem.starts(yaws)[: config.kept_starts]
     fits = [problem.refine(s.vector, problem.rays, 6 + space.count, config.steps) for s in starts]
+    # from afar front and rear look alike: the best fit must also be better than itself turned round
+    best = min(fits, key=lambda f: f.cost)
+    turned = np.concatenate([best.xy_m, [best.yaw_rad + np.pi], best.log_rest, np.zeros(space.count)])
+    turned[3:6] += space.log_size_modes @ best.coefficients
+    fits.append(problem.refine(turned, problem.rays, 6 + space.count, config.steps))
     return sorted(fits, key=lambda f: f.cost)

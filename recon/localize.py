@@ -36,8 +36,8 @@ class FitConfig:
     """Directions that the fit starts from."""
     outline_points: int = 160
     """Points on the outline."""
-    max_error_m: float = 0.3
-    """A larger error of the outline at the object, in metres of the shape space, is a failure."""
+    max_cost: float = 600.0
+    """A larger cost of the best fit is a failure: the class does not explain the outline. Cars cost about 25."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
 
@@ -229,11 +229,11 @@ def localize_by_fit(
     outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
     fits = joint_fits(outline, space, camera, ground, ViewBins(config.view_bins), config.fit)
     best = fits[0]
-    if best.outline_error_m > config.max_error_m:
+    if best.cost > config.max_cost:
         return Failure(
             Reason.REGISTRATION_FAILED,
-            f"an outline that the class explains to {config.max_error_m:g} m expected, "
-            f"got {best.outline_error_m:.2f} m",
+            f"an outline that the class explains at a cost of at most {config.max_cost:g} expected, "
+            f"got {best.cost:.0f}",
         )
     others = [f for f in fits[1:] if angle_between(f.yaw_rad, best.yaw_rad) > np.deg2rad(15)]
     return FitLocalization(

@@ -42,6 +42,8 @@ class OutlineEdgeConfig:
     """Smallest gradient of the edge beside the strongest one on the same normal."""
     weak_weight: float = 0.15
     """Weight of points without such an edge; they stay where they are."""
+    below_weight: float = 0.2
+    """How much it counts that the object reaches beyond an edge that faces down: a dark part may follow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +52,14 @@ class OutlinePoints:
 
     uv_px: FloatArray
     """Shape (n, 2), image pixel centres."""
-    weight: FloatArray
-    """Shape (n,), in (0, 1]."""
+    outside_weight: FloatArray
+    """How much it counts when a point lies outside the object, shape (n,), in [0, 1]."""
+    inside_weight: FloatArray
+    """How much it counts when it lies inside."""
+
+    def every(self, step: int) -> "OutlinePoints":
+        """Each ``step``-th point."""
+        return OutlinePoints(self.uv_px[::step], self.outside_weight[::step], self.inside_weight[::step])
 
 
 def outline_points(ring_px: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
@@ -78,6 +86,9 @@ def points_on_edges(
 ) -> OutlinePoints:
     """The points of an outline moved onto the outermost sharp edge of a picture.
 
+    Where the outline faces down the object ends between that edge and the outline itself, which may be the
+    rim of a shade: both are given, and the object should hold the first and not the second.
+
     Args:
         light: linear light, shape (h, w, 3), in [0, 1].
         background: the same without the object.
@@ -102,7 +113,14 @@ def points_on_edges(
     least = np.maximum(config.least_gradient, config.share_of_strongest * strongest)
     shift, found = _outermost_peak(slope, offsets[1:-1], allowed, least, config.step_px)
     moved = points + np.where(found, shift, 0.0)[:, None] * normal
-    return OutlinePoints(moved, np.where(found, 1.0, config.weak_weight))
+    outside = np.where(found, 1.0, config.weak_weight)
+    inside = np.where(below & found, config.below_weight, np.where(below, 1.0, outside))
+    rim = below & found
+    return OutlinePoints(
+        np.concatenate([moved, points[rim]]),
+        np.concatenate([outside, np.zeros(rim.sum())]),
+        np.concatenate([inside, np.ones(rim.sum())]),
+    )
 
 
 def _slopes(light: Float32Array, at_px: Float32Array, config: OutlineEdgeConfig) -> FloatArray:

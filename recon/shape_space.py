@@ -36,7 +36,7 @@ class ShapeSpaceConfig:
     """Samples along x, the left half of y, and z."""
     reach: tuple[float, float, float] = (0.56, 0.68, 1.08)
     """The grid ends at these multiples of length (both ways), width (mirrors stand out) and height."""
-    modes: int = 10
+    modes: int = 12
     """Principal components kept."""
     outline_points: int = 40
     """Points on each part outline."""
@@ -164,26 +164,33 @@ def _disc_foot(scaled: ScaledViews, label: int) -> tuple[float, float]:
     """Lowest z of a part as an upright disc across y, and the greatest error of its lowest image points.
 
     A circle (x0 + r cos t, y0, z0 + r sin t) reaches lowest in a view with down vector d where (cos t, sin t)
-    is along (d_x, d_z), so that its lowest image point is linear in x0, y0, z0 and r.
+    is along (d_x, d_z), so that its lowest image point is linear in x0, y0 and z0. The radius is half the
+    width in the view that the disc faces most.
     """
-    rows, targets = [], []
-    for v, view in enumerate(scaled.views):
-        mask = view.labels == label
-        # seen from far aside the body hides the foot of a wheel
-        if mask.sum() >= 40 and abs(scaled.rotation[v, 2, 1]) > 0.6:
-            low = np.nonzero(mask.any(axis=1))[0][-1]
-            uv = np.array([np.nonzero(mask[low])[0].mean(), low + 0.5])
-            right, down = scaled.rotation[v, :2]
-            along = np.array([down[0], 0.0, down[2]]) / np.hypot(down[0], down[2])
-            rows.append(np.append(right, right @ along))
-            rows.append(np.append(down, down @ along))
-            targets.append(uv * scaled.scale[v] - scaled.shift[v])
-    if len(targets) < 3:
+    # seen from far aside the body hides the foot of a wheel
+    facing = [
+        v
+        for v, view in enumerate(scaled.views)
+        if abs(scaled.rotation[v, 2, 1]) > 0.6 and (view.labels == label).sum() >= 40
+    ]
+    if len(facing) < 3:
         return np.nan, np.inf
-    system, target = np.array(rows), np.concatenate(targets)
-    disc, _, rank, _ = np.linalg.lstsq(system, target, rcond=1e-3)
-    error = float(np.abs(system @ disc - target).max())
-    return float(disc[2] - disc[3]), error if rank == 4 and disc[3] > 0 else np.inf
+    best = max(facing, key=lambda v: abs(float(scaled.rotation[v, 2, 1])))
+    columns = np.nonzero((scaled.views[best].labels == label).any(axis=0))[0]
+    radius = 0.5 * (columns[-1] - columns[0] + 1) * float(scaled.scale[best])
+    rows, targets = [], []
+    for v in facing:
+        mask = scaled.views[v].labels == label
+        low = np.nonzero(mask.any(axis=1))[0][-1]
+        uv = np.array([np.nonzero(mask[low])[0].mean(), low + 0.5])
+        down = scaled.rotation[v, 1]
+        along = np.array([down[0], 0.0, down[2]]) / np.hypot(down[0], down[2])
+        rows.append(scaled.rotation[v, :2])
+        targets.append(uv * scaled.scale[v] - scaled.shift[v] - radius * scaled.rotation[v, :2] @ along)
+    system, target = np.concatenate(rows), np.concatenate(targets)
+    centre, _, rank, _ = np.linalg.lstsq(system, target, rcond=1e-3)
+    error = float(np.abs(system @ centre - target).max())
+    return float(centre[2] - radius), error if rank == 3 else np.inf
 
 
 def visual_hull(placed: ScaledViews, size_m: FloatArray, config: ShapeSpaceConfig) -> Float32Array:

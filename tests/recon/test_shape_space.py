@@ -55,7 +55,7 @@ def silhouette(truth: StandingBox) -> np.ndarray:
 def outline_of(mask: np.ndarray) -> OutlinePoints:
     ring = largest_outline(mask)
     assert ring is not None
-    return OutlinePoints(outline_points(ring, 120)[0], np.ones(120))
+    return OutlinePoints(outline_points(ring, 120)[0], np.ones(120), np.ones(120))
 
 
 def test_views_are_put_together_from_their_silhouettes() -> None:
