@@ -37,7 +37,7 @@ class FitConfig:
     outline_points: int = 160
     """Points on the outline."""
     max_cost: float = 600.0
-    """A larger cost of the best fit is a failure: the class does not explain the outline. Cars cost about 25."""
+    """A larger cost is a failure: the class does not explain the outline. That of cars is about 25."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
 

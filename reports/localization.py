@@ -150,7 +150,8 @@ def save_reconstruction(path: Path, picture: Rgb, view: Instance3DView) -> None:
         scene.set_ylim(middle[1] - half, middle[1] + half)
         scene.set_zlim(0, 2 * half)
         scene.set_box_aspect((1, 1, 1))
-        scene.view_init(28, -70)
+        # from the left side and ahead, whatever way the car points
+        scene.view_init(24, float(np.rad2deg(view.truth.yaw_rad)) + 55)
         scene.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)", title=view.caption)
         scene.legend(loc="upper left")
         photo = figure.add_subplot(1, 2, 2)

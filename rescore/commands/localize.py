@@ -40,9 +40,8 @@ def localize(
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """
     from datasets_synth.car_models import cars_of_splits
-    from datasets_synth.table_class import learn_table_class
+    from datasets_synth.table_class import TableClassConfig, learn_table_class
     from datasets_synth.table_trials import TrialConfig, run_trials
-    from recon.shape_space import ShapeSpaceConfig
     from rescore.progress import track
     from rescore.store import write_provenance
 
@@ -54,7 +53,7 @@ def localize(
             "ask for more placements or fewer --cars"
         )
     say(f"learning from {len(split['train'])} cars")
-    table_class = learn_table_class(split["train"], ShapeSpaceConfig(), jobs)
+    table_class = learn_table_class(split["train"], TableClassConfig(), jobs)
     config = TrialConfig()
     gallery = _Gallery(table_class)
     trials = run_trials(chosen, placements, table_class, config, seed, jobs)

@@ -43,14 +43,25 @@ def test_help_names_every_command_and_is_quick() -> None:
         [sys.executable, "-m", "rescore.cli", "--help"], capture_output=True, text=True, check=True
     )
     seconds = time.perf_counter() - started
-    for name in ("synth", "train", "detect", "learn", "tune", "apply", "evaluate", "log", "reproduce"):
+    for name in (
+        "synth",
+        "train",
+        "detect",
+        "learn",
+        "tune",
+        "apply",
+        "evaluate",
+        "log",
+        "reproduce",
+        "localize",
+    ):
         assert name in done.stdout
     # generous for a loaded machine; importing what the commands need takes several seconds there
     assert seconds < 5
 
 
 @pytest.mark.parametrize(
-    "name", ["synth", "train", "detect", "learn", "tune", "apply", "evaluate", "log", "reproduce"]
+    "name", ["synth", "train", "detect", "learn", "tune", "apply", "evaluate", "log", "reproduce", "localize"]
 )
 def test_every_command_shows_an_example(name: str) -> None:
     shown = CliRunner().invoke(app, [name, "--help"]).output
