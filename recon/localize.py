@@ -38,6 +38,9 @@ class FitConfig:
     """Points on the outline."""
     max_cost: float = 600.0
     """A larger cost is a failure: the class does not explain the outline. That of cars is about 25."""
+    max_deviation: float = 12.0
+    """A larger length of the shape coefficients is a failure: no object of the class looks like this. Where
+    k of them are standard normal, it is about the root of k."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
 
@@ -229,11 +232,12 @@ def localize_by_fit(
     outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
     fits = joint_fits(outline, space, camera, ground, ViewBins(config.view_bins), config.fit)
     best = fits[0]
-    if best.cost > config.max_cost:
+    deviation = float(np.linalg.norm(best.coefficients))
+    if best.cost > config.max_cost or deviation > config.max_deviation:
         return Failure(
             Reason.REGISTRATION_FAILED,
-            f"an outline that the class explains at a cost of at most {config.max_cost:g} expected, "
-            f"got {best.cost:.0f}",
+            f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
+            f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
         )
     others = [f for f in fits[1:] if angle_between(f.yaw_rad, best.yaw_rad) > np.deg2rad(15)]
     return FitLocalization(

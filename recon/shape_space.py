@@ -245,7 +245,9 @@ def _part_outlines(
     """
     bins = instance.bins[0]
     views = [v for v, b in zip(instance.views, instance.bins, strict=True) if b == bins]
-    model = learn_class_model(views, "instance", part_names, LearnConfig(bins=bins, refine_rounds=0))
+    model = learn_class_model(
+        views, "instance", part_names, LearnConfig(bins=bins, refine_rounds=0, max_bin_step=1)
+    )
     out = np.full((len(part_names), config.outline_points, 3), np.nan)
     own, seen = [], []
     for part in model.parts:

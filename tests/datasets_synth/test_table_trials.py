@@ -37,7 +37,7 @@ SMALL = TableClassConfig(
 @lru_cache(maxsize=1)
 def small_class() -> TableClass:
     sedans = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))]
-    return learn_table_class(sedans, SMALL, jobs=1)
+    return learn_table_class(sedans[:4], SMALL, jobs=1)
 
 
 def sedan() -> Placement:

@@ -67,7 +67,7 @@ def test_table_is_segmented_into_things_and_not_shadows() -> None:
     mask = regions[0].mask
     assert mask[45:78, 53:107].all()
     assert mask[85, 62:68].all()
-    assert not mask[82:, 80:].any()
+    assert not mask[86:, 80:].any()
     assert not mask[:30].any()
 
 
