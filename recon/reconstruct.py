@@ -134,6 +134,34 @@ def reconstruct(
     return tuple(r for r in results if r is not None)
 
 
+def reconstruct_outline(
+    ring_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+) -> Reconstruction | Failure:
+    """The 3D instance of an outline that is already known, such as one from colour segmentation.
+
+    Args:
+        ring_px: the closed outline, shape (m, 2), centres of its border pixels.
+        view_bin: the bin that it is taken to be seen from.
+        model: the class model.
+        camera: M.
+        ground: Q_g.
+        config: settings.
+    """
+    view = prepare_view(model, view_bin, config.registration)
+    box = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
+    failure = _check_box(box, view.grid, camera, config)
+    if failure is not None:
+        return failure
+    to_image = _grid_to_image(view.grid, box)
+    outline = (ring_px - to_image.shift) / to_image.scale
+    return _instance(box, outline, view, view_bin, model, camera, ground, config, None)
+
+
 def segment(
     rgb: NDArray[np.uint8], xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
 ) -> tuple[FloatArray | Failure, ...]:

@@ -150,32 +150,31 @@ def _page(study: ModelStudy, command: str) -> str:
     selection = study.selection
     error = np.sqrt(selection.selection.cost / selection.selection.full_cost)
     rises = ", ".join(f"{value - 1:.1%} with {i}" for i, value in enumerate(error[:5], start=1))
-    return (
-        "\n\n".join(
-            [
-                "# Class models",
-                f"Made by `{command}`. `models.json` holds the numbers.",
-                "## A few primitives serve all parts",
-                f"The library holds {len(selection.normals)} orientations. Of the {len(selection.parts)} parts of "
-                "chair, bicycle, airplane and car (in the six parts of the report), each is carried between views "
-                "by the best of the chosen primitives. Over the whole library the error rises by "
-                f"{rises} primitives. Boundaries that no primitive explains, since a part is seen edge-on or half "
-                "hidden, count the same for all, which makes the rise look smaller than it is for what is seen.",
-                "![Error over the number of primitives](primitives_cost.png)",
-                "The first four, and the parts that each represents (as in figure 1 of the report):",
-                "![The four primitives and their parts](primitives_chosen.png)",
-                "## Planes and skeletons against the truth",
-                "Test shapes, each learned from neighbouring labelled views of its own, knowing the view bins "
-                "alone. Parts that at least two views show; rods (legs, handlebars, fuselages) have no normal. "
-                "Centroids in lengths of the object's longest side, after the best scale and shift.",
-                accuracy_table(study.accuracy).markdown(),
-                "## Models of two views",
-                "Only parts that both views show are drawn.",
-                "![Learned models from several sides](models.png)",
-            ]
-        )
-        + "\n"
+    few = (
+        f"The library holds {len(selection.normals)} orientations. The {len(selection.parts)} parts of chair, "
+        "bicycle, airplane and car (in six parts, as the report has them) are carried between views, each by "
+        f"the best of the chosen primitives. Over the whole library the error rises by {rises} primitives. "
+        "Boundaries that no primitive explains, since a part is seen edge-on or half hidden, count the same "
+        "for all, which makes the rise look smaller than it is."
     )
+    truth = (
+        "Test shapes, each learned from neighbouring labelled views of its own, knowing the view bins alone. "
+        "Parts that at least two views show; rods (legs, handlebars, fuselages) have no normal. Centroids in "
+        "lengths of the object's longest side, after the best scale and shift."
+    )
+    parts = [
+        "# Class models",
+        f"Made by `{command}`. `models.json` holds the numbers.",
+        f"## A few primitives serve all parts\n\n{few}",
+        "![Error over the number of primitives](primitives_cost.png)",
+        "The first four, and the parts that each represents (as in figure 1 of the report):",
+        "![The four primitives and their parts](primitives_chosen.png)",
+        f"## Planes and skeletons against the truth\n\n{truth}",
+        accuracy_table(study.accuracy).markdown().rstrip(),
+        "## Models of two views\n\nOnly parts that both views show are drawn.",
+        "![Learned models from several sides](models.png)",
+    ]
+    return "\n\n".join(parts) + "\n"
 
 
 def accuracy_table(rows: Sequence[AccuracyRow]) -> Table:
