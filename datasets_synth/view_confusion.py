@@ -5,14 +5,9 @@ training shapes and counts on test shapes; ``python -m reports.confusion OUT.jso
 """
 
 import sys
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.object_classes import ObjectClass, labelled_views, object_class
 from datasets_synth.single_object import Viewpoint, photograph
@@ -23,52 +18,13 @@ from recon.outcome import Failure
 from recon.outlines import largest_outline
 from recon.view_bins import ViewBins
 from recon.view_selection import best_view_bin
-from rescore.store import write_json
+from rescore.confusion import Confusion, count_choices, save_confusions
 
-FORMAT = "view-confusion 1"
 CAMERA = PinholeCamera(250.0, 250.0, 79.5, 59.5, 160, 120)
 """Objects fill most of its picture: a car of 4.4 m is 128 pixels long from the side, at 9 m."""
 _INDOORS = ("chair", "basket")
 _LEARNED_SHAPES = 3
 _LABELLED_PX = 240
-
-
-@dataclass(frozen=True, eq=False)
-class Confusion:
-    """Which bins were chosen for which."""
-
-    counts: NDArray[np.int64]
-    """Shape (k, k): photographs by true bin (row) and chosen bin (column)."""
-    failures: dict[str, int]
-    """Photographs without a choice by reason."""
-
-    def __post_init__(self) -> None:
-        if self.counts.ndim != 2 or self.counts.shape[0] != self.counts.shape[1]:
-            raise ValueError(f"confusion: expected counts (k, k), got {self.counts.shape}")
-
-    @property
-    def photos(self) -> int:
-        """All photographs, those without a choice too."""
-        return int(self.counts.sum()) + sum(self.failures.values())
-
-    def shares(self) -> dict[str, float]:
-        """Shares of all photographs; the last three are kinds of mistake, of which one may be two.
-
-        ``exact``: the true bin. ``within_one``: it or a neighbour. ``mirrored``: bin -b for b, the other side
-        of the object and its picture mirrored. ``ends_exchanged``: bin k/2 - b, the same side with front and
-        rear exchanged. ``opposite``: bin b + k/2.
-        """
-        k = len(self.counts)
-        true, chosen = np.mgrid[:k, :k]
-        wrong = true != chosen
-        kinds = {
-            "exact": ~wrong,
-            "within_one": np.isin((chosen - true) % k, [0, 1, k - 1]),
-            "mirrored": wrong & ((chosen + true) % k == 0),
-            "ends_exchanged": wrong & ((chosen + true - k // 2) % k == 0),
-            "opposite": (chosen - true) % k == k // 2,
-        }
-        return {name: float(self.counts[use].sum() / max(self.photos, 1)) for name, use in kinds.items()}
 
 
 def view_confusion(
@@ -104,35 +60,7 @@ def view_confusion(
         for name, outline in (("level_set", None), ("true_outline", largest_outline(photo.part_labels > 0))):
             choice = best_view_bin(photo.rgb, photo.xyxy_px, model, outline_px=outline)
             chosen[name].append(choice if isinstance(choice, Failure) else choice.view_bin)
-    return {name: confusion(true, found, model.bins.count) for name, found in chosen.items()}
-
-
-def confusion(true: Sequence[int], chosen: Sequence[int | Failure], count: int) -> Confusion:
-    """The table of ``count`` bins from true bins and what was chosen for each."""
-    counts = np.zeros((count, count), np.int64)
-    for b, found in zip(true, chosen, strict=True):
-        if not isinstance(found, Failure):
-            counts[b, found] += 1
-    failures = Counter(found.reason.value for found in chosen if isinstance(found, Failure))
-    return Confusion(counts, dict(sorted(failures.items())))
-
-
-def confusion_json(tables: dict[str, Confusion], class_name: str, elevation_deg: float) -> dict[str, Any]:
-    """Tables and their shares for a JSON file."""
-    return {
-        "format": FORMAT,
-        "class_name": class_name,
-        "elevation_deg": elevation_deg,
-        "tables": {
-            name: {
-                "photos": table.photos,
-                "shares": table.shares(),
-                "failures": table.failures,
-                "counts": table.counts.tolist(),
-            }
-            for name, table in tables.items()
-        },
-    }
+    return {name: count_choices(true, found, model.bins.count) for name, found in chosen.items()}
 
 
 def main(class_name: str, elevation_deg: float, n: int, out: Path) -> None:
@@ -144,7 +72,7 @@ def main(class_name: str, elevation_deg: float, n: int, out: Path) -> None:
     # the planes, which refining turns, play no role in the choice of a view
     model = learn_class_model(views, class_name, chosen.part_names, LearnConfig(refine_rounds=0))
     tables = view_confusion(chosen, model, n, np.random.default_rng(0))
-    write_json(out, confusion_json(tables, class_name, elevation_deg))
+    save_confusions(out, tables, f"{class_name}, elevation {elevation_deg:g} degrees")
     for name, table in tables.items():
         shown = ", ".join(f"{k} {v:.0%}" for k, v in table.shares().items())
         print(f"{class_name} at {elevation_deg:g} degrees, {name}, {table.photos} photographs: {shown}")

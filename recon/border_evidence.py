@@ -17,6 +17,9 @@ from recon.outlines import resample
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
+_ROUNDING = 0.02
+"""Gradients below this, in units of Lab a pixel, come from rounding; a blank window must have no edges."""
+
 
 @dataclass(frozen=True)
 class BorderEvidenceConfig:
@@ -43,7 +46,7 @@ def edge_channels(lab: Float32Array, config: BorderEvidenceConfig) -> Float32Arr
     coherence = np.hypot(xx - yy, 2 * xy) / (xx + yy + np.float32(1e-6))
     # half a unit of Lab a pixel is noise
     around = cv2.GaussianBlur(size, (0, 0), config.local_sigma_px) + np.float32(0.5)
-    strength = coherence * size / (size + around)
+    strength = coherence * np.maximum(size - np.float32(_ROUNDING), 0) / (size + around)
     double = np.arctan2(2 * xy, xx - yy)
     centre = (2 * np.pi / config.directions * np.arange(config.directions)).astype(np.float32)
     share = np.maximum(np.cos(double[..., None] - centre), 0) ** 2

@@ -105,7 +105,7 @@ def quick_car_model(size_px: int = 128) -> ClassModel:
     car = next(c for c in cars if "sedan" in c.shape_id)
     mesh = car.build(np.random.default_rng(0))
     views = [
-        PartView(b, render_part_labels(mesh, b, BINS.elevation_rad, size_px), car.shape_id)
+        PartView(b, render_part_labels(mesh, BINS.view_from_object(b), size_px), car.shape_id)
         for b in range(BINS.count)
     ]
     config = LearnConfig(bins=BINS, refine_rounds=0)
