@@ -90,8 +90,13 @@ def load_confusions(path: Path) -> tuple[dict[str, Confusion], str]:
             f"{path}: expected format {FORMAT!r}, got {found!r}; "
             "write it with python -m datasets_synth.view_confusion"
         )
-    tables = {
-        str(name): Confusion(np.array(row["counts"], np.int64), dict(row["failures"]))
-        for name, row in data["tables"].items()
-    }
-    return tables, str(data["title"])
+    try:
+        tables = {
+            str(name): Confusion(np.array(row["counts"], np.int64), dict(row["failures"]))
+            for name, row in data["tables"].items()
+        }
+        return tables, str(data["title"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RescoreError(
+            f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write it again"
+        ) from error

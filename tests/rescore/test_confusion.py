@@ -54,5 +54,8 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text('{"format": "something"}')
     with pytest.raises(RescoreError, match="expected format 'view-confusion 1', got 'something'"):
         load_confusions(tmp_path / "other.json")
+    (tmp_path / "half.json").write_text('{"format": "view-confusion 1", "tables": {}}')
+    with pytest.raises(RescoreError, match="title"):
+        load_confusions(tmp_path / "half.json")
     with pytest.raises(ValueError, match="expected counts"):
         Confusion(np.zeros((2, 3), np.int64), {})
