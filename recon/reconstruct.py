@@ -121,9 +121,7 @@ def reconstruct(
         )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
     view = prepare_view(model, view_bin, config.registration)
-    results: list[Reconstruction | Failure | None] = [
-        _check_box(box, view.grid, camera, config) for box in boxes
-    ]
+    results: list[Reconstruction | Failure | None] = [check_box(box, view.grid, rgb, config) for box in boxes]
     todo = [i for i, result in enumerate(results) if result is None]
     for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
         results[i] = (
@@ -168,10 +166,10 @@ def segment(
     """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
     if not len(xyxy_px):
         return ()
-    windows = _canonical_windows(rgb, xyxy_px, view.grid)
+    windows = canonical_windows(rgb, xyxy_px, view.grid)
     start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
     phi = evolve(start, edge_indicator(windows, config.segment), config.segment)
-    return tuple(_zero_level(p, view.phi, config) for p in phi)
+    return tuple(zero_level(p, view.phi, config) for p in phi)
 
 
 def _instance(
@@ -247,16 +245,17 @@ def feet(model: ClassModel) -> dict[int, FloatArray]:
     return {label: point for label, point in low.items() if point[2] <= limit}
 
 
-def _check_box(
-    box_px: FloatArray, grid: CanonicalGrid, camera: PinholeCamera, config: ReconstructConfig
+def check_box(
+    box_px: FloatArray, grid: CanonicalGrid, rgb: NDArray[np.uint8], config: ReconstructConfig
 ) -> Failure | None:
+    """Why nothing of this grid's aspect can be looked for in a box (4,) of a picture; None where it can."""
     size = box_px[2:] - box_px[:2]
     if not (np.isfinite(box_px).all() and (size >= 4).all()):
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
             f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
         )
-    clipped = np.clip(box_px, 0, [camera.width_px, camera.height_px] * 2)
+    clipped = np.clip(box_px, 0, [rgb.shape[1], rgb.shape[0]] * 2)
     inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
     if inside < config.min_inside:
         return Failure(
@@ -272,7 +271,7 @@ def _check_box(
     return None
 
 
-def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
+def canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
     """Each box with its margin on the canonical grid in CIE Lab, shape (n, h, w, 3), borders repeated."""
     scales, shifts = grid.image_from_grid(xyxy_px)
     out = np.empty((len(xyxy_px), grid.height_px, grid.width_px, 3), np.float32)
@@ -297,7 +296,7 @@ def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: Canoni
     return out
 
 
-def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
+def zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
     """The outline of the largest region, to a quarter of a canonical pixel."""
     fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
     ring = largest_outline(fine < 0)
