@@ -121,7 +121,9 @@ def reconstruct(
         )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
     view = prepare_view(model, view_bin, config.registration)
-    results: list[Reconstruction | Failure | None] = [check_box(box, view.grid, rgb, config) for box in boxes]
+    results: list[Reconstruction | Failure | None] = [
+        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config) for box in boxes
+    ]
     todo = [i for i, result in enumerate(results) if result is None]
     for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
         results[i] = (
@@ -152,7 +154,7 @@ def reconstruct_outline(
     """
     view = prepare_view(model, view_bin, config.registration)
     box = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
-    failure = _check_box(box, view.grid, camera, config)
+    failure = check_box(box, view.grid, (camera.width_px, camera.height_px), config)
     if failure is not None:
         return failure
     to_image = _grid_to_image(view.grid, box)
@@ -246,16 +248,19 @@ def feet(model: ClassModel) -> dict[int, FloatArray]:
 
 
 def check_box(
-    box_px: FloatArray, grid: CanonicalGrid, rgb: NDArray[np.uint8], config: ReconstructConfig
+    box_px: FloatArray, grid: CanonicalGrid, picture_px: tuple[int, int], config: ReconstructConfig
 ) -> Failure | None:
-    """Why nothing of this grid's aspect can be looked for in a box (4,) of a picture; None where it can."""
+    """Why nothing of this grid's aspect can be looked for in a box (4,) of a picture; None where it can.
+
+    ``picture_px`` is the width and height of the picture.
+    """
     size = box_px[2:] - box_px[:2]
     if not (np.isfinite(box_px).all() and (size >= 4).all()):
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
             f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
         )
-    clipped = np.clip(box_px, 0, [rgb.shape[1], rgb.shape[0]] * 2)
+    clipped = np.clip(box_px, 0, [*picture_px, *picture_px])
     inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
     if inside < config.min_inside:
         return Failure(

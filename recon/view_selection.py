@@ -143,7 +143,7 @@ def _views_for_box(
             )
             continue
         view = prepare_view(model, view_bin, config.registration)
-        wrong = check_box(box_px, view.grid, rgb, config)
+        wrong = check_box(box_px, view.grid, (rgb.shape[1], rgb.shape[0]), config)
         if wrong is None:
             views[view_bin] = view
         else:

@@ -151,8 +151,8 @@ def _page(study: ModelStudy, command: str) -> str:
     error = np.sqrt(selection.selection.cost / selection.selection.full_cost)
     rises = ", ".join(f"{value - 1:.1%} with {i}" for i, value in enumerate(error[:5], start=1))
     few = (
-        f"The library holds {len(selection.normals)} orientations. The {len(selection.parts)} parts of chair, "
-        "bicycle, airplane and car (in six parts, as the report has them) are carried between views, each by "
+        f"The library holds {len(selection.normals)} orientations. The {len(selection.parts)} parts of "
+        "chair, bicycle, airplane and car (in six parts, as the report has them) are carried between views, each by "
         f"the best of the chosen primitives. Over the whole library the error rises by {rises} primitives. "
         "Boundaries that no primitive explains, since a part is seen edge-on or half hidden, count the same "
         "for all, which makes the rise look smaller than it is."
