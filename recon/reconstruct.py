@@ -23,7 +23,7 @@ from recon.part_registration import (
     register_parts,
 )
 from recon.predict_depth import PlacedParts, PlacingConfig, place_parts
-from recon.segment import Float32Array, SegmentConfig, edge_indicator, evolve
+from recon.segment import Float32Array, SegmentConfig, colour_evidence, edge_indicator, evolve
 
 FloatArray = NDArray[np.float64]
 
@@ -39,6 +39,9 @@ class ReconstructConfig:
     the object from elsewhere, or something else: stretched to such a box, any outline would seem to fit."""
     min_outline_iou: float = 0.4
     """Smallest intersection over union of the outline with the one it started from."""
+    box_bottom_is_ground: bool = False
+    """Whether boxes are drawn tightly: then the contacts go down to the lower edge of the box, which an
+    outline that has lost a foot does not reach. The boxes of a detector are too coarse for that."""
     segment: SegmentConfig = field(default_factory=SegmentConfig)
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     ground_line: GroundLineConfig = field(default_factory=GroundLineConfig)
@@ -142,7 +145,8 @@ def segment(
         return ()
     windows = _canonical_windows(rgb, xyxy_px, view.grid)
     start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
-    phi = evolve(start, edge_indicator(windows, config.segment), config.segment)
+    region = colour_evidence(windows, start) if config.segment.region_weight else None
+    phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
     return tuple(_zero_level(p, view.phi, config) for p in phi)
 
 
@@ -166,7 +170,10 @@ def _instance(
     labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
     cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
-    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region)
+    bottom_px = float(box_px[3]) - 0.5 if config.box_bottom_is_ground else None
+    line = ground_line(
+        labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region, bottom_px
+    )
     if isinstance(line, Failure):
         return line
     placed = _place(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
@@ -354,7 +361,7 @@ def _place(
     placed = place_parts(labels, rays, normals, line.points_m, limits, config)
     if placed.planes:
         return placed
-    stand_in = _stand_in(labels, rays, normals, line.points_m, scale, cam_from_object, model)
+    stand_in = _stand_in(labels, rays, normals, line.points_m, scale, cam_from_object, model, config)
     again = place_parts(labels, rays, normals, stand_in, limits, config)
     # why the parts on the ground have no plane was found in the first round
     reasons = again.unplaced | {k: why for k, why in placed.unplaced.items() if k in line.points_m}
@@ -369,17 +376,19 @@ def _stand_in(
     metres_per_unit: float,
     cam_from_object: FloatArray,
     model: ClassModel,
+    config: PlacingConfig,
 ) -> dict[int, FloatArray]:
     """A known point of one part for a view that shows all parts on the ground edge-on, as a car's front.
 
-    It belongs to the part that shows the most area to the camera, and lies as far from the ground contacts as
-    in the class model.
+    It belongs to the part that shows the most area to the camera and is not edge-on itself, and lies as far
+    from the ground contacts as in the class model.
     """
-    shown = {
-        k: float(np.abs(rays[labels == k] @ normal).sum())
-        for k, normal in normals.items()
-        if k not in points_m and (labels == k).any()
-    }
+    shown = {}
+    for k in (k for k in normals if k not in points_m and (labels == k).any()):
+        own = rays[labels == k]
+        sine = np.abs(own @ normals[k]) / np.linalg.norm(own, axis=1)
+        if sine.mean() >= np.sin(config.min_angle_rad):
+            shown[k] = float(sine.sum())
     if not shown:
         return {}
     label = max(shown, key=lambda k: shown[k])
