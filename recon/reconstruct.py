@@ -359,10 +359,14 @@ def _place(
     reach = config.max_depth_range * scale * float(np.linalg.norm(model.extents))
     limits = (max(depth - reach, 1e-3), depth + reach)
     placed = place_parts(labels, rays, normals, line.points_m, limits, config)
-    if placed.planes:
+    if placed.placed_share >= config.min_placed:
         return placed
-    stand_in = _stand_in(labels, rays, normals, line.points_m, scale, cam_from_object, model, config)
-    again = place_parts(labels, rays, normals, stand_in, limits, config)
+    rest = {k: n for k, n in normals.items() if k not in placed.planes}
+    stand_in = _stand_in(labels, rays, rest, line.points_m, scale, cam_from_object, model, config)
+    on_ground = {k: p for k, p in line.points_m.items() if k in placed.planes}
+    again = place_parts(labels, rays, normals, on_ground | stand_in, limits, config)
+    if again.placed_share <= placed.placed_share:
+        return placed
     # why the parts on the ground have no plane was found in the first round
     reasons = again.unplaced | {k: why for k, why in placed.unplaced.items() if k in line.points_m}
     return replace(again, unplaced={k: v for k, v in reasons.items() if k not in again.planes})
@@ -378,7 +382,7 @@ def _stand_in(
     model: ClassModel,
     config: PlacingConfig,
 ) -> dict[int, FloatArray]:
-    """A known point of one part for a view that shows all parts on the ground edge-on, as a car's front.
+    """A known point of one part for a view that shows the parts on the ground edge-on, as a car's front.
 
     It belongs to the part that shows the most area to the camera and is not edge-on itself, and lies as far
     from the ground contacts as in the class model.

@@ -186,13 +186,29 @@ def fine_config(model: ClassModel, view_bin: int) -> ReconstructConfig:
     return _THIN_CONFIG if kept < 0.95 * len(rows) else _SOLID_CONFIG
 
 
-def find_object(photo: Photo, xyxy_px: FloatArray, view_bin: int, model: ClassModel) -> FoundObject | Failure:
-    """The object in a box (4,) in 3D, or why there is none."""
+def find_object(
+    photo: Photo,
+    xyxy_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    occluded: NDArray[np.bool_] | None = None,
+) -> FoundObject | Failure:
+    """The object in a box (4,) in 3D, or why there is none.
+
+    Args:
+        photo: the picture.
+        xyxy_px: the box, drawn tightly.
+        view_bin: where the object is seen from.
+        model: the class model.
+        occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
+    """
     config = fine_config(model, view_bin)
     (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.camera, photo.ground, config)
     if isinstance(found, Failure):
         return found
-    instance = build_instance(found, view_bin, model, photo.camera, photo.ground, config.registration)
+    instance = build_instance(
+        found, view_bin, model, photo.camera, photo.ground, config.registration, occluded=occluded
+    )
     return instance if isinstance(instance, Failure) else FoundObject(found, instance)
 
 
