@@ -28,6 +28,10 @@ from recon.segment import Float32Array, SegmentConfig, colour_evidence, edge_ind
 FloatArray = NDArray[np.float64]
 
 
+_PIECE = 0.1
+"""Share of the object's area above which a separate region is a piece of it."""
+
+
 @dataclass(frozen=True)
 class ReconstructConfig:
     """Settings of all stages."""
@@ -279,7 +283,7 @@ def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: Canoni
 def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
     """The outline of the largest region, to a quarter of a canonical pixel."""
     fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
-    ring = largest_outline(fine < 0)
+    ring = largest_outline(_in_one_piece(fine < 0, start))
     if ring is None:
         return Failure(Reason.NO_OUTLINE, "an outline expected, the level set vanished")
     outline = (ring + 0.5) / 4 - 0.5
@@ -291,6 +295,29 @@ def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfi
             f"an outline that keeps {config.min_outline_iou:g} of its start (IoU) expected, got {iou:.2f}",
         )
     return outline
+
+
+def _in_one_piece(mask: NDArray[np.bool_], start: Float32Array) -> NDArray[np.bool_]:
+    """The mask (4 h, 4 w) with its larger regions joined where a thin limb was pinched off.
+
+    What joins them lies inside the start (h, w); nothing is added where one region has nearly all.
+    """
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    areas = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
+    if len(areas) < 2 or areas[1] < _PIECE * areas.sum():
+        return mask
+    inside = cv2.resize(start, mask.shape[::-1], interpolation=cv2.INTER_LINEAR) < 0
+    pieces = int((areas >= _PIECE * areas.sum()).sum())
+    for across in range(9, max(10, mask.shape[0] // 5), 8):
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
+        closed = mask | (inside & (cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0))
+        _, _, stats, _ = cv2.connectedComponentsWithStats(closed.astype(np.uint8))
+        large = int((stats[1:, cv2.CC_STAT_AREA] >= _PIECE * areas.sum()).sum())
+        if large < pieces:
+            mask, pieces = closed, large
+        if pieces < 2:
+            break
+    return mask
 
 
 class _GridToImage:

@@ -23,6 +23,10 @@ _PREDICTED_WEIGHT = 0.3
 """Weight of a pixel on a plane that the class model predicts beside one on a plane from the picture."""
 _SLACK = 0.05
 """Joining moves a part by no more than this share of the box's diagonal beyond its depths."""
+_BEYOND = 0.25
+"""No part leaves the object's box by more than this share of the diagonal towards the camera or away."""
+_ABOVE = 0.002
+"""What touches the ground is this share of its depth before it."""
 _SAMPLES = 400
 """Pixels of a part that are looked at."""
 
@@ -37,11 +41,17 @@ class JoinedPlanes:
     """Nearest and farthest z-depth of each part by label."""
     adjoining: frozenset[tuple[int, int]]
     """Labels of parts that adjoin in the picture and in 3D, both orders."""
+    ground: FloatArray
+    """The ground as inverse depth, shape (3,)."""
 
     def depth_along(self, label: int, rays: FloatArray) -> FloatArray:
-        """Z-depth (n,) at which rays (n, 3) with z = 1 meet the plane of a part, within its limits."""
+        """Z-depth (n,) at which rays (n, 3) with z = 1 meet the plane of a part, within its limits.
+
+        Nothing of an object is below the ground, or so near to it that the ground would hide it.
+        """
         near, far = self.limits_m[label]
-        return np.asarray(1 / np.clip(rays @ self.inverse_depth[label], 1 / far, 1 / near))
+        inverse = np.clip(rays @ self.inverse_depth[label], 1 / far, 1 / near)
+        return np.asarray(1 / np.maximum(inverse, rays @ self.ground * (1 + _ABOVE)))
 
 
 def joined_planes(found: Reconstruction, instance: Instance3D, camera: PinholeCamera) -> JoinedPlanes:
@@ -57,7 +67,10 @@ def joined_planes(found: Reconstruction, instance: Instance3D, camera: PinholeCa
     column = {k: 3 * i for i, k in enumerate(labels)}
     rows, values = [], []
     limits = {}
-    slack = _SLACK * float(np.linalg.norm(instance.size_m))
+    diagonal_m = float(np.linalg.norm(instance.size_m))
+    slack = _SLACK * diagonal_m
+    first, last = instance.corners_m[:, 2].min(), instance.corners_m[:, 2].max()
+    first, last = max(first - _BEYOND * diagonal_m, NEAR_M), last + _BEYOND * diagonal_m
     for k in labels:
         rays = _rays(np.nonzero(found.part_labels == k), found, camera)
         step = max(1, len(rays) // _SAMPLES)
@@ -68,7 +81,7 @@ def joined_planes(found: Reconstruction, instance: Instance3D, camera: PinholeCa
         block[:, column[k] : column[k] + 3] = weight * z[:, None] * rays[::step]
         rows.append(block)
         values.append(np.full(len(z), weight))
-        limits[k] = (max(float(z.min()) - slack, NEAR_M), float(z.max()) + slack)
+        limits[k] = _within(float(z.min()) - slack, float(z.max()) + slack, float(first), float(last))
     adjoining = _adjoining(found, instance, labels)
     distance = instance.distance_m
     for a, b in sorted(p for p in adjoining if p[0] < p[1]):
@@ -79,12 +92,18 @@ def joined_planes(found: Reconstruction, instance: Instance3D, camera: PinholeCa
         rows.append(block)
         values.append(np.zeros(len(rays)))
     solution, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)
-    return JoinedPlanes({k: solution[c : c + 3] for k, c in column.items()}, limits, adjoining)
+    planes = {k: solution[c : c + 3] for k, c in column.items()}
+    up, on_ground = instance.cam_from_object[:3, 2], instance.cam_from_object[:3, 3]
+    return JoinedPlanes(planes, limits, adjoining, up / (up @ on_ground))
 
 
-def _rays(
-    at: tuple[NDArray[np.intp], ...], found: Reconstruction, camera: PinholeCamera
-) -> FloatArray:
+def _within(near: float, far: float, first: float, last: float) -> tuple[float, float]:
+    """The limits of a part cut to those of its object."""
+    near = min(max(near, first), last)
+    return near, max(min(far, last), near)
+
+
+def _rays(at: tuple[NDArray[np.intp], ...], found: Reconstruction, camera: PinholeCamera) -> FloatArray:
     """Rays (n, 3) through pixels of the window, given as rows and columns."""
     return camera.rays(np.stack([at[1] + found.x0_px, at[0] + found.y0_px], axis=1).astype(float))
 
@@ -96,12 +115,9 @@ def _border(labels: NDArray[np.uint8], a: int, b: int) -> tuple[NDArray[np.intp]
     return np.nonzero((labels == a) & touched)
 
 
-def _adjoining(
-    found: Reconstruction, instance: Instance3D, labels: list[int]
-) -> frozenset[tuple[int, int]]:
+def _adjoining(found: Reconstruction, instance: Instance3D, labels: list[int]) -> frozenset[tuple[int, int]]:
     """Pairs of labels that adjoin in the picture and whose polygons in 3D come near each other."""
     limit = _MAX_APART * float(np.linalg.norm(instance.size_m))
-    moved = instance.class_to_instance
     points = {p.label: p.outline_m for p in instance.parts}
     pairs = set()
     for i, a in enumerate(labels):

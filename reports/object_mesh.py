@@ -52,13 +52,18 @@ class PictureMesh:
 
 
 def object_meshes(
-    rgb: NDArray[np.uint8], found: Reconstruction, instance: Instance3D, camera: PinholeCamera
+    rgb: NDArray[np.uint8],
+    found: Reconstruction,
+    instance: Instance3D,
+    camera: PinholeCamera,
+    occluded: NDArray[np.bool_] | None = None,
 ) -> tuple[PictureMesh, ...]:
     """Meshes of an object in the camera frame: what the picture shows, its mirror image, and hidden parts.
 
     Every pixel of the object stands on the plane of its part, after planes that adjoin have been joined. A
     hidden part whose name has "left" for "right" (or the reverse) of a part in the picture gets that part's
-    pixels, mirrored; the others have the median colour of the object.
+    pixels, mirrored; the others have the median colour of the object. Hidden is what lies behind the object
+    or behind ``occluded`` pixels (h, w), where something else stands before it.
     """
     pixels = found.part_labels
     planes = joined_planes(found, instance, camera)
@@ -77,7 +82,7 @@ def object_meshes(
         points, faces = _polygon(part, _INNER_POINTS)
         hidden.append(PictureMesh(points, faces, None, (red, green, blue)))
     depth = _shown_depth(found, planes, camera)
-    meshes += [_out_of_sight(mesh, depth, camera) for mesh in hidden]
+    meshes += [_out_of_sight(mesh, depth, camera, occluded) for mesh in hidden]
     return tuple(m for m in meshes if len(m.faces))
 
 
@@ -91,16 +96,20 @@ def _shown_depth(found: Reconstruction, planes: JoinedPlanes, camera: PinholeCam
     return DepthMap(found.x0_px, found.y0_px, out)
 
 
-def _out_of_sight(mesh: PictureMesh, depth: DepthMap, camera: PinholeCamera) -> PictureMesh:
+def _out_of_sight(
+    mesh: PictureMesh, depth: DepthMap, camera: PinholeCamera, occluded: NDArray[np.bool_] | None
+) -> PictureMesh:
     """A mesh without the triangles that the camera of the picture would see: it does not see them."""
+    # nothing hides what lies where the picture shows no object
+    cover = np.full((camera.height_px, camera.width_px), np.inf)
+    cover[depth.window] = np.where(np.isfinite(depth.depth), depth.depth, np.inf)
+    if occluded is not None:
+        cover[occluded] = 0.0
     middle = mesh.xyz_m[mesh.faces].mean(axis=1)
-    ahead = middle[:, 2] > NEAR_M
-    at = np.round(camera.project(np.where(ahead[:, None], middle, 1.0))).astype(int)
-    at -= np.array([depth.x0_px, depth.y0_px])
-    h, w = depth.depth.shape
-    behind = ahead & ((at >= 0) & (at < [w, h])).all(axis=1)
-    # NaN outside the object makes the comparison False
-    behind[behind] = middle[behind, 2] > depth.depth[at[behind, 1], at[behind, 0]]
+    behind = middle[:, 2] > NEAR_M
+    at = np.round(camera.project(np.where(behind[:, None], middle, 1.0))).astype(int)
+    behind &= ((at >= 0) & (at < [camera.width_px, camera.height_px])).all(axis=1)
+    behind[behind] = middle[behind, 2] > cover[at[behind, 1], at[behind, 0]]
     return replace(mesh, faces=mesh.faces[behind])
 
 

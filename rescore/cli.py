@@ -4,10 +4,10 @@ import sys
 import warnings
 
 from recon.errors import RescoreError
-from rescore.commands import experiment, ground, reconstruct
+from rescore.commands import experiment, gallery, ground, reconstruct
 from rescore.commands.base import app
 
-__all__ = ["app", "experiment", "ground", "main", "reconstruct"]
+__all__ = ["app", "experiment", "gallery", "ground", "main", "reconstruct"]
 
 
 def main() -> None:

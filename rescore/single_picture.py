@@ -54,6 +54,8 @@ class FoundObject:
     """What the picture gave: outline, parts, ground line, planes."""
     instance: Instance3D
     """The whole object in 3D."""
+    occluded: NDArray[np.bool_] | None = None
+    """Pixels (h, w) where something else hides the object; None for none."""
 
 
 def read_photo(path: Path) -> NDArray[np.uint8]:
@@ -209,7 +211,7 @@ def find_object(
     instance = build_instance(
         found, view_bin, model, photo.camera, photo.ground, config.registration, occluded=occluded
     )
-    return instance if isinstance(instance, Failure) else FoundObject(found, instance)
+    return instance if isinstance(instance, Failure) else FoundObject(found, instance, occluded)
 
 
 def instance_json(instance: Instance3D) -> dict[str, Any]:

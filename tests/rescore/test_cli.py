@@ -27,6 +27,7 @@ COMMANDS = (
     "reproduce",
     "reconstruct",
     "popup",
+    "gallery",
 )
 
 
