@@ -69,8 +69,12 @@ def render_view(scene: Scene, rng: np.random.Generator) -> ViewRender:
 
 def render_rgb(scene: Scene) -> NDArray[np.uint8]:
     """The left picture (h, w, 3) sRGB of a perfect camera: exposure and gamma, no blur, no noise."""
-    radiance, _ = _render_eye(scene, _shader(scene), eye=0)
-    return srgb_from_linear(radiance * np.float32(scene.imaging.exposure[0]))
+    return srgb_from_linear(render_radiance(scene) * np.float32(scene.imaging.exposure[0]))
+
+
+def render_radiance(scene: Scene) -> FloatArray:
+    """Linear radiance (h, w, 3) that reaches the left eye: no camera at all."""
+    return _render_eye(scene, _shader(scene), eye=0)[0]
 
 
 def _shader(scene: Scene, rays: SceneRays | None = None) -> Shader:

@@ -54,7 +54,7 @@ def primitive_costs(pairs: Sequence[BoundaryPair], library: PrimitiveLibrary, ou
 
 
 def _boundary_distance(carried: FloatArray, pair: BoundaryPair, outlier: float) -> FloatArray:
-    """Capped mean squared distance of carried boundaries (k, m, 2) and the one seen, both ways, shape (k,)."""
+    """Capped mean squared distance of carried boundaries (k, m, 2) from the one seen, and back; (k,)."""
     cap = outlier**2
     # |c - b|^2 written out, so that the products of all primitives are one matrix product
     squared = (carried**2).sum(axis=2)[:, :, None] + (pair.b**2).sum(axis=1) - 2 * carried @ pair.b.T

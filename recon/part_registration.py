@@ -90,7 +90,7 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     rows, cols = np.nonzero(labels)
     corner = np.array([cols.min(), rows.min()])
     labels = labels[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-    grid = _canonical_grid(labels.shape[1] / labels.shape[0], config)
+    grid = canonical_grid(labels.shape[1] / labels.shape[0], config)
     scale = np.array([grid.box_width_px / labels.shape[1], grid.box_height_px / labels.shape[0]])
 
     def canonical(points: FloatArray) -> FloatArray:
@@ -112,7 +112,8 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     return PreparedView(grid, phi.astype(np.float32), outline, context, rings, points + corner, warp)
 
 
-def _canonical_grid(aspect: float, config: RegistrationConfig) -> CanonicalGrid:
+def canonical_grid(aspect: float, config: RegistrationConfig) -> CanonicalGrid:
+    """The grid of boxes ``aspect`` times as wide as high."""
     width = max(16, round(float(np.sqrt(config.box_area_px * aspect))))
     height = max(16, round(float(np.sqrt(config.box_area_px / aspect))))
     margin = max(4, round(config.margin * height))

@@ -129,7 +129,7 @@ def reconstruct(
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
     view = prepare_view(model, view_bin, config.registration)
     results: list[Reconstruction | Failure | None] = [
-        _check_box(box, view.grid, camera, config) for box in boxes
+        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config) for box in boxes
     ]
     todo = [i for i, result in enumerate(results) if result is None]
     for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
@@ -141,17 +141,45 @@ def reconstruct(
     return tuple(r for r in results if r is not None)
 
 
+def reconstruct_outline(
+    ring_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+) -> Reconstruction | Failure:
+    """The 3D instance of an outline that is already known, such as one from colour segmentation.
+
+    Args:
+        ring_px: the closed outline, shape (m, 2), centres of its border pixels.
+        view_bin: the bin that it is taken to be seen from.
+        model: the class model.
+        camera: M.
+        ground: Q_g.
+        config: settings.
+    """
+    view = prepare_view(model, view_bin, config.registration)
+    box = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
+    failure = check_box(box, view.grid, (camera.width_px, camera.height_px), config)
+    if failure is not None:
+        return failure
+    to_image = _grid_to_image(view.grid, box)
+    outline = (ring_px - to_image.shift) / to_image.scale
+    return _instance(box, outline, view, view_bin, model, camera, ground, config, None)
+
+
 def segment(
     rgb: NDArray[np.uint8], xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
 ) -> tuple[FloatArray | Failure, ...]:
     """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
     if not len(xyxy_px):
         return ()
-    windows = _canonical_windows(rgb, xyxy_px, view.grid)
+    windows = canonical_windows(rgb, xyxy_px, view.grid)
     start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
     region = colour_evidence(windows, start) if config.segment.region_weight else None
     phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
-    return tuple(_zero_level(p, view.phi, config) for p in phi)
+    return tuple(zero_level(p, view.phi, config) for p in phi)
 
 
 def _instance(
@@ -230,16 +258,20 @@ def feet(model: ClassModel) -> dict[int, FloatArray]:
     return {label: point for label, point in low.items() if point[2] <= limit}
 
 
-def _check_box(
-    box_px: FloatArray, grid: CanonicalGrid, camera: PinholeCamera, config: ReconstructConfig
+def check_box(
+    box_px: FloatArray, grid: CanonicalGrid, picture_px: tuple[int, int], config: ReconstructConfig
 ) -> Failure | None:
+    """Why nothing of this grid's aspect can be looked for in a box (4,) of a picture; None where it can.
+
+    ``picture_px`` is the width and height of the picture.
+    """
     size = box_px[2:] - box_px[:2]
     if not (np.isfinite(box_px).all() and (size >= 4).all()):
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
             f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
         )
-    clipped = np.clip(box_px, 0, [camera.width_px, camera.height_px] * 2)
+    clipped = np.clip(box_px, 0, [*picture_px, *picture_px])
     inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
     if inside < config.min_inside:
         return Failure(
@@ -255,7 +287,7 @@ def _check_box(
     return None
 
 
-def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
+def canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
     """Each box with its margin on the canonical grid in CIE Lab, shape (n, h, w, 3), borders repeated."""
     scales, shifts = grid.image_from_grid(xyxy_px)
     out = np.empty((len(xyxy_px), grid.height_px, grid.width_px, 3), np.float32)
@@ -280,7 +312,7 @@ def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: Canoni
     return out
 
 
-def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
+def zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
     """The outline of the largest region, to a quarter of a canonical pixel."""
     fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
     ring = largest_outline(_in_one_piece(fine < 0, start))

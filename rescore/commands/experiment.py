@@ -1,4 +1,4 @@
-"""The commands of the experiment: synth, learn, train, detect, tune, apply, evaluate, log, reproduce."""
+"""The commands of the experiment: synth, train, detect, tune, apply, evaluate, log, reproduce."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
@@ -54,44 +54,6 @@ def synth(
         settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
     )
     say(f"data set: {out}")
-
-
-VIEWS_HELP = (
-    "Folder with part_views.json, a data set that holds one, a COCO segmentation JSON, "
-    "or a folder of LabelMe JSON."
-)
-
-
-@app.command()
-def learn(
-    views: Annotated[Path, typer.Argument(help=VIEWS_HELP)],
-    out: Annotated[Path, typer.Option(help="Class model to write, JSON.")],
-    class_name: Annotated[
-        str | None,
-        typer.Option("--class", help="Name of the class.", show_default="supercategory, else the preset's"),
-    ] = None,
-    preset: Preset = "paper",
-    config: Changes = None,
-) -> None:
-    """Learn a 3D class model from part-labelled views (section 3 of the report).
-
-    Example: [bold]rescore learn data/demo --out car.json[/bold]
-    """
-    from recon.polygon_labels import read_labelled_views
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.store import atomic_path, write_provenance
-
-    settings = config_of(preset, config)
-    labelled = read_labelled_views(views, settings.learn.bins)
-    for warning in labelled.warnings:
-        say(f"{views}: {warning}")
-    name = class_name or labelled.class_name or settings.class_name
-    model = steps.learn(labelled.part_views, name, settings.learn)
-    with atomic_path(out) as beside:
-        model.save(beside)
-    write_provenance(out, "learn", part_as_json(settings.learn), None)
-    say(f"class model: {out}")
 
 
 @app.command()

@@ -11,6 +11,9 @@ from recon.errors import RescoreError
 from rescore.commands.base import app, say
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from recon.class_model import ClassModel
     from recon.instance import Instance3D
     from rescore.single_picture import FoundObject, Photo
@@ -25,7 +28,11 @@ Calib = Annotated[
 Height = Annotated[float | None, typer.Option(help="Metres of the camera above the ground. Default: 1.5.")]
 Pitch = Annotated[float | None, typer.Option(help="Degrees that the camera looks down. Default: 0.")]
 ViewBin = Annotated[
-    int | None, typer.Option("--view-bin", help="View bin: 30 degrees each, 0 the front, 3 the left side.")
+    int | None,
+    typer.Option(
+        "--view-bin",
+        help="View bin: 30 degrees each, 0 the front, 3 the left side. Default: the class model chooses.",
+    ),
 ]
 BOX_HELP = "Box of the object: left, top, width and height in pixels, x,y,w,h."
 
@@ -77,7 +84,10 @@ def popup(
     model: Model,
     out: Annotated[Path, typer.Option(help="Folder for scene.glb, views.png and turntable.gif.")],
     view_bin: Annotated[
-        list[int] | None, typer.Option("--view-bin", help="View bin of each box, or one for all.")
+        list[int] | None,
+        typer.Option(
+            "--view-bin", help="View bin of each box, or one for all. Default: the class model chooses."
+        ),
     ] = None,
     camera: Camera = None,
     calib: Calib = None,
@@ -118,13 +128,27 @@ def _found(photo: "Photo", box: str, view_bin: int | None, model: "ClassModel") 
 
     xyxy = parse_box(box, photo.camera.width_px, photo.camera.height_px)
     if view_bin is None:
-        raise RescoreError(
-            f"--view-bin: expected 0 to {model.bins.count - 1}, got none; say from where the object is seen"
-        )
+        view_bin = _chosen_bin(photo, box, xyxy, model)
     found = find_object(photo, xyxy, view_bin, model)
     if isinstance(found, Failure):
         raise RescoreError(f"box {box}: {found.reason.value}: {found.detail}")
     return found
+
+
+def _chosen_bin(photo: "Photo", box: str, xyxy_px: "NDArray[np.float64]", model: "ClassModel") -> int:
+    """The view bin that the class model chooses, said aloud; a failure is an error with its reason."""
+    from recon.outcome import Failure
+    from recon.view_selection import best_view_bin
+
+    choice = best_view_bin(photo.rgb, xyxy_px, model)
+    if isinstance(choice, Failure):
+        raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; give --view-bin")
+    others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[1:3])
+    typer.echo(
+        f"view bin {choice.view_bin} chosen, probability {choice.probability[choice.view_bin]:.0%}"
+        f" (next: {others or 'none'}); --view-bin sets another"
+    )
+    return choice.view_bin
 
 
 def _table(instance: "Instance3D") -> str:

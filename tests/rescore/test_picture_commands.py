@@ -79,6 +79,17 @@ def test_reconstruct_writes_its_files(run: Run, folder: Path, tmp_path: Path) ->
     assert f"{found['size_m'][0]:.2f} x" in table
 
 
+def test_without_a_view_bin_the_class_model_chooses(run: Run, folder: Path, tmp_path: Path) -> None:
+    code, shown, error = run(
+        "reconstruct", folder / "car.png", "--box", box_of(the_car()), *options(folder),
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert code == 0, error
+    # the car is seen from its left
+    assert "view bin 3 chosen, probability" in shown
+    assert json.loads((tmp_path / "out" / "instance.json").read_text())["view_bin"] == 3
+
+
 def test_popup_of_two_boxes(run: Run, folder: Path, tmp_path: Path) -> None:
     box = box_of(the_car())
     code, shown, error = run(
@@ -104,7 +115,7 @@ def test_popup_of_two_boxes(run: Run, folder: Path, tmp_path: Path) -> None:
         ({"--class": "chair"}, "expected a model of class 'chair', got one of 'car'"),
         ({"--model": "none.json"}, "expected a class model, found no file"),
         ({"--view-bin": "12"}, "view bin: expected 0 to 11, got 12"),
-        ({"--view-bin": None}, "--view-bin: expected 0 to 11, got none"),
+        ({"--view-bin": None, "--box": "200,10,20,150"}, "none does"),
         ({"--height": "-1"}, "the camera must be above the ground"),
         ({"--camera": "1,2,3"}, "camera: expected --camera or --calib, got both"),
         ({"--camera": "1,2,3", "--calib": None}, "--camera: expected numbers fx,fy,cx,cy"),
