@@ -51,6 +51,7 @@ def ground_line(
     ground: GroundPlane,
     config: GroundLineConfig,
     ground_region: Float32Array | None = None,
+    bottom_px: float | None = None,
 ) -> GroundLine | Failure:
     """Line through the lower ends of the parts that touch the ground, and its points by eqs. 2 to 5.
 
@@ -70,6 +71,8 @@ def ground_line(
         config: settings.
         ground_region: probability of ground at each pixel of the whole image, shape (h, w); contacts with
             less than one half of it below them are left out. None keeps all contacts.
+        bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
+            together; None takes them from the labels alone.
     """
     contacts = _contacts(labels, x0_px, y0_px, list(feet_cam), config)
     if not contacts:
@@ -88,6 +91,9 @@ def ground_line(
                 f"ground of probability {MIN_GROUND} below a contact expected, got ({shares})",
             )
     shown = {k: np.array(_middle(c)) for k, c in contacts.items()}
+    if bottom_px is not None:
+        down = bottom_px - max(float(at[1]) for at in shown.values())
+        shown = {k: at + np.array([0.0, down]) for k, at in shown.items()}
     sides = _facing_sides(feet_cam, shown, camera, ground)
     area = np.bincount(labels.ravel(), minlength=256)
     sides.sort(key=lambda side: -min(area[k] for k in side))

@@ -170,6 +170,7 @@ def build_instance(
     ground: GroundPlane,
     registration: RegistrationConfig | None = None,
     transform: TransformConfig | None = None,
+    occluded: NDArray[np.bool_] | None = None,
 ) -> Instance3D | Failure:
     """The 3D instance of a reconstruction, completed by the class model; or why it cannot be completed.
 
@@ -181,6 +182,8 @@ def build_instance(
         ground: the ground plane likewise.
         registration: the settings of part registration that it was reconstructed with.
         transform: settings of the transform of section 4.4.
+        occluded: pixels (h, w) of the picture where something else hides the object; that they do not show a
+            part says nothing. None for no such pixels.
     """
     view = prepare_view(model, view_bin, registration or RegistrationConfig())
     moved = class_to_instance(found, view_bin, view, model, camera, ground, transform)
@@ -198,7 +201,7 @@ def build_instance(
         for p in model.parts
         if p.label not in have
     ]
-    absent = _absent(found, seen, predicted, camera)
+    absent = _absent(found, seen, predicted, camera, occluded)
     predicted = [p for p in predicted if p.label not in absent]
     unplaced = found.unplaced_parts | astray | absent
     return Instance3D(
@@ -255,7 +258,11 @@ def _astray(
 
 
 def _absent(
-    found: Reconstruction, seen: list[InstancePart], predicted: list[InstancePart], camera: PinholeCamera
+    found: Reconstruction,
+    seen: list[InstancePart],
+    predicted: list[InstancePart],
+    camera: PinholeCamera,
+    occluded: NDArray[np.bool_] | None = None,
 ) -> dict[int, str]:
     """Why predicted parts are left out that the picture would show but does not, by label."""
     shown = np.full((camera.height_px, camera.width_px), -np.inf)
@@ -275,8 +282,12 @@ def _absent(
             continue
         rows, cols, depth = window
         own = np.isfinite(depth)
+        if occluded is not None:
+            own &= ~occluded[rows, cols]
+        if not own.any():
+            continue
         share = float((depth < shown[rows, cols])[own].mean() + (~inside[rows, cols])[own].mean())
-        if own.any() and share > _MAX_CONTRADICTED:
+        if share > _MAX_CONTRADICTED:
             out[part.label] = f"left out: {min(share, 1):.0%} of it would be in sight, the picture has none"
     return out
 

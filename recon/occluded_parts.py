@@ -123,7 +123,7 @@ def class_to_instance(
             Reason.PARTS_NOT_PLACED,
             f"placed parts that fix a positive scale expected, got {np.round(scale, 3).tolist()} m a unit",
         )
-    scale, shift = _as_large_as_seen(scale, shift, found, model, camera)
+    scale, shift = _as_large_as_seen(scale, shift, found, view, model, camera)
     residual = {
         k: float(np.sqrt(((p.model * scale + shift - p.instance) ** 2).sum(axis=1).mean()))
         for k, p in parts.items()
@@ -134,15 +134,21 @@ def class_to_instance(
 
 
 def _as_large_as_seen(
-    scale: FloatArray, shift: FloatArray, found: Reconstruction, model: ClassModel, camera: PinholeCamera
+    scale: FloatArray,
+    shift: FloatArray,
+    found: Reconstruction,
+    view: PreparedView,
+    model: ClassModel,
+    camera: PinholeCamera,
 ) -> tuple[FloatArray, FloatArray]:
-    """Scale and shift with which the whole model is as wide and as high in the picture as the outline.
+    """Scale and shift with which the parts of the labelled image are as wide and as high as the outline.
 
     Outlines of the class model's parts come from several instances and reach farther than any one. The middle
     of the model and its lowest points keep their place. An outline that the picture cuts off says nothing.
     """
     outline, size = found.outline_px, np.array([camera.width_px, camera.height_px])
-    points = np.concatenate([p.outline for p in model.parts])
+    labelled = {label for label, _ in view.rings}
+    points = np.concatenate([p.outline for p in model.parts if p.label in labelled])
     seen = (points * scale + shift) @ found.cam_from_object.T
     if (outline < 1).any() or (outline > size - 2).any() or (seen[:, 2] <= 0).any():
         return scale, shift

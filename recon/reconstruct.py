@@ -23,9 +23,13 @@ from recon.part_registration import (
     register_parts,
 )
 from recon.predict_depth import PlacedParts, PlacingConfig, place_parts
-from recon.segment import Float32Array, SegmentConfig, edge_indicator, evolve
+from recon.segment import Float32Array, SegmentConfig, colour_evidence, edge_indicator, evolve
 
 FloatArray = NDArray[np.float64]
+
+
+_PIECE = 0.1
+"""Share of the object's area above which a separate region is a piece of it."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,9 @@ class ReconstructConfig:
     the object from elsewhere, or something else: stretched to such a box, any outline would seem to fit."""
     min_outline_iou: float = 0.4
     """Smallest intersection over union of the outline with the one it started from."""
+    box_bottom_is_ground: bool = False
+    """Whether boxes are drawn tightly: then the contacts go down to the lower edge of the box, which an
+    outline that has lost a foot does not reach. The boxes of a detector are too coarse for that."""
     segment: SegmentConfig = field(default_factory=SegmentConfig)
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     ground_line: GroundLineConfig = field(default_factory=GroundLineConfig)
@@ -170,7 +177,8 @@ def segment(
         return ()
     windows = canonical_windows(rgb, xyxy_px, view.grid)
     start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
-    phi = evolve(start, edge_indicator(windows, config.segment), config.segment)
+    region = colour_evidence(windows, start) if config.segment.region_weight else None
+    phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
     return tuple(zero_level(p, view.phi, config) for p in phi)
 
 
@@ -194,7 +202,10 @@ def _instance(
     labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
     cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
-    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region)
+    bottom_px = float(box_px[3]) - 0.5 if config.box_bottom_is_ground else None
+    line = ground_line(
+        labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region, bottom_px
+    )
     if isinstance(line, Failure):
         return line
     placed = _place(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
@@ -304,7 +315,7 @@ def canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: Canonic
 def zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
     """The outline of the largest region, to a quarter of a canonical pixel."""
     fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
-    ring = largest_outline(fine < 0)
+    ring = largest_outline(_in_one_piece(fine < 0, start))
     if ring is None:
         return Failure(Reason.NO_OUTLINE, "an outline expected, the level set vanished")
     outline = (ring + 0.5) / 4 - 0.5
@@ -316,6 +327,29 @@ def zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig
             f"an outline that keeps {config.min_outline_iou:g} of its start (IoU) expected, got {iou:.2f}",
         )
     return outline
+
+
+def _in_one_piece(mask: NDArray[np.bool_], start: Float32Array) -> NDArray[np.bool_]:
+    """The mask (4 h, 4 w) with its larger regions joined where a thin limb was pinched off.
+
+    What joins them lies inside the start (h, w); nothing is added where one region has nearly all.
+    """
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    areas = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
+    if len(areas) < 2 or areas[1] < _PIECE * areas.sum():
+        return mask
+    inside = cv2.resize(start, mask.shape[::-1], interpolation=cv2.INTER_LINEAR) < 0
+    pieces = int((areas >= _PIECE * areas.sum()).sum())
+    for across in range(9, max(10, mask.shape[0] // 5), 8):
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
+        closed = mask | (inside & (cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0))
+        _, _, stats, _ = cv2.connectedComponentsWithStats(closed.astype(np.uint8))
+        large = int((stats[1:, cv2.CC_STAT_AREA] >= _PIECE * areas.sum()).sum())
+        if large < pieces:
+            mask, pieces = closed, large
+        if pieces < 2:
+            break
+    return mask
 
 
 class _GridToImage:
@@ -384,10 +418,14 @@ def _place(
     reach = config.max_depth_range * scale * float(np.linalg.norm(model.extents))
     limits = (max(depth - reach, 1e-3), depth + reach)
     placed = place_parts(labels, rays, normals, line.points_m, limits, config)
-    if placed.planes:
+    if placed.placed_share >= config.min_placed:
         return placed
-    stand_in = _stand_in(labels, rays, normals, line.points_m, scale, cam_from_object, model)
-    again = place_parts(labels, rays, normals, stand_in, limits, config)
+    rest = {k: n for k, n in normals.items() if k not in placed.planes}
+    stand_in = _stand_in(labels, rays, rest, line.points_m, scale, cam_from_object, model, config)
+    on_ground = {k: p for k, p in line.points_m.items() if k in placed.planes}
+    again = place_parts(labels, rays, normals, on_ground | stand_in, limits, config)
+    if again.placed_share <= placed.placed_share:
+        return placed
     # why the parts on the ground have no plane was found in the first round
     reasons = again.unplaced | {k: why for k, why in placed.unplaced.items() if k in line.points_m}
     return replace(again, unplaced={k: v for k, v in reasons.items() if k not in again.planes})
@@ -401,17 +439,19 @@ def _stand_in(
     metres_per_unit: float,
     cam_from_object: FloatArray,
     model: ClassModel,
+    config: PlacingConfig,
 ) -> dict[int, FloatArray]:
-    """A known point of one part for a view that shows all parts on the ground edge-on, as a car's front.
+    """A known point of one part for a view that shows the parts on the ground edge-on, as a car's front.
 
-    It belongs to the part that shows the most area to the camera, and lies as far from the ground contacts as
-    in the class model.
+    It belongs to the part that shows the most area to the camera and is not edge-on itself, and lies as far
+    from the ground contacts as in the class model.
     """
-    shown = {
-        k: float(np.abs(rays[labels == k] @ normal).sum())
-        for k, normal in normals.items()
-        if k not in points_m and (labels == k).any()
-    }
+    shown = {}
+    for k in (k for k in normals if k not in points_m and (labels == k).any()):
+        own = rays[labels == k]
+        sine = np.abs(own @ normals[k]) / np.linalg.norm(own, axis=1)
+        if sine.mean() >= np.sin(config.min_angle_rad):
+            shown[k] = float(sine.sum())
     if not shown:
         return {}
     label = max(shown, key=lambda k: shown[k])

@@ -5,21 +5,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError
 
 from recon.camera import PinholeCamera
 from recon.depth_map import DepthMap
-from recon.instance import NEAR_M, Instance3D, InstancePart, picture_depth
+from recon.instance import NEAR_M, Instance3D, InstancePart
 from recon.outlines import fill_polygon
 from recon.reconstruct import Reconstruction, fill_gaps
+from reports.joined_planes import JoinedPlanes, joined_planes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _MAX_CELLS = 60_000
 """Cells of the picture that an object is cut into at most; one cell a pixel where it has fewer."""
-_MIN_CAST_SINE = float(np.sin(np.deg2rad(8.0)))
-"""A polygon that is seen at a smaller angle (sine) has too few pixels to carry the picture."""
 _INNER_POINTS = 32
 """Points along the longer side of a predicted part."""
 _MAX_BRIDGE = 0.2
@@ -53,85 +52,65 @@ class PictureMesh:
 
 
 def object_meshes(
-    rgb: NDArray[np.uint8], found: Reconstruction, instance: Instance3D, camera: PinholeCamera
+    rgb: NDArray[np.uint8],
+    found: Reconstruction,
+    instance: Instance3D,
+    camera: PinholeCamera,
+    occluded: NDArray[np.bool_] | None = None,
 ) -> tuple[PictureMesh, ...]:
     """Meshes of an object in the camera frame: what the picture shows, its mirror image, and hidden parts.
 
-    Seen parts carry their pixels. A predicted part that is in the picture is a polygon with the picture cast
-    onto it, or of the median colour of its pixels where they are too few, edge-on; pixels that no cast covers
-    stand on the plane beside them. A hidden part whose name has "left" for "right" (or the reverse) of a seen
-    part gets that part's pixels, mirrored; the others have the median colour of the object.
+    Every pixel of the object stands on the plane of its part, after planes that adjoin have been joined. A
+    hidden part whose name has "left" for "right" (or the reverse) of a part in the picture gets that part's
+    pixels, mirrored; the others have the median colour of the object. Hidden is what lies behind the object
+    or behind ``occluded`` pixels (h, w), where something else stands before it.
     """
     pixels = found.part_labels
-    seen = [p.label for p in instance.parts if p.seen]
-    behind = [p for p in instance.parts if not p.seen and (pixels == p.label).any()]
-    cast = [p for p in behind if p.facing_sine >= _MIN_CAST_SINE]
-    cells, of_seen = _cells_of(found, seen, _covered(cast, found, camera))
-    twins = _mirrored_labels(instance, seen, set(pixels.ravel().tolist()))
-    meshes = [picture_mesh(cells, instance, camera)]
+    planes = joined_planes(found, instance, camera)
+    cells = _cells_of(found, sorted(planes.inverse_depth))
+    twins = _mirrored_labels(instance, set(planes.inverse_depth))
+    meshes = [picture_mesh(cells, planes, instance, camera)]
     hidden = []
     if twins:
-        own = np.where(np.isin(of_seen, list(twins)), of_seen, 0)
-        side = picture_mesh(replace(cells, label=own), instance, camera)
+        own = np.where(np.isin(cells.label, list(twins)), cells.label, 0).astype(np.uint8)
+        side = picture_mesh(replace(cells, label=own), planes, instance, camera)
         hidden.append(side.moved(_mirror(instance)))
-    meshes += [m for p in cast if (m := _cast_mesh(p, found, camera)) is not None]
-    done = {*seen, *twins.values(), *(p.label for p in cast)}
-    window = rgb[found.depth.window]
-    for part in (p for p in instance.parts if p.label not in done):
-        of = pixels == part.label if part in behind else pixels > 0
-        red, green, blue = np.median(window[of], axis=0).astype(int).tolist()
+    colour = np.median(rgb[found.depth.window][pixels > 0], axis=0).astype(int)
+    red, green, blue = colour.tolist()
+    shown = {*planes.inverse_depth, *twins.values()}
+    for part in (p for p in instance.parts if p.label not in shown):
         points, faces = _polygon(part, _INNER_POINTS)
-        (meshes if part in behind else hidden).append(PictureMesh(points, faces, None, (red, green, blue)))
-    depth = picture_depth(found, instance, camera)
-    meshes += [_out_of_sight(mesh, depth, camera) for mesh in hidden]
+        hidden.append(PictureMesh(points, faces, None, (red, green, blue)))
+    depth = _shown_depth(found, planes, camera)
+    meshes += [_out_of_sight(mesh, depth, camera, occluded) for mesh in hidden]
     return tuple(m for m in meshes if len(m.faces))
 
 
-def _out_of_sight(mesh: PictureMesh, depth: DepthMap, camera: PinholeCamera) -> PictureMesh:
+def _shown_depth(found: Reconstruction, planes: JoinedPlanes, camera: PinholeCamera) -> DepthMap:
+    """Z-depth of the object's pixels on the joined planes; NaN outside."""
+    out = np.full(found.part_labels.shape, np.nan, np.float32)
+    for label in planes.inverse_depth:
+        rows, cols = np.nonzero(found.part_labels == label)
+        uv = np.stack([cols + found.x0_px, rows + found.y0_px], axis=1).astype(float)
+        out[rows, cols] = planes.depth_along(label, camera.rays(uv))
+    return DepthMap(found.x0_px, found.y0_px, out)
+
+
+def _out_of_sight(
+    mesh: PictureMesh, depth: DepthMap, camera: PinholeCamera, occluded: NDArray[np.bool_] | None
+) -> PictureMesh:
     """A mesh without the triangles that the camera of the picture would see: it does not see them."""
+    # nothing hides what lies where the picture shows no object
+    cover = np.full((camera.height_px, camera.width_px), np.inf)
+    cover[depth.window] = np.where(np.isfinite(depth.depth), depth.depth, np.inf)
+    if occluded is not None:
+        cover[occluded] = 0.0
     middle = mesh.xyz_m[mesh.faces].mean(axis=1)
-    ahead = middle[:, 2] > NEAR_M
-    at = np.round(camera.project(np.where(ahead[:, None], middle, 1.0))).astype(int)
-    at -= np.array([depth.x0_px, depth.y0_px])
-    h, w = depth.depth.shape
-    behind = ahead & ((at >= 0) & (at < [w, h])).all(axis=1)
-    # NaN outside the object makes the comparison False
-    behind[behind] = middle[behind, 2] > depth.depth[at[behind, 1], at[behind, 0]]
+    behind = middle[:, 2] > NEAR_M
+    at = np.round(camera.project(np.where(behind[:, None], middle, 1.0))).astype(int)
+    behind &= ((at >= 0) & (at < [camera.width_px, camera.height_px])).all(axis=1)
+    behind[behind] = middle[behind, 2] > cover[at[behind, 1], at[behind, 0]]
     return replace(mesh, faces=mesh.faces[behind])
-
-
-def _covered(
-    parts: Sequence[InstancePart], found: Reconstruction, camera: PinholeCamera
-) -> NDArray[np.bool_]:
-    """Pixels of the object's window (h, w) that polygons of parts cover."""
-    shape = found.part_labels.shape
-    out = np.zeros(shape, bool)
-    for part in parts:
-        if part.outline_m[:, 2].min() > NEAR_M:
-            corner = np.array([found.x0_px, found.y0_px])
-            out |= fill_polygon(camera.project(part.outline_m) - corner, *shape)
-    return out
-
-
-def _cast_mesh(part: InstancePart, found: Reconstruction, camera: PinholeCamera) -> PictureMesh | None:
-    """A predicted part's polygon with the picture cast onto it.
-
-    What would take its colour from outside the object takes that of the nearest of the part's own pixels.
-    """
-    points, faces = _polygon(part, _INNER_POINTS)
-    if not len(faces) or points[:, 2].min() <= NEAR_M:
-        return None
-    corner = np.array([found.x0_px, found.y0_px], float)
-    at = camera.project(points)
-    own = found.part_labels == part.label
-    rows, cols = np.nonzero(own)
-    whole = np.round(at - corner).astype(int)
-    h, w = own.shape
-    inside = ((whole >= 0) & (whole < [w, h])).all(axis=1)
-    inside[inside] = found.part_labels[whole[inside, 1], whole[inside, 0]] > 0
-    pixels = np.stack([cols, rows], axis=1) + corner
-    nearest = pixels[cKDTree(pixels).query(at)[1]]
-    return PictureMesh(points, faces, np.where(inside[:, None], at, nearest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,26 +125,23 @@ class _Cells:
     step_px: int
 
 
-def _cells_of(
-    found: Reconstruction, seen: Sequence[int], covered: NDArray[np.bool_]
-) -> tuple[_Cells, NDArray[np.uint8]]:
-    """Cells with the part on whose plane each lies, and the label of each cell that is of a seen part.
-
-    Cells of other parts go to the nearest seen part, unless they are covered.
-    """
-    labels = found.part_labels
-    step = max(1, int(np.ceil(np.sqrt((labels > 0).sum() / _MAX_CELLS))))
-    own = np.where(np.isin(labels, seen), labels, 0).astype(np.uint8)
-    filled = np.where((own == 0) & covered, 0, fill_gaps(own, labels > 0)).astype(np.uint8)
+def _cells_of(found: Reconstruction, labels: Sequence[int]) -> _Cells:
+    """Cells with the part on whose plane each lies; those of parts without a plane go to the nearest."""
+    step = max(1, int(np.ceil(np.sqrt((found.part_labels > 0).sum() / _MAX_CELLS))))
+    own = np.where(np.isin(found.part_labels, labels), found.part_labels, 0).astype(np.uint8)
+    filled = fill_gaps(own, found.part_labels > 0)
     middle = slice(step // 2, None, step)
-    return _Cells(filled[middle, middle], found.x0_px - 0.5, found.y0_px - 0.5, step), own[middle, middle]
+    return _Cells(filled[middle, middle], found.x0_px - 0.5, found.y0_px - 0.5, step)
 
 
-def picture_mesh(cells: _Cells, instance: Instance3D, camera: PinholeCamera) -> PictureMesh:
+def picture_mesh(
+    cells: _Cells, planes: JoinedPlanes, instance: Instance3D, camera: PinholeCamera
+) -> PictureMesh:
     """Every labelled cell as a square on the plane of its part; squares of one part share their corners.
 
-    Where cells of two parts adjoin, a strip along the border joins their planes, unless they are far apart.
-    Cells are a pixel or a few wide, so linear interpolation of texture coordinates stays exact enough.
+    Where cells of two parts that adjoin in 3D meet, a strip along the border closes what is left between
+    their planes. Cells are a pixel or a few wide, so linear interpolation of texture coordinates stays exact
+    enough.
     """
     h, w = cells.label.shape
     corner = np.arange((h + 1) * (w + 1)).reshape(h + 1, w + 1)
@@ -181,15 +157,24 @@ def picture_mesh(cells: _Cells, instance: Instance3D, camera: PinholeCamera) -> 
     uv += np.array([cells.x0_px, cells.y0_px])
     rays = camera.rays(uv)
     depth = np.full(len(keys), np.nan)
-    for p in instance.parts:
-        own = part == p.label
-        depth[own] = p.depth_along(rays[own])
+    for label in planes.inverse_depth:
+        own = part == label
+        depth[own] = planes.depth_along(label, rays[own])
     limit = _MAX_BRIDGE * float(np.linalg.norm(instance.size_m))
     joined = np.ptp(depth[quads], axis=1) <= limit
-    joined[: len(key)] = np.isfinite(depth[quads[: len(key)]]).all(axis=1)
+    joined[len(key) :] &= _are_joined(part[quads[len(key) :, 0]], part[quads[len(key) :, 2]], planes)
+    joined[: len(key)] = True
     quads = quads[joined]
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     return PictureMesh(rays * depth[:, None], faces, uv)
+
+
+def _are_joined(a: IntArray, b: IntArray, planes: JoinedPlanes) -> NDArray[np.bool_]:
+    """Whether parts (n,) and (n,) adjoin in 3D."""
+    table = np.zeros((256, 256), bool)
+    for pair in planes.adjoining:
+        table[pair] = True
+    return np.asarray(table[a, b])
 
 
 def _border_strips(label: NDArray[np.uint8], corner: IntArray) -> list[IntArray]:
@@ -207,16 +192,16 @@ def _border_strips(label: NDArray[np.uint8], corner: IntArray) -> list[IntArray]
     return strips
 
 
-def _mirrored_labels(instance: Instance3D, seen: Sequence[int], in_picture: set[int]) -> dict[int, int]:
-    """Label of each seen part and that of the hidden part on the other side that looks like it."""
+def _mirrored_labels(instance: Instance3D, shown: set[int]) -> dict[int, int]:
+    """Label of each part in the picture and that of the hidden part on the other side that looks like it."""
     by_name = {p.name: p.label for p in instance.parts}
     out = {}
     for name, label in by_name.items():
         swapped = name.replace("left", "right") if "left" in name else name.replace("right", "left")
         other = by_name.get(swapped)
-        if label in seen and swapped != name and other is not None and other not in seen:
+        if label in shown and swapped != name and other is not None and other not in shown:
             out[label] = other
-    return {a: b for a, b in out.items() if b not in in_picture}
+    return out
 
 
 def _mirror(instance: Instance3D) -> FloatArray:

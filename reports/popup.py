@@ -24,6 +24,8 @@ _ROW_STEP_PX = 2.0
 _COLUMN_STEP_PX = 16.0
 """Texture coordinates are linear on triangles. Along a row of level ground that is exact; across rows it is
 not, and the finer step keeps the error far below half a pixel."""
+_RIM = 0.08
+"""Width of what is filled in around objects, in roots of their area."""
 _VIEW_WIDTH_PX = 480
 _FRAMES = 24
 _SWING_RAD = float(np.deg2rad(35.0))
@@ -38,9 +40,10 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
     """
     layers: list[Layer] = []
     for i, one in enumerate(objects):
-        meshes = object_meshes(photo.rgb, one.picture, one.instance, photo.camera)
+        texture = object_texture(photo.rgb, one)
+        meshes = object_meshes(texture, one.picture, one.instance, photo.camera, one.occluded)
         names = [f"{one.instance.class_name}_{i + 1}_{k}" for k in range(len(meshes))]
-        layers += [(name, mesh, photo.rgb) for name, mesh in zip(names, meshes, strict=True)]
+        layers += [(name, mesh, texture) for name, mesh in zip(names, meshes, strict=True)]
     empty = without_objects(photo.rgb, objects)
     far = backdrop_distance_m(objects, photo.ground)
     layers += [
@@ -55,21 +58,36 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
 
 
 def without_objects(rgb: NDArray[np.uint8], objects: Sequence[FoundObject]) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) with the pixels of objects filled in from around them."""
+    """The picture (h, w, 3) with the pixels of objects, and of what hides them, filled in from around them."""
     height, width = rgb.shape[:2]
-    hidden = np.zeros((height, width), np.uint8)
+    hidden = np.zeros((height, width), bool)
     for one in objects:
-        hidden |= fill_polygon(one.picture.outline_px, height, width).astype(np.uint8)
-    # a rim around the outline, which the blur of the camera mixes with the object
-    hidden = np.asarray(cv2.dilate(hidden, np.ones((7, 7), np.uint8)), np.uint8)
+        hidden |= fill_polygon(one.picture.outline_px, height, width)
+        if one.occluded is not None:
+            hidden |= one.occluded
+    # a rim which the blur of the camera mixes with the object, and for what the outline misses
+    across = max(7, round(_RIM * float(np.sqrt(hidden.sum() / max(len(objects), 1)))))
+    return _filled_in(rgb, cv2.dilate(hidden.astype(np.uint8), np.ones((across, across), np.uint8)) > 0)
+
+
+def object_texture(rgb: NDArray[np.uint8], one: FoundObject) -> NDArray[np.uint8]:
+    """The picture (h, w, 3) that an object carries: what hides it is filled in from around."""
+    if one.occluded is None:
+        return rgb
+    return _filled_in(rgb, cv2.dilate(one.occluded.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+
+
+def _filled_in(rgb: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> NDArray[np.uint8]:
     # a smooth fill needs no detail, and costs much on large pictures
+    height, width = rgb.shape[:2]
     scale = min(1.0, 400 / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-    small_hidden = (cv2.resize(hidden * 255, size, interpolation=cv2.INTER_AREA) > 0).astype(np.uint8)
+    mask = hidden.astype(np.uint8)
+    small_hidden = (cv2.resize(mask * 255, size, interpolation=cv2.INTER_AREA) > 0).astype(np.uint8)
     filled = cv2.inpaint(small, small_hidden, 5, cv2.INPAINT_TELEA)
     back = cv2.resize(filled, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.where(hidden[..., None] > 0, back, rgb).astype(np.uint8)
+    return np.where(hidden[..., None], back, rgb).astype(np.uint8)
 
 
 def backdrop_distance_m(objects: Sequence[FoundObject], ground: GroundPlane) -> float:
@@ -135,6 +153,9 @@ def source_similarity(photo: Photo, objects: Sequence[FoundObject], layers: Sequ
     inside = np.zeros((height, width), bool)
     for one in objects:
         inside |= fill_polygon(one.picture.outline_px, height, width)
+    for one in objects:
+        if one.occluded is not None:
+            inside &= ~one.occluded
     grey = [np.asarray(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY), np.uint8) for p in (photo.rgb, again)]
     return float(structural_similarity(grey[0], grey[1])[inside].mean())
 
@@ -147,23 +168,32 @@ def turntable(
     Positive angles show more of what is on the left in the picture.
     """
     view = MeshView([(mesh, rgb) for _, mesh, rgb in layers])
-    camera = _close_camera(photo, objects)
+    camera = close_camera(photo, objects, _VIEW_WIDTH_PX)
     centre = np.mean([one.instance.centroid_m for one in objects], axis=0)
     return [view.picture(camera, turned_about(centre, photo.ground.up, float(a)))[0] for a in angles_rad]
 
 
-def _close_camera(photo: Photo, objects: Sequence[FoundObject]) -> PinholeCamera:
-    """The photograph's camera cut to the objects with a margin, in pixels for a small picture."""
+def close_camera(
+    photo: Photo, objects: Sequence[FoundObject], width_px: int, height_px: int | None = None
+) -> PinholeCamera:
+    """The photograph's camera cut to the objects with a margin, for a picture of a width.
+
+    With a height too, the cut is widened to its shape; without, the height follows from the cut.
+    """
     points = np.concatenate([one.picture.outline_px for one in objects])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = (low + high) / 2, (high - low) / 2
-    half = np.maximum(half * 1.5, half.max() * np.array([0.75, 0.55]))
-    scale = _VIEW_WIDTH_PX / (2 * half[0])
-    height = max(16, round(2 * half[1] * scale))
+    if height_px is None:
+        half = np.maximum(half * 1.5, half.max() * np.array([0.75, 0.55]))
+        scale = width_px / (2 * half[0])
+        height_px = max(16, round(2 * half[1] * scale))
+    else:
+        scale = float((np.array([width_px, height_px]) / (2 * 1.45 * half)).min())
+        half = np.array([width_px, height_px]) / (2 * scale)
     c = photo.camera
     centre = (np.array([c.cx_px, c.cy_px]) - (middle - half) + 0.5) * scale - 0.5
     return PinholeCamera(
-        c.fx_px * scale, c.fy_px * scale, float(centre[0]), float(centre[1]), _VIEW_WIDTH_PX, height
+        c.fx_px * scale, c.fy_px * scale, float(centre[0]), float(centre[1]), width_px, height_px
     )
 
 

@@ -15,14 +15,22 @@ from recon.instance import Instance3D, build_instance
 from recon.outcome import Failure
 from recon.part_registration import RegistrationConfig
 from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct
+from recon.segment import SegmentConfig
 from rescore.frames import decode_picture
 from rescore.store import read_json
 
 FloatArray = NDArray[np.float64]
 
-_SOLID_AREA_PX = 12288.0
-_THIN_AREA_PX = 24576.0
-"""Areas of the box on the canonical grid, for solid objects and for thin ones."""
+_SOLID_CONFIG = ReconstructConfig(
+    box_bottom_is_ground=True,
+    segment=SegmentConfig(steps=40, region_weight=0.3),
+    registration=RegistrationConfig(box_area_px=12288.0),
+)
+_THIN_CONFIG = ReconstructConfig(
+    box_bottom_is_ground=True,
+    segment=SegmentConfig(steps=100, length_weight=1.0, region_weight=0.5),
+    registration=RegistrationConfig(box_area_px=24576.0),
+)
 _THIN = 0.08
 """Width of a thin limb, in roots of the box area."""
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
@@ -46,6 +54,8 @@ class FoundObject:
     """What the picture gave: outline, parts, ground line, planes."""
     instance: Instance3D
     """The whole object in 3D."""
+    occluded: NDArray[np.bool_] | None = None
+    """Pixels (h, w) where something else hides the object; None for none."""
 
 
 def read_photo(path: Path) -> NDArray[np.uint8]:
@@ -161,11 +171,12 @@ def load_class(path: Path, class_name: str) -> ClassModel:
     return model
 
 
-def fine_registration(model: ClassModel, view_bin: int) -> RegistrationConfig:
-    """Part registration on a finer grid than thousands of candidates can have; finer still for thin objects.
+def fine_config(model: ClassModel, view_bin: int) -> ReconstructConfig:
+    """Settings for one picture: a finer grid than thousands of candidates can have, and colours beside edges.
 
-    An object is thin where an opening takes more than a twentieth of its labelled image, as it does with the
-    legs of a chair: the outline would lose them.
+    Thin objects get a still finer grid, more weight on colours and more steps: along a limb there are edges
+    on both sides, and the outline would lose it. An object is thin where an opening takes more than a
+    twentieth of its labelled image, as it does with the legs of a chair.
     """
     mask = (model.view(view_bin).labels > 0).astype(np.uint8)
     rows, cols = np.nonzero(mask)
@@ -174,18 +185,33 @@ def fine_registration(model: ClassModel, view_bin: int) -> RegistrationConfig:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
     padded = cv2.copyMakeBorder(mask, width, width, width, width, cv2.BORDER_CONSTANT)
     kept = int(np.count_nonzero(cv2.morphologyEx(padded, cv2.MORPH_OPEN, disc)))
-    thin = kept < 0.95 * len(rows)
-    return RegistrationConfig(box_area_px=_THIN_AREA_PX if thin else _SOLID_AREA_PX)
+    return _THIN_CONFIG if kept < 0.95 * len(rows) else _SOLID_CONFIG
 
 
-def find_object(photo: Photo, xyxy_px: FloatArray, view_bin: int, model: ClassModel) -> FoundObject | Failure:
-    """The object in a box (4,) in 3D, or why there is none."""
-    config = ReconstructConfig(registration=fine_registration(model, view_bin))
+def find_object(
+    photo: Photo,
+    xyxy_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    occluded: NDArray[np.bool_] | None = None,
+) -> FoundObject | Failure:
+    """The object in a box (4,) in 3D, or why there is none.
+
+    Args:
+        photo: the picture.
+        xyxy_px: the box, drawn tightly.
+        view_bin: where the object is seen from.
+        model: the class model.
+        occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
+    """
+    config = fine_config(model, view_bin)
     (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.camera, photo.ground, config)
     if isinstance(found, Failure):
         return found
-    instance = build_instance(found, view_bin, model, photo.camera, photo.ground, config.registration)
-    return instance if isinstance(instance, Failure) else FoundObject(found, instance)
+    instance = build_instance(
+        found, view_bin, model, photo.camera, photo.ground, config.registration, occluded=occluded
+    )
+    return instance if isinstance(instance, Failure) else FoundObject(found, instance, occluded)
 
 
 def instance_json(instance: Instance3D) -> dict[str, Any]:

@@ -30,6 +30,7 @@ COMMANDS = (
     "reproduce",
     "reconstruct",
     "popup",
+    "gallery",
 )
 
 
