@@ -93,7 +93,7 @@ def model_errors(model: ClassModel, truth: dict[int, PartTruth]) -> tuple[FloatA
     return np.rad2deg(np.arccos(np.clip(cosine, 0, 1))), distance
 
 
-def _fitted_distance(mine: FloatArray, true: FloatArray, rounds: int = 10) -> FloatArray:
+def _fitted_distance(mine: FloatArray, true: FloatArray, rounds: int = 50) -> FloatArray:
     """Distances (n,) after the scale and shift with the least sum of distances (not of their squares)."""
     weight = np.ones(len(mine))
     distance = weight

@@ -75,8 +75,8 @@ def draw_chosen(study: SelectionStudy) -> Figure:
     """The first primitives, each with the parts that it represents best of them (figure 1 of the report)."""
     order = study.selection.order[:SHOWN_PRIMITIVES]
     of_part = study.cost[:, order].argmin(axis=1)
-    figure = Figure(figsize=(3 * len(order), 6.4), layout="constrained")
-    axes = figure.subplots(2, len(order), height_ratios=(1, 1.7), squeeze=False)
+    figure = Figure(figsize=(3 * len(order), 5.4), layout="constrained")
+    axes = figure.subplots(2, len(order), height_ratios=(1, 1.25), squeeze=False)
     for column, primitive in enumerate(order):
         _draw_primitive(axes[0, column], study.normals[primitive])
         lines = []
@@ -99,9 +99,9 @@ def _draw_primitive(ax: Axes, normal: FloatArray) -> None:
     for axis, name in zip(np.eye(3) * 1.7, ("x forward", "y left", "z up"), strict=True):
         end = view[:2] @ axis
         ax.plot([0, end[0]], [0, end[1]], color="#BBBBBB", lw=1, zorder=0)
-        ax.annotate(name, end, fontsize=8, color="#777777", ha="center")
+        ax.annotate(name, 1.12 * end, fontsize=8, color="#777777", ha="center", va="center")
     ax.add_patch(Polygon(square @ view[:2].T, fc=BLUE, ec="black", alpha=0.75))
-    ax.set(xlim=(-1.9, 1.9), ylim=(1.9, -1.9), aspect="equal")
+    ax.set(xlim=(-2.1, 2.1), ylim=(1.9, -2.1), aspect="equal")
     ax.set_title(f"normal ({', '.join(f'{v + 0.0:.2f}' for v in normal)})", fontsize=10)
     ax.axis("off")
 
@@ -113,7 +113,7 @@ def draw_models(models: Sequence[tuple[str, ClassModel]]) -> Figure:
     for row, (words, model) in zip(axes, models, strict=True):
         for ax, (azimuth, elevation) in zip(row, _SEEN_FROM, strict=True):
             draw_model(ax, model, rotation(np.deg2rad(azimuth), np.deg2rad(elevation)))
-            ax.set_title(f"azimuth {azimuth}, elevation {elevation}", fontsize=8, color="#777777")
+            ax.set_title(f"azimuth {azimuth}, elevation {elevation}", fontsize=8, color="#777777", y=-0.12)
         row[0].set_title(f"{model.class_name}, from {words}", fontsize=10, loc="left")
     return figure
 

@@ -194,3 +194,16 @@ def test_what_fails_leaves_a_run_folder_as_it_was(rescore: Command, tiny_run: Pa
         rescore("reproduce", "--preset", "tiny", "--config", tmp_path / "changes.json", "--out", run)
     )
     assert not run.exists()
+
+
+def test_learning_says_what_is_missing(rescore: Command, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "model.json")
+    assert "expected views or --class, got neither" in wrong(rescore("learn", *out))
+    assert "expected one of car, car_six_parts, chair" in wrong(rescore("learn", "--class", "horse", *out))
+    assert "numbers from 0 to 11" in wrong(rescore("learn", "--class", "chair", "--view-bins", "1,x", *out))
+    one = ("--class", "chair", "--view-bins", "3", "--instances", "2")
+    assert "at least two views of one instance" in wrong(rescore("learn", *one, *out))
+    assert "found no file; learn one first" in wrong(
+        rescore("learn", "--class", "chair", "--primitives", tmp_path / "none.npz", *out)
+    )
+    assert not list(tmp_path.iterdir())
