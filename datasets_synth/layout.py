@@ -13,6 +13,7 @@ from datasets_synth.lighting import sample_imaging, sample_light
 from datasets_synth.mesh import Mesh, Placed, Scene
 from datasets_synth.presets import SynthConfig
 from datasets_synth.prop_parts import Pictures
+from datasets_synth.prop_prints import mural
 from datasets_synth.solids import pose
 from datasets_synth.street import Strip, ground_height_m, ground_items, sample_strips
 from recon.camera import PinholeCamera, StereoCamera
@@ -24,7 +25,7 @@ GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})
 """Kinds of the ground; everything else is solid and intersects nothing."""
 
 _PICTURE_KINDS = tuple(p.kind for p in PROPS if p.needs_pictures)
-_WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor")
+_WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor", "minibus", "flatbed", "teardrop")
 _BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")
 _FURNITURE_KINDS = tuple(p.kind for p in PROPS if p.kind not in _PICTURE_KINDS + _WHEELED_KINDS + _BOX_KINDS)
 _HIDING = tuple(p.kind for p in PROPS if p.hides)
@@ -183,6 +184,7 @@ def sample_scene(
     half_width = max(abs(low), abs(high)) + 12.0
     ground = ground_items(plan.strips, half_width, plan.facade_y_m + 120.0, rng)
     houses = _far_side(plan, half_width)
+    houses += _murals(plan, houses, pictures)
     head, left_from_world = _camera(config, plan.camera_yaw_rad, rng)
     light, brightness = sample_light(config.light, rng)
     return Scene(
@@ -371,6 +373,27 @@ def _far_side(plan: _Plan, half_width_m: float) -> list[Placed]:
         items.append(Placed(mesh, pose(x - float(mesh.vertices_m[:, 0].min()), y + depth, z), prop.kind))
         x += width + float(rng.uniform(0.2, 1.5))
     return items + facade_row(y + float(rng.uniform(25, 60)), z, half_width_m * 2, rng)
+
+
+def _murals(plan: _Plan, houses: Sequence[Placed], pictures: Pictures) -> list[Placed]:
+    """Pictures of cars on the walls of the houses, at most one a house."""
+    rng, share = plan.rng, plan.config.clutter.mural_share
+    low, high = plan.x_range_m(plan.facade_y_m)
+    murals: list[Placed] = []
+    for house in houses if len(pictures) else ():
+        x0, y, z = (float(v) for v in house.world_from_object[:3, 3])
+        x1 = x0 + float(house.mesh.vertices_m[:, 0].max())
+        # houses far behind an open far side stay bare
+        in_view = house.kind == "facade" and x1 > low and x0 < high and y < plan.facade_y_m + 1
+        if not in_view or rng.random() >= share:
+            continue
+        mesh = mural(rng, pictures).mesh()
+        half = float(mesh.vertices_m[:, 0].max())
+        if half < (x1 - x0) / 2:
+            x = float(rng.uniform(x0 + half, x1 - half))
+            # sills of windows reach 12 cm out of the wall
+            murals.append(Placed(mesh, pose(x, y - 0.16, z), "mural"))
+    return murals
 
 
 def _camera(config: SynthConfig, yaw_rad: float, rng: np.random.Generator) -> tuple[StereoCamera, FloatArray]:

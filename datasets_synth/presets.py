@@ -66,14 +66,16 @@ class ClutterConfig:
     Counts are means of a Poisson number a frame for a street that is 20 m deep; deeper ones get more.
     """
 
-    pictures: float = 1.5
+    pictures: float = 2.0
     """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
-    wheeled: float = 1.9
+    wheeled: float = 2.2
     """Trucks, buses, caravans, trailers, boats, tractors."""
     boxes: float = 1.9
     """Kiosks, stalls, shelters, containers, skips, carts."""
     furniture: float = 5.5
     """Bins, hedges, walls, crates, trees, poles, people."""
+    mural_share: float = 0.3
+    """Share of the house fronts that show a picture of a car."""
     occluder_share: float = 0.4
     """Share of cars that something is put in front of."""
 

@@ -84,7 +84,7 @@ def test_cars_are_seen_from_their_left_side_on_the_road(scenes: list[Scene]) -> 
 
 
 def test_kinds_are_known_and_the_camera_stands_over_the_street(scenes: list[Scene]) -> None:
-    known = GROUND_KINDS | {"facade", "car"} | {p.kind for p in PROPS}
+    known = GROUND_KINDS | {"facade", "mural", "car"} | {p.kind for p in PROPS}
     for scene in scenes:
         assert {i.kind for i in scene.items} <= known
         eye = np.linalg.inv(scene.left_from_world)[:3, 3]
@@ -92,6 +92,21 @@ def test_kinds_are_known_and_the_camera_stands_over_the_street(scenes: list[Scen
         assert 1.2 <= eye[2] <= 1.7
         assert np.allclose(scene.left_from_world[:3, :3] @ scene.left_from_world[:3, :3].T, np.eye(3))
         assert np.linalg.det(scene.left_from_world[:3, :3]) == pytest.approx(1)
+
+
+def test_murals_hang_on_the_houses_before_their_walls(scenes: list[Scene]) -> None:
+    murals = [(scene, item) for scene in scenes for item in scene.items if item.kind == "mural"]
+    assert len(murals) >= 5
+    for scene, mural in murals:
+        x, y, z = mural.world_from_object[:3, 3]
+        low, high = x + mural.mesh.vertices_m[:, 0].min(), x + mural.mesh.vertices_m[:, 0].max()
+        walls = [i for i in scene.items if i.kind == "facade"]
+        ends = [(i.world_from_object[:3, 3], i.mesh.vertices_m[:, 0].max()) for i in walls]
+        # sills of windows reach 12 cm out of a wall
+        assert any(
+            at[0] <= low + 0.1 and high - 0.1 <= at[0] + width and 0.12 < at[1] - y < 0.2 and at[2] == z
+            for at, width in ends
+        )
 
 
 def test_the_same_seed_gives_the_same_street() -> None:
