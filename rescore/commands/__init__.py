@@ -1,0 +1,1 @@
+"""The commands of ``rescore``, a module for each group of them."""

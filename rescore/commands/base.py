@@ -1,0 +1,70 @@
+"""What the commands share: the application, options that several of them have, and how they speak."""
+
+# ruff: noqa: PLC0415 - imports inside functions keep `--help` quick
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from recon.errors import RescoreError
+
+if TYPE_CHECKING:
+    from rescore.config import RunConfig
+    from rescore.frames import DataSet
+
+app = typer.Typer(
+    name="rescore",
+    help="Rescore 2D object detections with stereo depth and a 3D class model, and show why.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
+Dataset = Annotated[Path, typer.Argument(help="Folder with annotations.json, pictures and disparities.")]
+Preset = Annotated[str, typer.Option(help="Settings to start from: paper, demo or tiny.")]
+Changes = Annotated[
+    Path | None, typer.Option("--config", help="JSON file with settings that replace those of the preset.")
+]
+Seed = Annotated[int, typer.Option(help="Seed of every random choice; the same seed gives the same bytes.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default="all processors")]
+Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
+TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
+TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]
+
+ALL_PROCESSORS = os.cpu_count() or 1
+
+
+def config_of(preset: str, changes: Path | None) -> "RunConfig":
+    """The settings of a preset with the changes of a file."""
+    from rescore.config import run_preset, with_changes
+
+    config = run_preset(preset)
+    return with_changes(config, changes) if changes else config
+
+
+def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
+    """A data set cut to one split, or all of it."""
+    from rescore.formats.coco import read_dataset
+    from rescore.frames import SPLITS
+
+    if split not in (*SPLITS, "all"):
+        raise RescoreError(
+            f"--split: expected {', '.join(SPLITS)} or all, got {split!r}; choose one of these"
+        )
+    data = read_dataset(dataset, class_name)
+    chosen = data if split == "all" else data.split(split)
+    if not chosen.frames:
+        raise RescoreError(f"{dataset}: expected frames of split {split!r}, got none; choose another --split")
+    return chosen
+
+
+def say(text: str) -> None:
+    """Tell the user something on standard error; standard output holds results."""
+    print(text, file=sys.stderr)

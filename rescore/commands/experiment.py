@@ -1,0 +1,361 @@
+"""The commands of the experiment: synth, learn, train, detect, tune, apply, evaluate, log, reproduce."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recon.errors import RescoreError
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Changes,
+    Dataset,
+    Jobs,
+    Preset,
+    Report,
+    Seed,
+    Split,
+    TestMeshes,
+    TrainMeshes,
+    app,
+    config_of,
+    read_split,
+    say,
+)
+
+if TYPE_CHECKING:
+    from rescore.formats.coco import DetectionFile
+    from rescore.frames import DataSet
+    from rescore.stages import Done
+
+
+@app.command()
+def synth(
+    out: Annotated[Path, typer.Argument(help="Folder to write the data set to.")],
+    preset: Preset = "demo",
+    config: Changes = None,
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+    train_meshes: TrainMeshes = None,
+    test_meshes: TestMeshes = None,
+) -> None:
+    """Render a data set of stereo street scenes with cars, and part-labelled views to learn from.
+
+    A build that was stopped goes on where it was.
+
+    Example: [bold]rescore synth data/demo --preset demo --seed 0[/bold]
+    """
+    from datasets_synth.build import build_dataset
+
+    settings = config_of(preset, config)
+    build_dataset(
+        settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
+    )
+    say(f"data set: {out}")
+
+
+@app.command()
+def learn(
+    views: Annotated[Path, typer.Argument(help="Folder with part_views.json, or a data set that holds one.")],
+    out: Annotated[Path, typer.Option(help="Class model to write, JSON.")],
+    preset: Preset = "paper",
+    config: Changes = None,
+) -> None:
+    """Learn a 3D class model from part-labelled views (section 3 of the report).
+
+    Example: [bold]rescore learn data/demo --out car.json[/bold]
+    """
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.store import atomic_path, write_provenance
+
+    settings = config_of(preset, config)
+    folder = views / "part_views" if (views / "part_views").is_dir() else views
+    model = steps.learn(folder, settings.class_name, settings.learn)
+    with atomic_path(out) as beside:
+        model.save(beside)
+    write_provenance(out, "learn", part_as_json(settings.learn), None)
+    say(f"class model: {out}")
+
+
+@app.command()
+def train(
+    dataset: Dataset,
+    out: Annotated[Path, typer.Option(help="Folder for <detector>.npz and <detector>.platt.json.")],
+    detector: Annotated[str, typer.Option(help="Detector to train: hog, boosted or all.")] = "all",
+    preset: Preset = "paper",
+    config: Changes = None,
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Train detectors on the split "train", and fit their Platt scaling on "calibration".
+
+    Example: [bold]rescore train data/demo --detector hog --out models[/bold]
+    """
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.formats.coco import read_dataset
+    from rescore.store import write_provenance
+
+    kinds = [k for k in steps.DetectorKind if detector in ("all", k.value)]
+    if not kinds:
+        known = ", ".join(steps.DetectorKind)
+        raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")
+    settings = config_of(preset, config)
+    data = read_dataset(dataset, settings.class_name)
+    for kind in kinds:
+        trained = steps.train(data, settings.detector(kind), seed, jobs)
+        scaling = steps.calibrate(trained, data, jobs)
+        trained.save(out / f"{kind}.npz")
+        steps.save_scaling(_scaling_of(out / f"{kind}.npz"), scaling)
+        write_provenance(out / f"{kind}.npz", "train", part_as_json(settings.detector(kind)), seed)
+        say(f"detector: {out / f'{kind}.npz'}")
+
+
+@app.command()
+def detect(
+    dataset: Dataset,
+    detector: Annotated[
+        Path, typer.Option(help="Detector that `rescore train` wrote, with its .platt.json.")
+    ],
+    out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.")],
+    split: Split = "test",
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Find the 15 best candidates of every frame, with raw scores and likelihoods.
+
+    Example: [bold]rescore detect data/demo --detector models/hog.npz --out hog.json[/bold]
+    """
+    from rescore import steps
+    from rescore.detectors.files import load_detector
+    from rescore.formats.coco import write_detections
+    from rescore.store import write_provenance
+
+    data = read_split(dataset, split)
+    trained = load_detector(detector)
+    table = steps.detect(trained, steps.load_scaling(_scaling_of(detector)), data, jobs)
+    write_detections(out, trained.name, table, data)
+    write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
+    say(f"{len(table)} detections in {len(data.frames)} frames: {out}")
+
+
+@app.command()
+def tune(
+    dataset: Dataset,
+    detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
+    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
+    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
+    preset: Preset = "paper",
+    config: Changes = None,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Choose the weight w of eq. 7 on the split "validation", and keep the curve it was chosen from.
+
+    Example: [bold]rescore tune data/demo hog_validation.json --model car.json --out hog_w.json[/bold]
+    """
+    from recon.class_model import ClassModel
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.formats.coco import read_dataset
+    from rescore.frames import Splits
+    from rescore.store import write_json, write_provenance
+
+    settings = config_of(preset, config)
+    data = read_dataset(dataset, settings.class_name)
+    validation = Splits.of(data).validation
+    file = _read_detections(detections, validation)
+    table = steps.find_evidence(
+        validation,
+        file.candidates(validation),
+        ClassModel.load(model),
+        steps.with_stereo_for(settings.rescore, validation, None),
+        jobs=jobs,
+        detector=file.detector,
+    )
+    tuning = steps.tune(file.detector, table, data, settings.tune)
+    write_json(out, steps.tuning_as_json(tuning))
+    write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, None)
+    say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")
+
+
+@app.command()
+def apply(
+    dataset: Dataset,
+    detections: Annotated[Path, typer.Argument(help="Detections to rescore, COCO results JSON.")],
+    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
+    out: Annotated[Path, typer.Option(help="Rescored detections to write, COCO results JSON.")],
+    tuned: Annotated[Path | None, typer.Option(help="Weight that `rescore tune` wrote.")] = None,
+    w: Annotated[float | None, typer.Option(min=0, max=1, help="The weight itself, in its place.")] = None,
+    evidence: Annotated[
+        Path | None, typer.Option(help="Folder for what led to each score: <folder>/<detector>/<image>.npz.")
+    ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(help="Camera that predicts depth: calibrated where known, or default (the report's)."),
+    ] = None,
+    disparities: Annotated[
+        int | None, typer.Option(help="Disparities to search where there is no disparity file.")
+    ] = None,
+    split: Split = "test",
+    preset: Preset = "paper",
+    config: Changes = None,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Rescore detections with stereo depth and a class model (eqs. 6 and 7).
+
+    A candidate that gets no depth evidence keeps its likelihood; its status says why.
+
+    Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
+    """
+    from recon.class_model import ClassModel
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.formats.coco import write_rescored
+    from rescore.fuse import fuse
+    from rescore.store import write_provenance
+
+    if (tuned is None) == (w is None):
+        raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
+    weight = w if tuned is None else steps.load_tuning(tuned).w
+    assert weight is not None
+    settings = config_of(preset, config)
+    data = read_split(dataset, split, settings.class_name)
+    file = _read_detections(detections, data)
+    rescoring = steps.with_stereo_for(steps.with_camera(settings.rescore, camera), data, disparities)
+    table = steps.find_evidence(
+        data,
+        file.candidates(data),
+        ClassModel.load(model),
+        rescoring,
+        jobs=jobs,
+        detector=file.detector,
+        evidence_dir=None if evidence is None else evidence / file.detector,
+    )
+    posterior = fuse(table.likelihood, table.depth_difference, weight)
+    write_rescored(out, file.detector, table, posterior, w=weight, data=data)
+    write_provenance(out, "apply", {"w": weight, "split": split, "rescore": part_as_json(rescoring)}, None)
+    say(f"{_reasons(table.status.tolist())}: {out}")
+
+
+@app.command()
+def evaluate(
+    dataset: Dataset,
+    detections: Annotated[list[Path], typer.Argument(help="Detections, rescored or not; a file a detector.")],
+    out: Annotated[Path, typer.Option(help="Run folder to write to.")],
+    tuned: Annotated[
+        list[Path] | None, typer.Option(help="What `rescore tune` wrote, to show the choice of w; repeat.")
+    ] = None,
+    min_iou: Annotated[
+        float, typer.Option(min=0, max=1, help="Overlap from which a candidate found a car.")
+    ] = 0.5,
+    disparities: Annotated[
+        int | None,
+        typer.Option(help="Disparities to search where there is no disparity file, as for `rescore apply`."),
+    ] = None,
+    report: Report = True,
+    split: Split = "test",
+) -> None:
+    """Match detections with the annotated cars: candidates.parquet, metrics.json, curves and report.
+
+    Example: [bold]rescore evaluate data/demo rescored_hog.json rescored_boosted.json --out runs/mine[/bold]
+    """
+    from rescore import steps
+    from rescore.evaluate import evaluate as evaluate_files
+    from rescore.pipeline import RescoreConfig
+    from rescore.reproduce import write_run_config
+
+    data = read_split(dataset, split)
+    files = [_read_detections(path, data) for path in detections]
+    tunings = {t.detector: t for t in (steps.load_tuning(path) for path in tuned or [])}
+    settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
+    stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
+    metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
+    write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
+    if report:
+        from reports import build_report
+
+        build_report(out)
+    _print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
+
+
+@app.command()
+def log(
+    run: Annotated[Path, typer.Argument(help="Run folder of `rescore evaluate` or `rescore reproduce`.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Recording to write.", show_default="RUN/recording.rrd")
+    ] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="So many frames, evenly spread.")] = None,
+) -> None:
+    """Write a recording for the Rerun viewer: candidates, measured and predicted depth, 3D, curves.
+
+    Example: [bold]rescore log runs/demo && rerun runs/demo/recording.rrd[/bold]
+    """
+    from reports.rerun_log import write_recording
+
+    file = write_recording(run, out or run / "recording.rrd", max_frames=frames)
+    say(f"recording: {file} (open it with: rerun {file})")
+
+
+@app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Run folder to write to.")],
+    preset: Preset = "demo",
+    config: Changes = None,
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+    train_meshes: TrainMeshes = None,
+    test_meshes: TestMeshes = None,
+) -> None:
+    """Run the whole experiment; stages that are done and whose inputs are unchanged are reused.
+
+    Example: [bold]rescore reproduce --preset demo --out runs/demo[/bold]
+    """
+    from rescore.reproduce import Run, RunFolder
+
+    folder = RunFolder(out)
+    settings = config_of(preset, config)
+    metrics = Run(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
+    _print_results(metrics, {"report": folder.html, "recording": folder.recording})
+
+
+def _read_detections(path: Path, data: "DataSet") -> "DetectionFile":
+    from rescore.formats.coco import MAX_CANDIDATES, read_detections
+
+    file = read_detections(path, data)
+    if file.n_other_class:
+        say(f"{path}: left out {file.n_other_class} detections of other classes")
+    if file.n_beyond_max:
+        say(
+            f"{path}: left out {file.n_beyond_max} detections beyond the {MAX_CANDIDATES} best of their image"
+        )
+    return file
+
+
+def _scaling_of(detector: Path) -> Path:
+    return detector.with_suffix(".platt.json")
+
+
+def _reasons(status: list[str]) -> str:
+    from collections import Counter
+
+    counts = Counter(status)
+    rest = ", ".join(f"{n} {reason}" for reason, n in sorted(counts.items()) if reason != "ok")
+    return f"{len(status)} candidates, {counts['ok']} with depth evidence" + (f" ({rest})" if rest else "")
+
+
+def _report_stage(done: "Done") -> None:
+    what = "reused" if done.reused else f"{done.seconds:.1f} s"
+    say(f"{done.name:<28} {what}")
+
+
+def _print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
+    from rich.console import Console
+
+    from reports.tables import terminal_table
+
+    console = Console()
+    console.print(terminal_table(metrics))
+    for name, path in paths.items():
+        console.print(f"{name}: {path}", soft_wrap=True, highlight=False)
