@@ -18,12 +18,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from datasets_synth.car_models import TRAINING_CARS, ImportedModel, cars_of_splits, part_labelled_cars
 from datasets_synth.frame_synth import SynthFrame, annotation_record, camera_record, car_schedule, synth_frame
 from datasets_synth.layout import CarModel
-from datasets_synth.part_render import render_part_labels
-from datasets_synth.parts import CAR_PARTS
+from datasets_synth.object_classes import labelled_views, object_class
 from datasets_synth.pictures import car_picture
 from datasets_synth.presets import SynthConfig
 from recon.errors import RescoreError
-from recon.part_views import PartView, PartViews, save_part_views
+from recon.part_views import save_part_views
 from recon.stereo import DisparityError, compute_disparity, disparity_error, read_disparity, write_disparity
 from recon.view_bins import ViewBins
 from rescore.frames import SPLITS
@@ -34,7 +33,6 @@ RECORDS = "records"
 PICTURES = "pictures"
 PART_VIEWS = "part_views"
 _PICTURE_STREAM = 2_000_000
-_PART_STREAM = 3_000_000
 CATEGORY = {"id": 1, "name": "car", "supercategory": "vehicle"}
 
 
@@ -100,7 +98,7 @@ def build_dataset(
         labelled, labels_from = part_labelled_cars(cars["train"])
         if labels_from != TRAINING_CARS:
             console.print(f"part-labelled views: of {labels_from}", highlight=False)
-        _write_part_views(config, out, seed, labelled)
+        _write_part_views(config, out, labelled)
         tasks = [
             _Task(out, config, seed, split, index, n, cars[split], key, paths[split])
             for split, size in config.splits.items()
@@ -327,17 +325,11 @@ def _render_picture(path: Path, cars: tuple[CarModel, ...], stream: list[int]) -
     _write_png(path, car_picture(cars, np.random.default_rng(stream))[..., ::-1])
 
 
-def _write_part_views(config: SynthConfig, out: Path, seed: int, cars: Sequence[CarModel]) -> None:
+def _write_part_views(config: SynthConfig, out: Path, cars: Sequence[CarModel]) -> None:
     """Part-labelled views of shapes in every view bin; the first is a sedan, where there is one."""
-    bins = ViewBins()
-    rng = np.random.default_rng([seed, _PART_STREAM])
-    views = []
-    for car in _instances_to_label(cars, config.part_views.n_instances):
-        mesh = car.build(rng)
-        for b in range(bins.count):
-            labels = render_part_labels(mesh, b, bins.elevation_rad, config.part_views.size_px)
-            views.append(PartView(b, labels, car.shape_id))
-    save_part_views(out / PART_VIEWS, PartViews(CAR_PARTS, bins, tuple(views)))
+    chosen = _instances_to_label(cars, config.part_views.n_instances)
+    views = labelled_views(object_class("car"), chosen, ViewBins(), config.part_views.size_px)
+    save_part_views(out / PART_VIEWS, views)
 
 
 def _instances_to_label(cars: Sequence[CarModel], count: int) -> list[CarModel]:

@@ -5,6 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from datasets_synth.families import latin_hypercube
+
 BODY_TYPES = ("hatchback", "sedan", "estate", "suv", "van", "minivan", "pickup", "coupe")
 SHAPES_PER_TYPE = 8
 
@@ -164,18 +166,8 @@ def car_shapes() -> tuple[CarShape, ...]:
     """All shapes of the family, always the same: `SHAPES_PER_TYPE` of each body type."""
     shapes: list[CarShape] = []
     for number, body_type in enumerate(BODY_TYPES):
-        rng = np.random.default_rng([20090411, number])
-        ranges = _RANGES[body_type]
-        # Latin hypercube: each parameter visits each eighth of its range once.
-        draws = {
-            name: low + (high - low) * (rng.permutation(SHAPES_PER_TYPE) + rng.uniform(0, 1, SHAPES_PER_TYPE))
-            / SHAPES_PER_TYPE
-            for name, (low, high) in ranges.items()
-        }  # fmt: skip
-        shapes += [
-            _shape(body_type, i, {name: float(values[i]) for name, values in draws.items()})
-            for i in range(SHAPES_PER_TYPE)
-        ]
+        draws = latin_hypercube(_RANGES[body_type], SHAPES_PER_TYPE, [20090411, number])
+        shapes += [_shape(body_type, i, draw) for i, draw in enumerate(draws)]
     return tuple(shapes)
 
 

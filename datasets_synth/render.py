@@ -31,6 +31,18 @@ class StereoRender:
     """What the left pixel centres see, shape (h, w): 0 for the sky, i for ``scene.items[i - 1]``."""
 
 
+@dataclass(frozen=True, eq=False)
+class ViewRender:
+    """The rendered picture of the left eye and its truth, all (h, w, ...)."""
+
+    rgb: NDArray[np.uint8]
+    """sRGB picture, shape (h, w, 3)."""
+    depth_m: FloatArray
+    """Depth z of the pixel centres, shape (h, w); NaN for the sky."""
+    instance: NDArray[np.uint16]
+    """What the pixel centres see, shape (h, w): 0 for the sky, i for ``scene.items[i - 1]``."""
+
+
 def render_pair(scene: Scene, rng: np.random.Generator, rays: SceneRays | None = None) -> StereoRender:
     """The stereo pair of a scene with its truth; the same seed gives the same bytes.
 
@@ -40,25 +52,43 @@ def render_pair(scene: Scene, rng: np.random.Generator, rays: SceneRays | None =
         rays: The ray trees of the scene's items; built where they are not given.
     """
     shader = _shader(scene, rays)
-    left, hits = _render_eye(scene, shader, eye=0)
+    left = _render_left(scene, shader, rng)
     right, _ = _render_eye(scene, shader, eye=1)
-    shape = left.shape[:2]
-    return StereoRender(
-        left_rgb=expose(left, scene.imaging, 0, rng),
-        right_rgb=expose(right, scene.imaging, 1, rng),
-        depth_m=np.where(np.isfinite(hits.t), hits.t, np.nan).astype(np.float32).reshape(shape),
-        instance=_instances(hits, shader.rays).reshape(shape),
-    )
+    return StereoRender(left.rgb, expose(right, scene.imaging, 1, rng), left.depth_m, left.instance)
+
+
+def render_view(scene: Scene, rng: np.random.Generator) -> ViewRender:
+    """The left picture of a scene with its truth; the same seed gives the same bytes.
+
+    Args:
+        scene: What to draw.
+        rng: Source of the noise of the camera alone.
+    """
+    return _render_left(scene, _shader(scene), rng)
 
 
 def render_rgb(scene: Scene) -> NDArray[np.uint8]:
     """The left picture (h, w, 3) sRGB of a perfect camera: exposure and gamma, no blur, no noise."""
-    radiance, _ = _render_eye(scene, _shader(scene), eye=0)
-    return srgb_from_linear(radiance * np.float32(scene.imaging.exposure[0]))
+    return srgb_from_linear(render_radiance(scene) * np.float32(scene.imaging.exposure[0]))
+
+
+def render_radiance(scene: Scene) -> FloatArray:
+    """Linear radiance (h, w, 3) that reaches the left eye: no camera at all."""
+    return _render_eye(scene, _shader(scene), eye=0)[0]
 
 
 def _shader(scene: Scene, rays: SceneRays | None = None) -> Shader:
     return build_shader(scene.items, scene.light, scene.camera.left.fx_px, rays)
+
+
+def _render_left(scene: Scene, shader: Shader, rng: np.random.Generator) -> ViewRender:
+    radiance, hits = _render_eye(scene, shader, eye=0)
+    shape = radiance.shape[:2]
+    return ViewRender(
+        rgb=expose(radiance, scene.imaging, 0, rng),
+        depth_m=np.where(np.isfinite(hits.t), hits.t, np.nan).astype(np.float32).reshape(shape),
+        instance=_instances(hits, shader.rays).reshape(shape),
+    )
 
 
 def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[FloatArray, Hits]:

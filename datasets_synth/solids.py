@@ -1,5 +1,7 @@
 """Textured boxes, panels, cylinders and blobs, put together into one mesh."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,24 +28,36 @@ _BOX_SIGNS = np.array(
 
 @dataclass
 class MeshDraft:
-    """Collects patches of triangles, then gives one Mesh."""
+    """Collects patches of triangles, then gives one Mesh; part labels are 0 outside of ``labelling``."""
 
     _vertices: list[FloatArray] = field(default_factory=list)
     _faces: list[NDArray[np.int64]] = field(default_factory=list)
     _normals: list[FloatArray] = field(default_factory=list)
     _uv: list[FloatArray] = field(default_factory=list)
     _face_material: list[NDArray[np.int32]] = field(default_factory=list)
+    _face_part: list[NDArray[np.uint8]] = field(default_factory=list)
     _materials: list[Material] = field(default_factory=list)
     _n_vertices: int = 0
     _panels: list[FloatArray] = field(default_factory=list)
     """Panels that wait to be turned into triangles together, each (k, 4, 3)."""
-    _panel_meta: list[tuple[float, float, float, float, int, int]] = field(default_factory=list)
-    """Of each block of panels: tile across and up, uv of the corner, material, k."""
+    _panel_meta: list[tuple[float, float, float, float, int, int, int]] = field(default_factory=list)
+    """Of each block of panels: tile across and up, uv of the corner, material, part, k."""
+    _part: int = 0
+    """Part label of what is added next."""
 
     @property
     def n_patches(self) -> int:
         """How many patches were added; a draft without any has no mesh."""
         return len(self._vertices) + len(self._panels)
+
+    @contextmanager
+    def labelling(self, part: int) -> Iterator[None]:
+        """What is added inside the ``with`` block carries this part label, 1 to 255."""
+        before, self._part = self._part, part
+        try:
+            yield
+        finally:
+            self._part = before
 
     def _material_index(self, material: Material) -> int:
         for i, known in enumerate(self._materials):
@@ -61,9 +75,9 @@ class MeshDraft:
         material: Material,
     ) -> None:
         """Add triangles: vertices (n, 3), faces (m, 3), normals and uv of each vertex (n, 3), (n, 2)."""
-        self._append(
-            vertices, faces, normals, uv, np.full(len(faces), self._material_index(material), np.int32)
-        )
+        n = len(faces)
+        index = np.full(n, self._material_index(material), np.int32)
+        self._append(vertices, faces, normals, uv, index, np.full(n, self._part, np.uint8))
 
     def _append(
         self,
@@ -72,12 +86,14 @@ class MeshDraft:
         normals: FloatArray,
         uv: FloatArray,
         face_material: NDArray[np.int32],
+        face_part: NDArray[np.uint8],
     ) -> None:
         self._vertices.append(vertices)
         self._faces.append(faces + self._n_vertices)
         self._normals.append(normals[faces])
         self._uv.append(uv[faces])
         self._face_material.append(face_material)
+        self._face_part.append(face_part)
         self._n_vertices += len(vertices)
 
     def panel(
@@ -98,15 +114,15 @@ class MeshDraft:
         tile = (tile_m, tile_m) if isinstance(tile_m, int | float) else tile_m
         block = np.asarray(corners_m, float).reshape(1, 4, 3)
         self._panels.append(block)
-        self._panel_meta.append((*tile, *uv0, self._material_index(material), 1))
+        self._panel_meta.append((*tile, *uv0, self._material_index(material), self._part, 1))
 
     def _flush(self) -> None:
         """Turn the waiting panels into triangles; one by one would take most of the time of a scene."""
         if not self._panels:
             return
         p = np.concatenate(self._panels)
-        counts = [m[5] for m in self._panel_meta]
-        meta = np.repeat(np.array(self._panel_meta, float)[:, :5], counts, axis=0)
+        counts = [m[6] for m in self._panel_meta]
+        meta = np.repeat(np.array(self._panel_meta, float)[:, :6], counts, axis=0)
         n = len(p)
         across = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
         up = np.linalg.norm(p[:, 3] - p[:, 0], axis=1)
@@ -124,6 +140,7 @@ class MeshDraft:
             np.repeat(normal, 4, axis=0),
             uv.reshape(-1, 2),
             np.repeat(meta[:, 4].astype(np.int32), 2),
+            np.repeat(meta[:, 5].astype(np.uint8), 2),
         )
         self._panels, self._panel_meta = [], []
 
@@ -143,7 +160,9 @@ class MeshDraft:
         turn = rotation_z(yaw_rad) @ rotation_y(tilt_rad)
         keep = [i for i, name in enumerate(_BOX_FACES) if name not in skip]
         self._panels.append(centre + (_BOX_SIGNS[keep] * half) @ turn.T)
-        self._panel_meta.append((tile_m, tile_m, 0.0, 0.0, self._material_index(material), len(keep)))
+        self._panel_meta.append(
+            (tile_m, tile_m, 0.0, 0.0, self._material_index(material), self._part, len(keep))
+        )
 
     def bar(
         self, a_m: ArrayLike, b_m: ArrayLike, radius_m: float, material: Material, sides: int = 8
@@ -272,7 +291,7 @@ class MeshDraft:
         self._normals = [n @ rotation.T for n in self._normals]
 
     def mesh(self) -> Mesh:
-        """The mesh; every part label is 0."""
+        """Everything added so far as one mesh."""
         self._flush()
         faces = np.concatenate(self._faces).astype(np.int32)
         return Mesh(
@@ -282,7 +301,7 @@ class MeshDraft:
             corner_uv=np.concatenate(self._uv).astype(np.float32),
             face_material=np.concatenate(self._face_material),
             materials=tuple(self._materials),
-            face_part=np.zeros(len(faces), np.uint8),
+            face_part=np.concatenate(self._face_part),
         )
 
 

@@ -1,4 +1,4 @@
-"""Procedural surface textures: asphalt, slabs, grass, bricks, plaster, leaves, planks, metal, print."""
+"""Procedural surface textures of streets, houses and furniture, from asphalt to wicker, and lettering."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -271,6 +271,38 @@ def _rags(rng: np.random.Generator) -> Image:
     return picture
 
 
+def _wood(rng: np.random.Generator) -> Image:
+    """One board, its grain along v: fine fibres and the long waves of the year rings."""
+    fibre = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 0.8, 60)
+    bend = _blur(fractal_noise(rng, _SIZE, 2, 3), 6, 90)
+    x = np.arange(_SIZE, dtype=np.float32) / _SIZE
+    rings = np.sin(2 * np.pi * (7 * x[None] + 0.9 * bend / bend.std()))
+    return _paint((178, 132, 84), 1 + 0.07 * fibre / fibre.std() + 0.09 * rings, 0.5 * rings)
+
+
+def _cloth(rng: np.random.Generator) -> Image:
+    """A plain weave, 64 threads across."""
+    y, x = np.mgrid[0:_SIZE, 0:_SIZE].astype(np.float32) * (64 / _SIZE)
+    over = (np.floor(x) + np.floor(y)) % 2
+    thread = np.where(over > 0, np.abs(np.sin(np.pi * x)), np.abs(np.sin(np.pi * y)))
+    light = 0.82 + 0.22 * thread + 0.05 * fractal_noise(rng, _SIZE, 6)
+    return _paint((190, 188, 184), light.astype(np.float32))
+
+
+def _wicker(rng: np.random.Generator) -> Image:
+    """Willow rods woven in and out of upright stakes, 8 stakes across and 16 rods up."""
+    y, x = np.mgrid[0:_SIZE, 0:_SIZE].astype(np.float32) / _SIZE
+    row = np.floor(16 * y).astype(int)
+    wave = np.cos(2 * np.pi * 4 * x + np.pi * (row % 2))
+    across = np.abs(np.sin(np.pi * 16 * y)) ** 0.6
+    tone = rng.normal(1, 0.1, 16).astype(np.float32)[row]
+    stake = np.clip(1 - np.abs((8 * x) % 1 - 0.5) / 0.16, 0, 1) * (wave < -0.45)
+    light = tone * across * (0.72 + 0.28 * wave) * (1 - stake) + 0.75 * stake
+    fine = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 14, 0.8)
+    light = 0.25 + 0.85 * np.clip(light, 0, 1.2) + 0.05 * fine / fine.std()
+    return _paint((170, 124, 74), light.astype(np.float32))
+
+
 _PAINTERS: dict[str, Callable[[np.random.Generator], Image]] = {
     "asphalt": _asphalt,
     "slabs": _slabs,
@@ -288,6 +320,9 @@ _PAINTERS: dict[str, Callable[[np.random.Generator], Image]] = {
     "roof": _roof,
     "curtain": _curtain,
     "goods": _rags,
+    "wood": _wood,
+    "cloth": _cloth,
+    "wicker": _wicker,
 }
 TEXTURE_KINDS = tuple(_PAINTERS)
 

@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
+from recon.ground_region import MIN_GROUND, Float32Array, ground_below, reach_px
 from recon.outcome import Failure, Reason
 
 FloatArray = NDArray[np.float64]
+
+_MIN_FACING = float(np.sin(np.deg2rad(8.0)))
+"""A side of the footprint turned to the camera by less than this sine is seen end-on."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +34,12 @@ class GroundLineConfig:
 
 @dataclass(frozen=True, eq=False)
 class GroundLine:
-    """The line l_g and the parts that stand on it."""
+    """The line l_g and the parts that stand on it, or on the second line of a corner view."""
 
     line_px: FloatArray
     """Its two ends, shape (2, 2), left one first, pixel centres."""
     points_m: dict[int, FloatArray]
-    """For each part that stands on the line the 3D point of its contact, shape (3,), camera frame."""
+    """For each part that stands on a line the 3D point of its contact, shape (3,), camera frame."""
 
 
 def ground_line(
@@ -46,8 +50,15 @@ def ground_line(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: GroundLineConfig,
+    ground_region: Float32Array | None = None,
+    bottom_px: float | None = None,
 ) -> GroundLine | Failure:
     """Line through the lower ends of the parts that touch the ground, and its points by eqs. 2 to 5.
+
+    A corner view shows parts on two lines, the sides of the object's footprint that face the camera. l_g is
+    the one whose feet show the most; the other starts at the corner that they share, and the view bin says
+    where it leads on the ground. Parts on hidden sides get no point: what is seen of them is not their lower
+    end.
 
     Args:
         labels: part labels of a window, shape (h, w), 0 for none.
@@ -58,52 +69,172 @@ def ground_line(
         camera: the camera M.
         ground: the ground plane Q_g.
         config: settings.
+        ground_region: probability of ground at each pixel of the whole image, shape (h, w); contacts with
+            less than one half of it below them are left out. None keeps all contacts.
+        bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
+            together; None takes them from the labels alone.
     """
-    contacts = _contacts(labels, list(feet_cam), config)
+    contacts = _contacts(labels, x0_px, y0_px, list(feet_cam), config)
     if not contacts:
         return Failure(
             Reason.NO_GROUND_CONTACT,
             f"one of the parts {list(feet_cam)} expected in the image, found none",
         )
-    at = np.array(list(contacts.values())) + np.array([x0_px, y0_px])
     height = float(np.ptp(np.nonzero(labels)[0]) + 1)
+    if ground_region is not None:
+        below = {k: _ground_share(c, ground_region, height) for k, c in contacts.items()}
+        contacts = {k: c for k, c in contacts.items() if below[k] >= MIN_GROUND}
+        if not contacts:
+            shares = ", ".join(f"{k}: {share:.2f}" for k, share in below.items())
+            return Failure(
+                Reason.NO_GROUND_CONTACT,
+                f"ground of probability {MIN_GROUND} below a contact expected, got ({shares})",
+            )
+    shown = {k: np.array(_middle(c)) for k, c in contacts.items()}
+    if bottom_px is not None:
+        down = bottom_px - max(float(at[1]) for at in shown.values())
+        shown = {k: at + np.array([0.0, down]) for k, at in shown.items()}
+    sides = _facing_sides(feet_cam, shown, camera, ground)
+    area = np.bincount(labels.ravel(), minlength=256)
+    sides.sort(key=lambda side: -min(area[k] for k in side))
+    first = list(sides[0]) if sides else [max(shown, key=lambda k: (shown[k][1], -k))]
+    at = np.array([shown[k] for k in first])
     slope, offset, on_line = _fit(at, config.line_tolerance * height)
-    labels_on_line = [label for label, use in zip(contacts, on_line, strict=True) if use]
-    expected = _view_slope(at[on_line], np.array([feet_cam[k] for k in labels_on_line]), camera, ground)
+    first = [label for label, use in zip(first, on_line, strict=True) if use]
+    at = at[on_line]
+    expected = _view_slope(at, np.array([feet_cam[k] for k in first]), camera, ground)
     if expected is not None:
         slope += config.slope_from_view * (expected - slope)
-        offset = float(np.mean(at[on_line, 1] - slope * at[on_line, 0]))
-    feet = np.stack([at[on_line, 0], slope * at[on_line, 0] + offset], axis=1)
+        offset = float(np.mean(at[:, 1] - slope * at[:, 0]))
+    feet = np.stack([at[:, 0], slope * at[:, 0] + offset], axis=1)
     points = ground.intersect(camera.rays(feet))
     if not np.isfinite(points).all():
         return Failure(
             Reason.ABOVE_HORIZON,
             f"ground contact below the horizon expected, got rows {np.round(feet[:, 1], 1).tolist()}",
         )
+    # a line that ends at a corner is as long as its contacts; a single one goes under the whole object
     columns = np.nonzero(labels.any(axis=0))[0][[0, -1]] + float(x0_px)
+    if len(sides) > 1:
+        columns = np.array([at[:, 0].min(), at[:, 0].max()])
     line = np.stack([columns, slope * columns + offset], axis=1)
-    return GroundLine(line, dict(zip(labels_on_line, points, strict=True)))
+    known = dict(zip(first, points, strict=True))
+    for side in sides[1:]:
+        known |= _second_line(side, known, shown, feet_cam, camera, ground)
+    return GroundLine(line, known)
+
+
+def _facing_sides(
+    feet_cam: Mapping[int, FloatArray],
+    shown: Mapping[int, FloatArray],
+    camera: PinholeCamera,
+    ground: GroundPlane,
+) -> list[tuple[int, ...]]:
+    """Labels of the contacts on each side of the footprint that faces the camera, two or more a side.
+
+    The footprint is the convex hull of the feet on the ground.
+    """
+    labels = np.array(list(feet_cam))
+    ray = camera.rays(np.mean(list(shown.values()), axis=0))
+    forward = ray - (ray @ ground.up) * ground.up
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, ground.up)
+    flat = np.array([[foot @ right, foot @ forward] for foot in feet_cam.values()])
+    if len(flat) < 2:
+        return []
+    hull = _hull(flat)
+    size = float(np.ptp(flat, axis=0).max())
+    sides = []
+    for a, b in zip(hull, np.roll(hull, -1), strict=True):
+        along = flat[b] - flat[a]
+        length = float(np.linalg.norm(along))
+        outward = np.array([along[1], -along[0]]) / max(length, 1e-9)
+        if length < 1e-6 * max(size, 1e-9) or outward[1] > -_MIN_FACING:
+            continue
+        on_side = np.abs((flat - flat[a]) @ outward) <= 0.1 * size
+        members = tuple(int(k) for k in labels[on_side] if int(k) in shown)
+        if len(members) >= 2:
+            sides.append(members)
+    return sides
+
+
+def _hull(flat: FloatArray) -> NDArray[np.intp]:
+    """Indices of the convex hull of points (n, 2), counter-clockwise; of two points or a line both ends."""
+    order = np.lexsort((flat[:, 1], flat[:, 0]))
+
+    def chain(indices: NDArray[np.intp]) -> list[int]:
+        out: list[int] = []
+        for i in indices:
+            while len(out) >= 2:
+                (ax, ay), (bx, by) = flat[out[-1]] - flat[out[-2]], flat[i] - flat[out[-2]]
+                if ax * by - ay * bx > 1e-9:
+                    break
+                out.pop()
+            out.append(int(i))
+        return out[:-1]
+
+    return np.array(chain(order) + chain(order[::-1]), np.intp)
+
+
+def _second_line(
+    side: Sequence[int],
+    known_m: Mapping[int, FloatArray],
+    shown: Mapping[int, FloatArray],
+    feet_cam: Mapping[int, FloatArray],
+    camera: PinholeCamera,
+    ground: GroundPlane,
+) -> dict[int, FloatArray]:
+    """Ground points (3,) of the contacts of a further side that have none yet, by label.
+
+    Along the direction that the view bin gives from the corner, at the column of the contact; from the
+    contact alone where the side has no corner yet or its direction is steep in the picture.
+    """
+    corner = next((k for k in side if k in known_m), None)
+    found = {}
+    for label in (k for k in side if k not in known_m):
+        at = shown[label].copy()
+        if corner is not None:
+            start = camera.project(known_m[corner])
+            slope = _view_slope(
+                np.stack([start, at]), np.stack([feet_cam[corner], feet_cam[label]]), camera, ground
+            )
+            at[1] = at[1] if slope is None else start[1] + slope * (at[0] - start[0])
+        point = ground.intersect(camera.rays(at))
+        if np.isfinite(point).all():
+            found[label] = point
+    return found
 
 
 def _contacts(
-    labels: NDArray[np.uint8], ground_labels: Sequence[int], config: GroundLineConfig
-) -> dict[int, tuple[float, float]]:
-    """For each ground part in the window its contact: middle column and lower edge, window coordinates."""
+    labels: NDArray[np.uint8], x0_px: int, y0_px: int, ground_labels: Sequence[int], config: GroundLineConfig
+) -> dict[int, FloatArray]:
+    """For each ground part the lowest pixels (n, 2) of the columns that touch, image coordinates."""
     rows = np.nonzero(labels.any(axis=1))[0]
     if not len(rows):
         return {}
     tolerance = max(1.0, config.contact_height * (rows[-1] - rows[0] + 1))
-    found: dict[int, tuple[float, float]] = {}
+    found: dict[int, FloatArray] = {}
     for label in ground_labels:
         mask = labels == label
         columns = np.nonzero(mask.any(axis=0))[0]
         if not len(columns):
             continue
         lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0)
-        touching = columns[lowest >= lowest.max() - tolerance]
-        # + 0.5: the object ends at the lower edge of its lowest pixel
-        found[label] = (float(touching.mean()), float(lowest.max()) + 0.5)
+        touching = lowest >= lowest.max() - tolerance
+        found[label] = np.stack([columns[touching] + x0_px, lowest[touching] + y0_px], axis=1).astype(float)
     return found
+
+
+def _middle(contact_px: FloatArray) -> tuple[float, float]:
+    """Middle column and lower edge of a contact: the object ends at the lower edge of its lowest pixel."""
+    return float(contact_px[:, 0].mean()), float(contact_px[:, 1].max()) + 0.5
+
+
+def _ground_share(contact_px: FloatArray, ground_region: Float32Array, height_px: float) -> float:
+    """Mean probability of ground below a contact; 0 where all of that is outside the picture."""
+    below = ground_below(contact_px, ground_region, reach_px(height_px))
+    seen = np.isfinite(below)
+    return float(below[seen].mean()) if seen.any() else 0.0
 
 
 def _view_slope(
@@ -128,8 +259,8 @@ def _view_slope(
 def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, NDArray[np.bool_]]:
     """Slope and offset of v = slope u + offset, and which contacts (n, 2) it is fitted to.
 
-    A corner view has contacts on two lines. The line is the one that most contacts agree with, the longer
-    where several do; steep lines are no ground lines. A single contact gives a level line.
+    The line is the one that most contacts agree with, the longer where several do; steep lines are no ground
+    lines. A single contact gives a level line.
     """
     best: tuple[int, float] = (0, 0.0)
     on_line = np.zeros(len(at), bool)

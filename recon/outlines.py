@@ -46,3 +46,15 @@ def resample(outline: FloatArray, count: int) -> FloatArray:
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     at = np.linspace(0.0, length[-1], count, endpoint=False)
     return np.stack([np.interp(at, length, closed[:, k]) for k in range(closed.shape[1])], axis=1)
+
+
+def canonical_ring(outline_m: FloatArray, normal: FloatArray, count: int) -> FloatArray:
+    """An outline (m, 3) resampled so that outlines of one part of several objects correspond, (count, 3).
+
+    It runs counter-clockwise seen against the normal, from its foremost, uppermost, leftmost corner on; all
+    outlines are in object axes (x forward, y left, z up).
+    """
+    newell = np.cross(outline_m, np.roll(outline_m, -1, axis=0)).sum(axis=0)
+    ring = outline_m if newell @ normal > 0 else outline_m[::-1]
+    start = int(np.argmax(ring @ np.array([1.0, 0.5, 0.6])))
+    return resample(np.roll(ring, -start, axis=0), count)

@@ -31,11 +31,17 @@ class RegistrationConfig:
     margin: float = 0.25
     """Margin around the box on the canonical grid, in box heights."""
     outline_points: int = 80
-    """Points on each outline."""
+    """Points on the labelled outline."""
+    instance_points: int = 160
+    """Points on the outline of an instance. With no more than on the labelled one, one-to-one matching has to
+    pair points far apart wherever one outline has a longer stretch than the other."""
     regularisation: float = 0.02
     """Of the thin-plate spline (see ``thin_plate_operator``)."""
     max_cost: float = 0.35
     """A larger mean chi-squared cost of the match is a failure."""
+    max_jump: float = 0.1
+    """A partner farther than this from where the neighbours on the outline lead, in roots of the box area, is
+    a false match."""
     shape_context: ShapeContextConfig = field(default_factory=ShapeContextConfig)
 
 
@@ -71,6 +77,8 @@ class PreparedView:
     """Shape contexts of the outline, shape (m, k)."""
     rings: tuple[tuple[int, slice], ...]
     """For each region of the labelled image its label and its rows of ``warp``; larger regions first."""
+    region_points: FloatArray
+    """Shape (p, 2): points on the outlines of all regions, pixels of the labelled image."""
     warp: FloatArray
     """Thin-plate operator (p, m): from targets of the outline points to the warped points of all regions."""
 
@@ -80,8 +88,9 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     """The model side of a view bin; remembered, since it is the same for every candidate."""
     labels = model.view(view_bin).labels
     rows, cols = np.nonzero(labels)
+    corner = np.array([cols.min(), rows.min()])
     labels = labels[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-    grid = _canonical_grid(labels.shape[1] / labels.shape[0], config)
+    grid = canonical_grid(labels.shape[1] / labels.shape[0], config)
     scale = np.array([grid.box_width_px / labels.shape[1], grid.box_height_px / labels.shape[0]])
 
     def canonical(points: FloatArray) -> FloatArray:
@@ -99,12 +108,12 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     outline = resample(outline_polygon, config.outline_points)
     rings, points = _region_rings(labels)
     warp = thin_plate_operator(outline, canonical(points), config.regularisation)
-    return PreparedView(
-        grid, phi.astype(np.float32), outline, shape_contexts(outline, config.shape_context), rings, warp
-    )
+    context = shape_contexts(outline, config.shape_context)
+    return PreparedView(grid, phi.astype(np.float32), outline, context, rings, points + corner, warp)
 
 
-def _canonical_grid(aspect: float, config: RegistrationConfig) -> CanonicalGrid:
+def canonical_grid(aspect: float, config: RegistrationConfig) -> CanonicalGrid:
+    """The grid of boxes ``aspect`` times as wide as high."""
     width = max(16, round(float(np.sqrt(config.box_area_px * aspect))))
     height = max(16, round(float(np.sqrt(config.box_area_px / aspect))))
     margin = max(4, round(config.margin * height))
@@ -150,7 +159,7 @@ def register_parts(
     outline: FloatArray, view: PreparedView, config: RegistrationConfig
 ) -> RegisteredParts | Failure:
     """The parts of an instance from its closed outline (m, 2) in canonical coordinates."""
-    points = resample(outline, config.outline_points)
+    points = resample(outline, config.instance_points)
     context = shape_contexts(points, config.shape_context)
     partner, cost = match(view.outline, view.context, points, context, config.shape_context)
     if not cost <= config.max_cost:
@@ -158,5 +167,24 @@ def register_parts(
             Reason.REGISTRATION_FAILED,
             f"mean chi-squared cost of the match at most {config.max_cost:g} expected, got {cost:.2f}",
         )
-    warped = view.warp @ points[partner]
+    limit = config.max_jump * float(np.sqrt(view.grid.box_width_px * view.grid.box_height_px))
+    warped = view.warp @ _without_jumps(view.outline, points[partner], limit)
     return RegisteredParts(tuple((label, warped[rows]) for label, rows in view.rings), cost)
+
+
+def _without_jumps(outline: FloatArray, targets: FloatArray, limit_px: float) -> FloatArray:
+    """Targets (m, 2) of a closed outline (m, 2); those that jump are led by their neighbours instead.
+
+    A displacement jumps where it differs by more than the limit from the median over eleven points around it.
+    The spline would follow a single false match and fold the parts over one another.
+    """
+    moved = targets - outline
+    around = (np.arange(len(moved))[:, None] + np.arange(-5, 6)) % len(moved)
+    usual = np.median(moved[around], axis=1)
+    good = np.linalg.norm(moved - usual, axis=1) <= limit_px
+    if good.all() or not good.any():
+        return targets
+    index = np.arange(len(moved))
+    known = index[good]
+    led = [np.interp(index, known, moved[good, k], period=len(moved)) for k in range(2)]
+    return np.asarray(outline + np.stack(led, axis=1))

@@ -1,7 +1,7 @@
 """Reconstruction of candidates (section 4): outline, parts, ground line, planes, predicted depth."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -23,9 +23,13 @@ from recon.part_registration import (
     register_parts,
 )
 from recon.predict_depth import PlacedParts, PlacingConfig, place_parts
-from recon.segment import Float32Array, SegmentConfig, edge_indicator, evolve
+from recon.segment import Float32Array, SegmentConfig, colour_evidence, edge_indicator, evolve
 
 FloatArray = NDArray[np.float64]
+
+
+_PIECE = 0.1
+"""Share of the object's area above which a separate region is a piece of it."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,9 @@ class ReconstructConfig:
     the object from elsewhere, or something else: stretched to such a box, any outline would seem to fit."""
     min_outline_iou: float = 0.4
     """Smallest intersection over union of the outline with the one it started from."""
+    box_bottom_is_ground: bool = False
+    """Whether boxes are drawn tightly: then the contacts go down to the lower edge of the box, which an
+    outline that has lost a foot does not reach. The boxes of a detector are too coarse for that."""
     segment: SegmentConfig = field(default_factory=SegmentConfig)
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     ground_line: GroundLineConfig = field(default_factory=GroundLineConfig)
@@ -73,6 +80,13 @@ class Reconstruction:
     """Mean chi-squared cost of the outline match, in [0, 1]."""
     placed_share: float
     """Share of the labelled pixels that have a depth, in [0, 1]."""
+    part_regions: tuple[tuple[int, FloatArray], ...] = ()
+    """Label and outline (m, 2) of each region of the labelled image where registration puts it, pixel
+    centres; point i is where point i of ``PreparedView.region_points`` comes to lie. Evidence files leave it
+    out."""
+    ground_points_m: dict[int, FloatArray] = field(default_factory=dict)
+    """Ground contact (3,) of each part that stands on a ground line by label, camera frame. Evidence files
+    leave it out."""
 
 
 def reconstruct(
@@ -83,6 +97,7 @@ def reconstruct(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig | None = None,
+    ground_region: Float32Array | None = None,
 ) -> tuple[Reconstruction | Failure, ...]:
     """The 3D instance in each box, or why there is none; one result a box, in order.
 
@@ -94,6 +109,8 @@ def reconstruct(
         camera: M; ``default_camera`` where none is known.
         ground: Q_g; ``DEFAULT_GROUND`` where none is known.
         config: settings; None for the defaults.
+        ground_region: probability of ground at each pixel, shape (h, w) (``ground_probability``), which keeps
+            parts that do not stand on ground out of the ground line; None trusts the outline alone.
 
     Raises:
         RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
@@ -104,19 +121,52 @@ def reconstruct(
             f"picture: expected {camera.width_px} x {camera.height_px} pixels as the camera says, "
             f"got shape {rgb.shape}; calibrate for this picture size"
         )
+    if ground_region is not None and ground_region.shape != rgb.shape[:2]:
+        raise RescoreError(
+            f"ground region: expected shape {rgb.shape[:2]} as the picture has, got {ground_region.shape}; "
+            "take it from this picture"
+        )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
     view = prepare_view(model, view_bin, config.registration)
     results: list[Reconstruction | Failure | None] = [
-        _check_box(box, view.grid, camera, config) for box in boxes
+        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config) for box in boxes
     ]
     todo = [i for i, result in enumerate(results) if result is None]
     for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
         results[i] = (
             outline
             if isinstance(outline, Failure)
-            else _instance(boxes[i], outline, view, view_bin, model, camera, ground, config)
+            else _instance(boxes[i], outline, view, view_bin, model, camera, ground, config, ground_region)
         )
     return tuple(r for r in results if r is not None)
+
+
+def reconstruct_outline(
+    ring_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+) -> Reconstruction | Failure:
+    """The 3D instance of an outline that is already known, such as one from colour segmentation.
+
+    Args:
+        ring_px: the closed outline, shape (m, 2), centres of its border pixels.
+        view_bin: the bin that it is taken to be seen from.
+        model: the class model.
+        camera: M.
+        ground: Q_g.
+        config: settings.
+    """
+    view = prepare_view(model, view_bin, config.registration)
+    box = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
+    failure = check_box(box, view.grid, (camera.width_px, camera.height_px), config)
+    if failure is not None:
+        return failure
+    to_image = _grid_to_image(view.grid, box)
+    outline = (ring_px - to_image.shift) / to_image.scale
+    return _instance(box, outline, view, view_bin, model, camera, ground, config, None)
 
 
 def segment(
@@ -125,10 +175,11 @@ def segment(
     """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
     if not len(xyxy_px):
         return ()
-    windows = _canonical_windows(rgb, xyxy_px, view.grid)
+    windows = canonical_windows(rgb, xyxy_px, view.grid)
     start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
-    phi = evolve(start, edge_indicator(windows, config.segment), config.segment)
-    return tuple(_zero_level(p, view.phi, config) for p in phi)
+    region = colour_evidence(windows, start) if config.segment.region_weight else None
+    phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
+    return tuple(zero_level(p, view.phi, config) for p in phi)
 
 
 def _instance(
@@ -140,6 +191,7 @@ def _instance(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig,
+    ground_region: Float32Array | None,
 ) -> Reconstruction | Failure:
     """From the outline on: register parts, find the ground line, place the planes."""
     parts = register_parts(outline, view, config.registration)
@@ -150,7 +202,10 @@ def _instance(
     labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
     cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
-    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line)
+    bottom_px = float(box_px[3]) - 0.5 if config.box_bottom_is_ground else None
+    line = ground_line(
+        labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region, bottom_px
+    )
     if isinstance(line, Failure):
         return line
     placed = _place(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
@@ -174,6 +229,8 @@ def _instance(
         cam_from_object=cam_from_object,
         registration_cost=parts.cost,
         placed_share=placed.placed_share,
+        part_regions=tuple((label, to_image(polygon)) for label, polygon in parts.regions),
+        ground_points_m=line.points_m,
     )
 
 
@@ -201,16 +258,20 @@ def feet(model: ClassModel) -> dict[int, FloatArray]:
     return {label: point for label, point in low.items() if point[2] <= limit}
 
 
-def _check_box(
-    box_px: FloatArray, grid: CanonicalGrid, camera: PinholeCamera, config: ReconstructConfig
+def check_box(
+    box_px: FloatArray, grid: CanonicalGrid, picture_px: tuple[int, int], config: ReconstructConfig
 ) -> Failure | None:
+    """Why nothing of this grid's aspect can be looked for in a box (4,) of a picture; None where it can.
+
+    ``picture_px`` is the width and height of the picture.
+    """
     size = box_px[2:] - box_px[:2]
     if not (np.isfinite(box_px).all() and (size >= 4).all()):
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
             f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
         )
-    clipped = np.clip(box_px, 0, [camera.width_px, camera.height_px] * 2)
+    clipped = np.clip(box_px, 0, [*picture_px, *picture_px])
     inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
     if inside < config.min_inside:
         return Failure(
@@ -226,7 +287,7 @@ def _check_box(
     return None
 
 
-def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
+def canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
     """Each box with its margin on the canonical grid in CIE Lab, shape (n, h, w, 3), borders repeated."""
     scales, shifts = grid.image_from_grid(xyxy_px)
     out = np.empty((len(xyxy_px), grid.height_px, grid.width_px, 3), np.float32)
@@ -251,10 +312,10 @@ def _canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: Canoni
     return out
 
 
-def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
+def zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
     """The outline of the largest region, to a quarter of a canonical pixel."""
     fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
-    ring = largest_outline(fine < 0)
+    ring = largest_outline(_in_one_piece(fine < 0, start))
     if ring is None:
         return Failure(Reason.NO_OUTLINE, "an outline expected, the level set vanished")
     outline = (ring + 0.5) / 4 - 0.5
@@ -266,6 +327,29 @@ def _zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfi
             f"an outline that keeps {config.min_outline_iou:g} of its start (IoU) expected, got {iou:.2f}",
         )
     return outline
+
+
+def _in_one_piece(mask: NDArray[np.bool_], start: Float32Array) -> NDArray[np.bool_]:
+    """The mask (4 h, 4 w) with its larger regions joined where a thin limb was pinched off.
+
+    What joins them lies inside the start (h, w); nothing is added where one region has nearly all.
+    """
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    areas = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
+    if len(areas) < 2 or areas[1] < _PIECE * areas.sum():
+        return mask
+    inside = cv2.resize(start, mask.shape[::-1], interpolation=cv2.INTER_LINEAR) < 0
+    pieces = int((areas >= _PIECE * areas.sum()).sum())
+    for across in range(9, max(10, mask.shape[0] // 5), 8):
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
+        closed = mask | (inside & (cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0))
+        _, _, stats, _ = cv2.connectedComponentsWithStats(closed.astype(np.uint8))
+        large = int((stats[1:, cv2.CC_STAT_AREA] >= _PIECE * areas.sum()).sum())
+        if large < pieces:
+            mask, pieces = closed, large
+        if pieces < 2:
+            break
+    return mask
 
 
 class _GridToImage:
@@ -296,10 +380,10 @@ def _part_labels(
         points = np.round((to_image(polygon) - low) * 16).astype(np.int32)
         cv2.fillPoly(labels, [points], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
-    return _fill_gaps(labels, inside), int(low[0]), int(low[1])
+    return fill_gaps(labels, inside), int(low[0]), int(low[1])
 
 
-def _fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Labels inside the outline; pixels that no region covers get the nearest region's label."""
     known = (labels > 0) & inside
     if not known.any():
@@ -328,22 +412,63 @@ def _place(
     v, u = np.mgrid[y0_px : y0_px + labels.shape[0], x0_px : x0_px + labels.shape[1]]
     rays = camera.rays(np.stack([u, v], axis=-1).astype(float))
     normals = {p.label: cam_from_object @ p.plane[:3] for p in model.parts}
-    feet = list(line.points_m.values())
-    depth = float(np.mean([p[2] for p in feet]))
-    reach = config.max_depth_range * _object_size_m(labels, depth, cam_from_object, model, camera)
+    depth = float(np.mean([p[2] for p in line.points_m.values()]))
+    scale = _metres_per_unit(labels, depth, cam_from_object, model, camera)
+    # the object's size: the diagonal of the model's extents
+    reach = config.max_depth_range * scale * float(np.linalg.norm(model.extents))
     limits = (max(depth - reach, 1e-3), depth + reach)
-    return place_parts(labels, rays, normals, line.points_m, limits, config)
+    placed = place_parts(labels, rays, normals, line.points_m, limits, config)
+    if placed.placed_share >= config.min_placed:
+        return placed
+    rest = {k: n for k, n in normals.items() if k not in placed.planes}
+    stand_in = _stand_in(labels, rays, rest, line.points_m, scale, cam_from_object, model, config)
+    on_ground = {k: p for k, p in line.points_m.items() if k in placed.planes}
+    again = place_parts(labels, rays, normals, on_ground | stand_in, limits, config)
+    if again.placed_share <= placed.placed_share:
+        return placed
+    # why the parts on the ground have no plane was found in the first round
+    reasons = again.unplaced | {k: why for k, why in placed.unplaced.items() if k in line.points_m}
+    return replace(again, unplaced={k: v for k, v in reasons.items() if k not in again.planes})
 
 
-def _object_size_m(
+def _stand_in(
+    labels: NDArray[np.uint8],
+    rays: FloatArray,
+    normals: Mapping[int, FloatArray],
+    points_m: Mapping[int, FloatArray],
+    metres_per_unit: float,
+    cam_from_object: FloatArray,
+    model: ClassModel,
+    config: PlacingConfig,
+) -> dict[int, FloatArray]:
+    """A known point of one part for a view that shows the parts on the ground edge-on, as a car's front.
+
+    It belongs to the part that shows the most area to the camera and is not edge-on itself, and lies as far
+    from the ground contacts as in the class model.
+    """
+    shown = {}
+    for k in (k for k in normals if k not in points_m and (labels == k).any()):
+        own = rays[labels == k]
+        sine = np.abs(own @ normals[k]) / np.linalg.norm(own, axis=1)
+        if sine.mean() >= np.sin(config.min_angle_rad):
+            shown[k] = float(sine.sum())
+    if not shown:
+        return {}
+    label = max(shown, key=lambda k: shown[k])
+    foot, centroid = feet(model), model.part(label).centroid
+    steps = [p + metres_per_unit * cam_from_object @ (centroid - foot[k]) for k, p in points_m.items()]
+    return {label: np.mean(steps, axis=0)}
+
+
+def _metres_per_unit(
     labels: NDArray[np.uint8],
     depth_m: float,
     cam_from_object: FloatArray,
     model: ClassModel,
     camera: PinholeCamera,
 ) -> float:
-    """Diagonal of the object in metres: that of the model's extents, scaled by the width in the image."""
-    shown: Sequence[FloatArray] = [p.outline @ cam_from_object[0] for p in model.parts]
+    """Metres of a unit of the model, from the width of the object in the picture at the depth of its feet."""
+    across: Sequence[FloatArray] = [p.outline @ cam_from_object[0] for p in model.parts]
     columns = np.nonzero(labels.any(axis=0))[0]
     width_m = (columns[-1] - columns[0] + 1) * depth_m / camera.fx_px
-    return float(width_m / np.ptp(np.concatenate(shown)) * np.linalg.norm(model.extents))
+    return float(width_m / np.ptp(np.concatenate(across)))

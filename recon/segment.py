@@ -10,9 +10,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
+
+_COLOURS = 16
+"""Cells of the colour histograms along each axis of CIE Lab."""
+_FLOOR = 1e-4
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,11 @@ class SegmentConfig:
     """lambda: weight of the edge-weighted length."""
     area_weight: float = 0.0
     """alpha: weight of the edge-weighted area; positive shrinks, negative grows."""
+    region_weight: float = 0.0
+    """Weight of the colours inside and outside the start (``colour_evidence``); 0 goes by edges alone. Edges
+    alone let thin limbs shrink away and stop at shadows as well as at the object."""
+    inward_share: float = 0.4
+    """Share of that weight for colours of the outside, which shrink the outline."""
     dirac_width_px: float = 1.5
     """epsilon: half width of the smoothed delta function."""
     smooth_sigma_px: float = 0.7
@@ -63,14 +73,46 @@ def edge_indicator(lab: Float32Array, config: SegmentConfig) -> Float32Array:
     return np.asarray(1.0 / (1.0 + energy / np.maximum(half, np.float32(1e-4))), np.float32)
 
 
-def evolve(phi: Float32Array, edge: Float32Array, config: SegmentConfig) -> Float32Array:
+def colour_evidence(lab: Float32Array, phi: Float32Array) -> Float32Array:
+    """Whether colours speak for the outside, shape (n, h, w), in (-1, 1); negative for the inside.
+
+    The hyperbolic tangent of the log likelihood ratio of each pixel's colour under two histograms, one of the
+    pixels of colour windows (n, h, w, 3) where ``phi`` (n, h, w) is positive, one of the others.
+    """
+    low, high = np.array([0.0, -64.0, -64.0]), np.array([100.0, 64.0, 64.0])
+    out = np.empty(phi.shape, np.float32)
+    for i, window in enumerate(lab):
+        share = (window - low) / (high - low)
+        cell = tuple(np.moveaxis(np.clip(share * _COLOURS, 0, _COLOURS - 1).astype(np.intp), -1, 0))
+        index = np.ravel_multi_index(cell, (_COLOURS,) * 3)
+        outside, inside = (_colour_histogram(index[side]) for side in (phi[i] > 0, phi[i] <= 0))
+        # the floor keeps a colour that one side never has from deciding alone
+        ratio = np.log((outside + _FLOOR) / (inside + _FLOOR))[index]
+        out[i] = np.tanh(cv2.GaussianBlur(ratio.astype(np.float32), (0, 0), 1.0))
+    return out
+
+
+def _colour_histogram(index: NDArray[np.intp]) -> FloatArray:
+    """Smoothed share of each of the colour cells among their indices (m,), flat."""
+    counts = np.bincount(index, minlength=_COLOURS**3).reshape((_COLOURS,) * 3).astype(float)
+    return np.asarray(gaussian_filter(counts, 0.6, mode="constant").ravel() / max(len(index), 1))
+
+
+def evolve(
+    phi: Float32Array, edge: Float32Array, config: SegmentConfig, region: Float32Array | None = None
+) -> Float32Array:
     """phi after the evolution, shape (n, h, w), from ``phi`` and the edge indicator ``edge``, both (n, h, w).
 
-    Gradient descent on mu R(phi) + lambda L_g(phi) + alpha A_g(phi) (eq. 22 of Li et al.). Outside
-    ``max_shift`` of the start nothing pulls, so the outline stays there.
+    Gradient descent on mu R(phi) + lambda L_g(phi) + alpha A_g(phi) (eq. 22 of Li et al.), and on the area
+    weighted by ``region`` (n, h, w), negative where it should grow. Outside ``max_shift`` of the start
+    nothing pulls, so the outline stays there.
     """
     band = np.abs(phi) <= config.max_shift * phi.shape[1] + config.dirac_width_px
     edge = edge * band
+    push = config.area_weight * edge
+    if region is not None:
+        # limbs of the ground's colour would shrink away, so colours pull inwards less than outwards
+        push += config.region_weight * np.where(region > 0, config.inward_share * region, region) * band
     edge_x, edge_y = _along_x(edge), _along_y(edge)
     phi = phi.copy()
     for _ in range(config.steps):
@@ -80,7 +122,7 @@ def evolve(phi: Float32Array, edge: Float32Array, config: SegmentConfig) -> Floa
         normal_x, normal_y = phi_x * unit, phi_y * unit
         curvature = _divergence(normal_x, normal_y)
         pull = config.length_weight * (edge_x * normal_x + edge_y * normal_y + edge * curvature)
-        pull += config.area_weight * edge
+        pull += push
         pull *= _dirac(phi, config.dirac_width_px)
         phi += config.time_step * (config.distance_weight * _distance_term(phi, phi_x, phi_y, slope) + pull)
     return phi

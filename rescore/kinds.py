@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from recon.errors import RescoreError
 from rescore.frames import FrameRecord, decode_picture
 
-BACKGROUND_KINDS = frozenset({"", "sky", "ground", "road", "kerb", "pavement", "verge", "square"})
+GROUND_KINDS = frozenset({"ground", "road", "kerb", "pavement", "verge", "square"})
+"""Kinds that cars stand on."""
+BACKGROUND_KINDS = GROUND_KINDS | {"", "sky"}
 """Kinds that lie under or behind what a detector may mean."""
 UNKNOWN = ""
 

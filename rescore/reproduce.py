@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from recon.class_model import ClassModel
+from recon.part_views import load_part_views
 from rescore import steps
 from rescore.config import RunConfig, part_as_json
 from rescore.detectors.files import load_detector
@@ -143,7 +144,7 @@ class Run:
         )
 
         def work(out: Path) -> None:
-            steps.learn(views, self.config.class_name, self.config.learn).save(out)
+            steps.learn(load_part_views(views), self.config.class_name, self.config.learn).save(out)
 
         self.report(run_stage(self.folder.root, stage, work))
 

@@ -12,7 +12,8 @@ from joblib import Parallel, delayed
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model
-from recon.part_views import load_part_views
+from recon.part_views import PartViews
+from recon.primitives import PrimitiveLibrary
 from recon.stereo import SgbmConfig, disparities_to_reach
 from rescore.calibration import PlattScaling, fit_platt, label_candidates
 from rescore.candidates import Candidates
@@ -38,11 +39,12 @@ class DetectorKind(StrEnum):
     BOOSTED = "boosted"
 
 
-def learn(part_views: Path, class_name: str, config: LearnConfig) -> ClassModel:
-    """The class model of a folder of part-labelled views."""
-    views = load_part_views(part_views)
+def learn(
+    views: PartViews, class_name: str, config: LearnConfig, library: PrimitiveLibrary | None = None
+) -> ClassModel:
+    """The class model of part-labelled views; the library of the package where none is given."""
     with one_thread():
-        return learn_class_model(views, class_name, views.part_names, config)
+        return learn_class_model(views, class_name, views.part_names, config, library)
 
 
 def train(data: DataSet, config: HogConfig | BoostedConfig, seed: int, jobs: int) -> Detector:

@@ -154,7 +154,7 @@ def detection(data: DataSet, config: RunConfig) -> list[Row]:
 
 def rescoring(data: DataSet, config: RunConfig) -> Row:
     """15 candidates of a frame, from picture and disparity to D, against one 5-path SGBM of the frame."""
-    model = steps.learn(data.root / "part_views", config.class_name, config.learn)
+    model = steps.learn(load_part_views(data.root / "part_views"), config.class_name, config.learn)
     rng = np.random.default_rng(0)
 
     def pairs() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:

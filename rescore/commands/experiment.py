@@ -1,4 +1,4 @@
-"""The commands of the experiment: synth, learn, train, detect, tune, apply, evaluate, log, reproduce."""
+"""The commands of the experiment: synth, train, detect, tune, apply, evaluate, log, reproduce."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
@@ -54,30 +54,6 @@ def synth(
         settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
     )
     say(f"data set: {out}")
-
-
-@app.command()
-def learn(
-    views: Annotated[Path, typer.Argument(help="Folder with part_views.json, or a data set that holds one.")],
-    out: Annotated[Path, typer.Option(help="Class model to write, JSON.")],
-    preset: Preset = "paper",
-    config: Changes = None,
-) -> None:
-    """Learn a 3D class model from part-labelled views (section 3 of the report).
-
-    Example: [bold]rescore learn data/demo --out car.json[/bold]
-    """
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.store import atomic_path, write_provenance
-
-    settings = config_of(preset, config)
-    folder = views / "part_views" if (views / "part_views").is_dir() else views
-    model = steps.learn(folder, settings.class_name, settings.learn)
-    with atomic_path(out) as beside:
-        model.save(beside)
-    write_provenance(out, "learn", part_as_json(settings.learn), None)
-    say(f"class model: {out}")
 
 
 @app.command()

@@ -63,6 +63,23 @@ def test_a_panel_carries_its_texture_upright_and_in_metres() -> None:
     assert np.allclose(mesh.corner_uv[..., 1], corner[..., 2] / 0.5)
 
 
+def test_faces_carry_the_label_they_were_added_under() -> None:
+    draft = MeshDraft()
+    draft.box((0, 0, 0), (1, 1, 1), GREY)
+    with draft.labelling(3):
+        draft.box((0, 0, 2), (1, 1, 1), GREY, skip=("-z",))
+        with draft.labelling(7):
+            draft.bar((0, 0, 3), (0, 0, 4), 0.1, GREY, sides=6)
+        draft.panel([(0, 0, 5), (1, 0, 5), (1, 1, 5), (0, 1, 5)], GREY)
+    draft.box((0, 0, 6), (1, 1, 1), GREY)
+    mesh = draft.mesh()
+    z = mesh.vertices_m[mesh.faces].mean(axis=1)[:, 2]
+    # boxes lie at z = 0 and 6 (none), 2 (3), the bar at 3 to 4 (7), the panel at 5 (3)
+    expected = np.select([z < 1, z < 2.7, z < 4.2, z < 5.2], [0, 3, 7, 3], 0)
+    assert np.array_equal(mesh.face_part, expected)
+    assert np.bincount(mesh.face_part).tolist() == [24, 0, 0, 12, 0, 0, 0, 24]
+
+
 def test_transform_turns_everything_and_pose_is_a_turn_and_a_shift() -> None:
     draft = MeshDraft()
     draft.box((1, 0, 0), (0.2, 0.2, 0.2), GREY)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, labelled_view
+from exact_primitives import exact_library
 
 from recon.class_model import ClassModel, ClassPart
 from recon.errors import RescoreError
@@ -25,7 +26,7 @@ def views() -> PartViews:
 
 @pytest.fixture(scope="module")
 def model(views: PartViews) -> ClassModel:
-    return learn_class_model(views, "car", PART_NAMES)
+    return learn_class_model(views, "car", PART_NAMES, None, exact_library(BINS))
 
 
 def test_round_trip_is_exact(model: ClassModel, tmp_path: Path) -> None:
@@ -55,7 +56,7 @@ def test_file_is_readable_json_with_the_view_rotations(model: ClassModel, tmp_pa
 
 def test_learning_takes_the_bins_of_the_views(model: ClassModel, views: PartViews) -> None:
     assert model.bins == BINS
-    explicit = learn_class_model(views.views, "car", PART_NAMES, LearnConfig(bins=BINS))
+    explicit = learn_class_model(views.views, "car", PART_NAMES, LearnConfig(bins=BINS), exact_library(BINS))
     np.testing.assert_array_equal(explicit.parts[0].plane, model.parts[0].plane)
 
 

@@ -92,3 +92,78 @@ def test_above_horizon() -> None:
     assert isinstance(
         ground_line(window(), 280, 100, FEET, CAMERA, GroundPlane(1.5, np.deg2rad(20)), FREE), GroundLine
     )
+
+
+def region(left: float, right: float) -> np.ndarray:
+    """Ground below row 310 with one probability to the left of column 320 and another to the right."""
+    found = np.zeros((481, 641), np.float32)
+    found[311:, :320], found[311:, 320:] = left, right
+    return found
+
+
+def test_feet_on_ground_are_as_without_a_region() -> None:
+    for feet in (window(), window(40, 39)):
+        plain = ground_line(feet, 280, 270, FEET, CAMERA, GROUND, FREE)
+        line = ground_line(feet, 280, 270, FEET, CAMERA, GROUND, FREE, region(0.6, 0.9))
+        assert isinstance(plain, GroundLine)
+        assert isinstance(line, GroundLine)
+        np.testing.assert_array_equal(line.line_px, plain.line_px)
+        np.testing.assert_array_equal(line.points_m[2], plain.points_m[2])
+
+
+def test_a_foot_that_is_not_above_ground_is_left_out() -> None:
+    line = ground_line(window(), 280, 270, FEET, CAMERA, GROUND, FREE, region(0.4, 0.9))
+    assert isinstance(line, GroundLine)
+    assert set(line.points_m) == {2}
+
+
+def test_no_foot_above_ground() -> None:
+    failure = ground_line(window(), 280, 270, FEET, CAMERA, GROUND, FREE, region(0.4, 0.0))
+    assert isinstance(failure, Failure)
+    assert failure.reason is Reason.NO_GROUND_CONTACT
+    assert failure.detail == "ground of probability 0.5 below a contact expected, got (1: 0.40, 2: 0.00)"
+    # the picture ends at row 480: what stands there shows no ground
+    cut = ground_line(window(), 280, 440, FEET, CAMERA, GROUND, FREE, np.ones((481, 641), np.float32))
+    assert isinstance(cut, Failure)
+
+
+def corner(near_bottom: int, side_bottom: int, front_bottom: int) -> np.ndarray:
+    """A corner view: the near foot (1) in the middle, one to its right (2), one to its left (3)."""
+    labels = np.zeros((80, 140), np.uint8)
+    labels[10:40, :] = 4
+    places = ((1, 50, near_bottom, 14), (2, 110, side_bottom, 12), (3, 20, front_bottom, 4))
+    for label, column, bottom, width in places:
+        labels[38 : bottom + 1, column : column + width] = label
+    return labels
+
+
+# two sides of a rectangle of 2.5 by 1.5: the near corner, one away to the right, one away to the left
+CORNER = {
+    1: np.array([0.0, 0.0, 0.0]),
+    2: np.array([2.2, 0.0, 1.2]),
+    3: np.array([-0.7, 0.0, 1.3]),
+    5: np.array([1.5, 0.0, 2.5]),
+}
+
+
+def test_a_corner_view_has_two_lines() -> None:
+    line = ground_line(corner(70, 60, 64), 280, 270, CORNER, CAMERA, GROUND, GroundLineConfig())
+    assert isinstance(line, GroundLine)
+    # the side with the larger feet is the line; the small foot on the other side gets its own point
+    assert set(line.points_m) == {1, 2, 3}
+    near, side, front = (line.points_m[k] for k in (1, 2, 3))
+    assert all(p[1] == pytest.approx(1.5) for p in (near, side, front))
+    along = side - near
+    assert along[2] / along[0] == pytest.approx(1.2 / 2.2, rel=0.05)
+    across = front - near
+    assert across[2] / across[0] == pytest.approx(-1.3 / 0.7, rel=0.05)
+    # l_g ends at its feet, in the middle of their contacts
+    np.testing.assert_allclose(line.line_px[:, 0], [280 + 56.5, 280 + 115.5])
+
+
+def test_feet_of_hidden_sides_get_no_point() -> None:
+    labels = corner(70, 60, 64)
+    labels[labels == 3] = 5
+    line = ground_line(labels, 280, 270, CORNER, CAMERA, GROUND, GroundLineConfig())
+    assert isinstance(line, GroundLine)
+    assert set(line.points_m) == {1, 2}

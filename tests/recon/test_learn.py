@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, centroid_of, labelled_view, normal_of
+from exact_primitives import exact_library
 
 from recon.camera import FloatArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
-from recon.learn import LearnConfig, learn_class_model
-from recon.part_views import PartView
+from recon.learn import LearnConfig, learn_class_model, part_costs
+from recon.part_views import PartView, PartViews
 from recon.primitives import cross_view_transforms, lift, primitive_normals
-from recon.structure import solve_structure
+from recon.structure import robust_structure, solve_structure
 from recon.view_bins import ViewBins
 
 BINS = ViewBins(12, np.deg2rad(10))
@@ -19,7 +20,7 @@ LENGTH_M = 4.4
 
 def learned(view_bins: list[int], bins: ViewBins = BINS) -> ClassModel:
     views = [labelled_view(box_car(), b, bins) for b in view_bins]
-    return learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=bins))
+    return learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=bins), exact_library(bins))
 
 
 def errors(model: ClassModel) -> tuple[dict[str, float], dict[str, float]]:
@@ -83,7 +84,9 @@ def test_canonical_view_is_the_medoid() -> None:
     odd = labelled_view(box_car(height=2.6), 3, BINS, instance_id="odd")
     same = [labelled_view(box_car(length=4.4 + d), 3, BINS, instance_id=f"same{d}") for d in (0.0, 0.02)]
     pair = labelled_view(box_car(), 2, BINS, instance_id="same0.0")
-    model = learn_class_model([odd, *same, pair], "car", PART_NAMES, LearnConfig(bins=BINS))
+    model = learn_class_model(
+        [odd, *same, pair], "car", PART_NAMES, LearnConfig(bins=BINS), exact_library(BINS)
+    )
     assert model.view(3).instance_id.startswith("same")
     assert [v.view_bin for v in model.views] == [2, 3]
 
@@ -104,12 +107,48 @@ def test_opposite_views_share_no_part() -> None:
     bins = ViewBins(12, 0.0)
     views = [labelled_view(box_car(), b, bins) for b in (3, 9)]
     with pytest.raises(RescoreError, match="at least two parts that two views show, got 0"):
-        learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=bins))
+        learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=bins), exact_library(bins))
 
 
 def test_labels_without_a_name() -> None:
     with pytest.raises(RescoreError, match="expected labels 0 to 3"):
         learn_class_model([labelled_view(box_car(), b, BINS) for b in (1, 2)], "car", PART_NAMES[:3])
+
+
+def test_a_centroid_that_lies_elsewhere_counts_little() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(8, 3)) / 3
+    points -= points.mean(axis=0)
+    rotation = np.stack([BINS.view_from_object(b) for b in (0, 1, 2, 3, 4)])
+    uv = projected(points, rotation, np.ones(5), np.zeros((5, 2)))
+    uv[1, 2] += 0.2
+    weight = np.ones(uv.shape[:2])
+    plain, robust = solve_structure(uv, rotation, weight), robust_structure(uv, rotation, weight)
+    error = [np.linalg.norm(s.points - points, axis=1).max() for s in (plain, robust)]
+    assert error[1] < 0.2 * error[0]
+    # a weight of nearly nothing leaves the centroid out
+    weight[1, 2] = 1e-9
+    assert np.abs(solve_structure(uv, rotation, weight).points - points).max() < 1e-3
+
+
+def test_a_library_of_other_view_bins_is_refused() -> None:
+    views = [labelled_view(box_car(), b, BINS) for b in (1, 2)]
+    with pytest.raises(RescoreError, match="learn the primitives for these view bins"):
+        learn_class_model(
+            views, "car", PART_NAMES, LearnConfig(bins=BINS), exact_library(ViewBins(12, np.deg2rad(20)))
+        )
+
+
+def test_costs_of_primitives_single_out_the_true_plane() -> None:
+    views = PartViews(PART_NAMES, BINS, tuple(labelled_view(box_car(), b, BINS) for b in (1, 2, 3)))
+    costs = part_costs(views, None, exact_library(BINS))
+    normals = primitive_normals()
+    for label, cost in zip(costs.labels, costs.cost, strict=True):
+        truth = normal_of(box_car()[PART_NAMES[label - 1]])
+        if abs(truth @ BINS.view_from_object(2)[2]) > 0.3:
+            best = normals[int(cost.argmin())]
+            # half the spacing of the library, and some
+            assert np.rad2deg(np.arccos(min(1.0, abs(best @ truth)))) < 25
 
 
 def projected(points: FloatArray, rotation: FloatArray, scale: FloatArray, shift: FloatArray) -> FloatArray:
@@ -154,9 +193,10 @@ def test_cross_view_transform_of_a_plane_is_that_of_its_points() -> None:
 
 def test_library_is_of_distinct_unit_normals() -> None:
     normals = primitive_normals()
-    assert normals.shape == (122, 3)
+    assert normals.shape == (61, 3)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    assert (normals @ normals.T - np.eye(122)).max() < np.cos(np.deg2rad(7))
+    # a plane has no front: opposite normals are the same
+    assert (np.abs(normals @ normals.T) - np.eye(61)).max() < np.cos(np.deg2rad(7))
 
 
 def test_view_of_another_bin_is_refused() -> None:

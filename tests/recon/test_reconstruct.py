@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, labelled_view
+from exact_primitives import exact_library
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera, default_camera
@@ -27,7 +28,7 @@ BINS = ViewBins(12, np.deg2rad(5))
 @pytest.fixture(scope="module")
 def model() -> ClassModel:
     views = [labelled_view(box_car(), b, BINS) for b in (1, 2, 3, 4)]
-    return learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=BINS))
+    return learn_class_model(views, "car", PART_NAMES, LearnConfig(bins=BINS), exact_library(BINS))
 
 
 def drawn(
@@ -172,6 +173,25 @@ def test_every_reason_occurs(model: ClassModel) -> None:
 def test_no_ground_contact_where_the_wheels_are_outside_the_picture(model: ClassModel) -> None:
     box = np.array([150.0, 400.0, 500.0, 540.0])
     assert reason(model, box, ReconstructConfig()) is Reason.NO_GROUND_CONTACT
+
+
+def test_ground_region(model: ClassModel) -> None:
+    rgb, box, truth = drawn()
+    everywhere = np.ones(rgb.shape[:2], np.float32)
+    (plain,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND)
+    (found,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=everywhere)
+    assert isinstance(plain, Reconstruction)
+    assert isinstance(found, Reconstruction)
+    np.testing.assert_array_equal(found.depth.depth, plain.depth.depth)
+    # ground all around the car, as it is
+    around = np.where(np.isfinite(truth), 0, everywhere).astype(np.float32)
+    (found,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=around)
+    assert isinstance(found, Reconstruction)
+    (failed,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=0 * everywhere)
+    assert isinstance(failed, Failure)
+    assert failed.reason is Reason.NO_GROUND_CONTACT
+    with pytest.raises(RescoreError, match="ground region: expected shape"):
+        reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=everywhere[1:])
 
 
 def test_model_side_is_prepared_once(model: ClassModel) -> None:

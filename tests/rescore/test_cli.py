@@ -14,6 +14,24 @@ from rescore.cli import app, main
 from rescore.formats.coco import read_dataset, read_detections
 
 Command = Callable[..., "Outcome"]
+COMMANDS = (
+    "synth",
+    "train",
+    "detect",
+    "learn",
+    "learn-ground",
+    "learn-primitives",
+    "study-models",
+    "localize",
+    "tune",
+    "apply",
+    "evaluate",
+    "log",
+    "reproduce",
+    "reconstruct",
+    "popup",
+    "gallery",
+)
 
 
 @dataclass(frozen=True)
@@ -43,15 +61,13 @@ def test_help_names_every_command_and_is_quick() -> None:
         [sys.executable, "-m", "rescore.cli", "--help"], capture_output=True, text=True, check=True
     )
     seconds = time.perf_counter() - started
-    for name in ("synth", "train", "detect", "learn", "tune", "apply", "evaluate", "log", "reproduce"):
+    for name in COMMANDS:
         assert name in done.stdout
     # generous for a loaded machine; importing what the commands need takes several seconds there
     assert seconds < 5
 
 
-@pytest.mark.parametrize(
-    "name", ["synth", "train", "detect", "learn", "tune", "apply", "evaluate", "log", "reproduce"]
-)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_shows_an_example(name: str) -> None:
     shown = CliRunner().invoke(app, [name, "--help"]).output
     assert f"Example: rescore {name}" in " ".join(shown.split())

@@ -1,0 +1,35 @@
+"""What all families of object shapes share: how their lists of shapes are drawn, and how objects stand."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from datasets_synth.mesh import Mesh
+from datasets_synth.solids import MeshDraft
+
+Ranges = Mapping[str, tuple[float, float]]
+
+
+def latin_hypercube(ranges: Ranges, count: int, seed: list[int]) -> list[dict[str, float]]:
+    """`count` draws: each measure visits each of `count` equal cells of its range once.
+
+    Args:
+        ranges: Lowest and highest value of each measure.
+        count: How many draws.
+        seed: Of the one generator that serves all measures in order.
+    """
+    rng = np.random.default_rng(seed)
+    draws = {
+        name: low + (high - low) * (rng.permutation(count) + rng.uniform(0, 1, count)) / count
+        for name, (low, high) in ranges.items()
+    }
+    return [{name: float(values[i]) for name, values in draws.items()} for i in range(count)]
+
+
+def standing_mesh(draft: MeshDraft) -> Mesh:
+    """The mesh of a draft, moved so that the origin is on the ground under the middle of its footprint."""
+    points = draft.mesh().vertices_m
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low + high) / 2
+    draft.transform(np.eye(3), (-middle[0], -middle[1], -low[2]))
+    return draft.mesh()

@@ -1,0 +1,302 @@
+"""A joint fit of pose and shape to one outline: an instance of a shape space that stands on the ground.
+
+Every ray through the outline must graze the object, so that the least value of the hull function along it is
+0. These values are the residuals; no point of the model needs a partner in the image. Gauss-Newton steps with
+Levenberg's damping find x, y, yaw, the logarithms of the size and the coefficients of the shape space.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane, PinholeCamera
+from recon.outline_edges import OutlinePoints
+from recon.shape_space import Float32Array, ShapeSpace, sample_hull
+from recon.standing_box import StandingBox, angle_between, cam_from_ground, turn
+from recon.view_bins import ViewBins
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointFitConfig:
+    """Settings of the fit."""
+
+    model_scale: float = 1.0
+    """Size of the object in units of those the shape space was learned from: 1 / 18 for model cars."""
+    coarse_points: int = 60
+    """Rays while the view bin is looked for."""
+    coarse_steps: int = 10
+    """Steps with the mean shape from the middle of each view bin."""
+    kept_starts: int = 4
+    """Best starts that are refined."""
+    steps: int = 14
+    """Steps of the refinement."""
+    noise_m: float = 0.014
+    """Expected error of the outline at the object, in metres of the shape space."""
+    outlier_m: float = 0.05
+    """Residuals beyond this lose weight (Cauchy): mirrors, shadows, gaps in the outline."""
+    independent_points: float = 40.0
+    """Outline points count as so many independent ones, since neighbours err alike."""
+    depth_samples: int = 32
+    """Samples along each ray between the roof and the ground."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedInstance:
+    """An instance of a shape space on the ground, in metres of the shape space (ground frame over scale)."""
+
+    xy_m: FloatArray
+    yaw_rad: float
+    log_rest: FloatArray
+    """What the logarithms of the size differ from those that the coefficients give, shape (3,)."""
+    coefficients: FloatArray
+    cost: float
+    """Half the weighted sum of squares with the priors."""
+    outline_error_m: float
+    """Root of the mean squared residual, outliers held down."""
+
+    @property
+    def vector(self) -> FloatArray:
+        """All unknowns: x, y, yaw, log_rest, coefficients."""
+        return np.concatenate([self.xy_m, [self.yaw_rad], self.log_rest, self.coefficients])
+
+    def parts_m(self, space: ShapeSpace, scale: float) -> FloatArray:
+        """Outlines of the parts of ``space.part_labels`` in the ground frame, shape (p, m, 3)."""
+        out = space.part_outlines(self.coefficients, space.size_m(self.coefficients, self.log_rest))
+        out[..., :2] = out[..., :2] @ turn(self.yaw_rad).T + self.xy_m
+        return out * scale
+
+    def box(self, space: ShapeSpace, scale: float) -> StandingBox:
+        """The bounding box in the ground frame."""
+        size = space.size_m(self.coefficients, self.log_rest)
+        return StandingBox(self.xy_m * scale, self.yaw_rad, size * scale)
+
+
+@dataclass(frozen=True, eq=False)
+class GroundRays:
+    """Rays from one eye in the ground frame, in metres of the shape space."""
+
+    origin: FloatArray
+    """Shape (3,)."""
+    direction: FloatArray
+    """Shape (n, 3), going down by 1: origin height less t is the height."""
+    outside_weight: FloatArray
+    """Weights of residuals above 0, where the ray misses the object, shape (n,)."""
+    inside_weight: FloatArray
+    """Weights of residuals below 0, where it cuts the object, shape (n,)."""
+
+    def weight(self, residual: FloatArray) -> FloatArray:
+        """Weights (n,) of residuals (n,)."""
+        return np.where(residual > 0, self.outside_weight, self.inside_weight)
+
+    def between(self, high_m: float, samples: int) -> tuple[FloatArray, FloatArray]:
+        """Heights (s,) from ``high_m`` to the ground and points (n, s, 3) of the rays there."""
+        heights = np.linspace(high_m, 0.0, samples)
+        t = self.origin[2] - heights
+        return heights, self.origin + t[None, :, None] * self.direction[:, None, :]
+
+    def at(self, heights: FloatArray) -> FloatArray:
+        """Points (n, ..., 3) at heights (n, ...)."""
+        t = self.origin[2] - heights
+        shape = (len(self.direction),) + (1,) * (heights.ndim - 1) + (3,)
+        return np.asarray(self.origin + t[..., None] * self.direction.reshape(shape))
+
+
+def ground_rays(
+    outline: OutlinePoints, camera: PinholeCamera, ground: GroundPlane, scale: float
+) -> GroundRays:
+    """Rays of points of an outline, which look below the horizon."""
+    pose = cam_from_ground(ground)
+    direction = camera.rays(outline.uv_px) @ pose[:3, :3]
+    return GroundRays(
+        np.array([0.0, 0.0, ground.height_m / scale]),
+        direction / -direction[:, 2:],
+        outline.outside_weight,
+        outline.inside_weight,
+    )
+
+
+class OutlineFit:
+    """The problem of one outline."""
+
+    def __init__(
+        self,
+        outline: OutlinePoints,
+        space: ShapeSpace,
+        camera: PinholeCamera,
+        ground: GroundPlane,
+        config: JointFitConfig,
+    ) -> None:
+        self.space, self.config = space, config
+        self.rays = ground_rays(outline, camera, ground, config.model_scale)
+        few = outline.every(max(1, len(outline.uv_px) // config.coarse_points))
+        self.coarse = ground_rays(few, camera, ground, config.model_scale)
+        self.start_xy = self._middle()
+
+    def _middle(self) -> FloatArray:
+        """Where the middle of the outline's box meets the height of the middle of the mean car."""
+        height = 0.5 * float(np.exp(self.space.log_size[2]))
+        points = self.rays.at(np.full(len(self.rays.direction), height))[:, :2]
+        return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+
+    def residuals(
+        self, vector: FloatArray, rays: GroundRays, hull: Float32Array, size_m: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least hull value along each ray (n,), and the points (n, 3) in units of the size where it is."""
+        heights, points = rays.between(float(size_m[2]), self.config.depth_samples)
+        n, s = points.shape[:2]
+        values = self._values(self._unit(points.reshape(-1, 3), vector, size_m), hull, size_m).reshape(n, s)
+        step = heights[0] - heights[1]
+        middle = np.clip(heights[np.argmin(values, axis=1)], step, heights[0] - step)
+        fine = middle[:, None] + np.linspace(step, -step, 9)
+        unit = self._unit(rays.at(fine).reshape(-1, 3), vector, size_m)
+        values = self._values(unit, hull, size_m).reshape(n, 9)
+        best = np.argmin(values, axis=1)
+        row = np.arange(n)
+        return values[row, best], unit.reshape(n, 9, 3)[row, best]
+
+    def _unit(self, points: FloatArray, vector: FloatArray, size_m: FloatArray) -> FloatArray:
+        out = points.copy()
+        out[:, :2] = (points[:, :2] - vector[:2]) @ turn(vector[2])
+        return out / size_m
+
+    def _values(self, unit: FloatArray, hull: Float32Array, size_m: FloatArray) -> FloatArray:
+        """Hull values (n,), growing with the distance from the grid beyond it."""
+        reach = np.array(self.space.reach)
+        beyond = np.maximum(np.abs(unit) - reach, 0) * size_m
+        value = sample_hull(hull, self.space.grid_coordinates(unit))
+        return np.asarray(value + np.sqrt((beyond**2).sum(axis=1)))
+
+    def jacobian(
+        self, vector: FloatArray, unit: FloatArray, hull: Float32Array, size_m: FloatArray
+    ) -> FloatArray:
+        """Derivatives (n, 6 + k) of the least values; the place on the ray is the least one."""
+        space = self.space
+        step = 0.008
+        gradient = np.stack(
+            [
+                (self._values(unit + d, hull, size_m) - self._values(unit - d, hull, size_m)) / (2 * step)
+                for d in np.eye(3) * step
+            ],
+            axis=1,
+        )
+        c, s = np.cos(vector[2]), np.sin(vector[2])
+        own = unit * size_m
+        slope = gradient / size_m
+        jac = np.empty((len(unit), 6 + space.count))
+        jac[:, 0] = -slope[:, 0] * c + slope[:, 1] * s
+        jac[:, 1] = -slope[:, 0] * s - slope[:, 1] * c
+        jac[:, 2] = slope[:, 0] * own[:, 1] - slope[:, 1] * own[:, 0]
+        jac[:, 3:6] = -gradient * unit
+        at = space.grid_coordinates(unit)
+        modes = np.stack([sample_hull(space.modes[..., k], at) for k in range(space.count)], axis=1)
+        jac[:, 6:] = modes + jac[:, 3:6] @ space.log_size_modes
+        return jac
+
+    def refine(self, vector: FloatArray, rays: GroundRays, free: int, steps: int) -> FittedInstance:
+        """Gauss-Newton with Levenberg's damping on the first ``free`` unknowns."""
+        config, space = self.config, self.space
+        prior = np.concatenate([np.zeros(3), 1 / space.log_size_rest, np.ones(space.count)])[:free]
+        n = len(rays.direction)
+        unit_weight = np.sqrt(min(config.independent_points / n, 1.0)) / config.noise_m
+        damping = 1e-2
+        state = self._state(vector, rays)
+        cost = self._cost(vector, state[0], unit_weight * rays.weight(state[0]))
+        for _ in range(steps):
+            residual, unit, hull, size = state
+            weight = unit_weight * rays.weight(residual)
+            jac = self.jacobian(vector, unit, hull, size)[:, :free] * weight[:, None]
+            robust = 1 / (1 + (residual / config.outlier_m) ** 2)
+            normal = (jac * robust[:, None]).T @ jac + np.diag(prior**2)
+            gradient = jac.T @ (robust * residual * weight) + prior**2 * np.append(
+                np.zeros(3), vector[3:free]
+            )
+            moved = False
+            for _ in range(4):
+                step = np.zeros(len(vector))
+                step[:free] = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+                trial = vector + step
+                trial_state = self._state(trial, rays)
+                trial_cost = self._cost(trial, trial_state[0], unit_weight * rays.weight(trial_state[0]))
+                if trial_cost < cost:
+                    moved = True
+                    break
+                damping *= 6
+            if not moved:
+                break
+            gain = cost - trial_cost
+            vector, state, cost, damping = trial, trial_state, trial_cost, damping / 4
+            if gain < 1e-4 * cost:
+                break
+        capped = np.minimum(np.abs(state[0]), 3 * config.outlier_m) * rays.weight(state[0])
+        return FittedInstance(
+            vector[:2],
+            float(vector[2]),
+            vector[3:6],
+            vector[6:],
+            cost,
+            float(np.sqrt((capped**2).mean())),
+        )
+
+    def _state(
+        self, vector: FloatArray, rays: GroundRays
+    ) -> tuple[FloatArray, FloatArray, Float32Array, FloatArray]:
+        size = self.space.size_m(vector[6:], vector[3:6])
+        hull = self.space.hull(vector[6:]) if vector[6:].any() else self.space.mean
+        residual, unit = self.residuals(vector, rays, hull, size)
+        return residual, unit, hull, size
+
+    def _cost(self, vector: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
+        outlier = self.config.outlier_m
+        data = ((weight * outlier) ** 2 * np.log1p((residual / outlier) ** 2)).sum()
+        prior = ((vector[3:6] / self.space.log_size_rest) ** 2).sum() + (vector[6:] ** 2).sum()
+        return float(data + prior) / 2
+
+    def starts(self, yaws_rad: FloatArray) -> list[FittedInstance]:
+        """The mean shape fitted from several directions of the nose, best first, one of each result."""
+        empty = np.zeros(3 + self.space.count)
+        found = [
+            self.refine(
+                np.concatenate([self.start_xy, [yaw], empty]), self.coarse, 6, self.config.coarse_steps
+            )
+            for yaw in yaws_rad
+        ]
+        kept: list[FittedInstance] = []
+        for fit in sorted(found, key=lambda f: f.cost):
+            turns = [angle_between(fit.yaw_rad, k.yaw_rad) for k in kept]
+            if not turns or min(turns) > np.deg2rad(15):
+                kept.append(fit)
+        return kept
+
+
+def joint_fits(
+    outline: OutlinePoints,
+    space: ShapeSpace,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    bins: ViewBins,
+    config: JointFitConfig,
+) -> list[FittedInstance]:
+    """Instances that explain an outline, best first, one of each direction.
+
+    Args:
+        outline: its points.
+        space: the class.
+        camera: M.
+        ground: Q_g.
+        bins: view bins; the fit starts from the middle of each.
+        config: settings.
+    """
+    problem = OutlineFit(outline, space, camera, ground, config)
+    to_camera = float(np.arctan2(-problem.start_xy[1], -problem.start_xy[0]))
+    yaws = np.array([to_camera - bins.azimuth_rad(b) for b in range(bins.count)])
+    starts = problem.starts(yaws)[: config.kept_starts]
+    fits = [problem.refine(s.vector, problem.rays, 6 + space.count, config.steps) for s in starts]
+    # from afar front and rear look alike: the best fit must also be better than itself turned round
+    best = min(fits, key=lambda f: f.cost)
+    turned = np.concatenate([best.xy_m, [best.yaw_rad + np.pi], best.log_rest, np.zeros(space.count)])
+    turned[3:6] += space.log_size_modes @ best.coefficients
+    fits.append(problem.refine(turned, problem.rays, 6 + space.count, config.steps))
+    return sorted(fits, key=lambda f: f.cost)

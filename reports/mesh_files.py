@@ -1,0 +1,105 @@
+"""Meshes as files that any viewer opens: GLB with the photograph as texture, PLY with coloured vertices."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+from trimesh.visual.material import PBRMaterial
+
+from recon.camera import GroundPlane
+from recon.instance import Instance3D
+from reports.object_mesh import PictureMesh
+from rescore.store import atomic_path
+
+FloatArray = NDArray[np.float64]
+
+
+def gltf_from_object(instance: Instance3D) -> FloatArray:
+    """(4, 4) from the camera frame to glTF's axes about the object: +X left, +Y up, +Z forward, metres.
+
+    The origin is that of the object frame, on the ground under the middle of the box.
+    """
+    turn = np.zeros((4, 4))
+    # glTF x, y, z are the object's y (left), z (up), x (forward)
+    turn[[0, 1, 2, 3], [1, 2, 0, 3]] = 1.0
+    return np.asarray(turn @ np.linalg.inv(instance.cam_from_object))
+
+
+def gltf_from_camera(ground: GroundPlane) -> FloatArray:
+    """(4, 4) from the camera frame to glTF's axes of a scene: +X right, +Y up, +Z towards the viewer.
+
+    The origin lies on the ground under the camera.
+    """
+    up = ground.up
+    back = np.array([0.0, 0.0, -1.0]) + up[2] * up
+    back /= np.linalg.norm(back)
+    out = np.eye(4)
+    out[:3, :3] = [np.cross(up, back), up, back]
+    out[1, 3] = ground.height_m
+    return out
+
+
+def write_glb(path: Path, layers: Sequence[tuple[str, PictureMesh, NDArray[np.uint8]]]) -> None:
+    """Write named meshes, each with the photograph (h, w, 3) that its texture coordinates refer to.
+
+    The part of a photograph that a mesh uses is stored with it. Materials are rough and have two sides.
+    """
+    scene = trimesh.Scene()
+    for name, mesh, rgb in layers:
+        scene.add_geometry(_geometry(name, mesh, rgb), geom_name=name, node_name=name)
+    with atomic_path(path) as beside:
+        beside.write_bytes(scene.export(file_type="glb"))
+
+
+def write_ply(path: Path, meshes: Sequence[PictureMesh], rgb: NDArray[np.uint8]) -> None:
+    """Write meshes as one, binary PLY with a colour for each vertex."""
+    first = np.cumsum([0, *(len(m.xyz_m) for m in meshes)])
+    whole = trimesh.Trimesh(
+        np.concatenate([m.xyz_m for m in meshes]),
+        np.concatenate([m.faces + f for m, f in zip(meshes, first[:-1], strict=True)]),
+        vertex_colors=np.concatenate([vertex_colours(m, rgb) for m in meshes]),
+        process=False,
+    )
+    with atomic_path(path) as beside:
+        beside.write_bytes(whole.export(file_type="ply"))
+
+
+def vertex_colours(mesh: PictureMesh, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Colour (n, 3) of each vertex."""
+    if mesh.uv_px is None:
+        return np.tile(np.array(mesh.rgb, np.uint8), (len(mesh.xyz_m), 1))
+    return sample(rgb, mesh.uv_px)
+
+
+def sample(rgb: NDArray[np.uint8], uv_px: FloatArray) -> NDArray[np.uint8]:
+    """Colours (n, 3) of a picture at pixel coordinates (n, 2), bilinear, the border repeated."""
+    if not len(uv_px):
+        return np.zeros((0, 3), np.uint8)
+    columns = 4096
+    padded = np.zeros((-(-len(uv_px) // columns) * columns, 2), np.float32)
+    padded[: len(uv_px)] = uv_px
+    grid = padded.reshape(-1, columns, 2)
+    # remap takes no more than 32,767 rows or columns at a time
+    out = cv2.remap(rgb, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(out, np.uint8).reshape(-1, 3)[: len(uv_px)]
+
+
+def _geometry(name: str, mesh: PictureMesh, rgb: NDArray[np.uint8]) -> trimesh.Trimesh:
+    rough = {"name": name, "metallicFactor": 0.0, "roughnessFactor": 1.0, "doubleSided": True}
+    if mesh.uv_px is None:
+        material = PBRMaterial(baseColorFactor=[*mesh.rgb, 255], **rough)
+        visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(mesh.xyz_m), 2)), material=material)
+    else:
+        low = np.clip(np.floor(mesh.uv_px.min(axis=0)) - 1, 0, np.array(rgb.shape[1::-1]) - 1).astype(int)
+        high = np.clip(np.ceil(mesh.uv_px.max(axis=0)) + 2, low + 1, rgb.shape[1::-1]).astype(int)
+        crop = rgb[low[1] : high[1], low[0] : high[0]]
+        # texture coordinates are edges over size; trimesh's v goes up, and it turns that for glTF
+        share = (mesh.uv_px + 0.5 - low) / (high - low)
+        uv = np.stack([share[:, 0], 1 - share[:, 1]], axis=1)
+        material = PBRMaterial(baseColorTexture=Image.fromarray(crop), **rough)
+        visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    return trimesh.Trimesh(mesh.xyz_m, mesh.faces, visual=visual, process=False)

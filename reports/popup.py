@@ -1,0 +1,215 @@
+"""3D pop-up scenes of one picture (section 7): objects that stand on the ground, a backdrop, a turntable."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from recon.camera import GroundPlane, PinholeCamera
+from recon.outlines import fill_polygon
+from reports.mesh_files import gltf_from_camera
+from reports.mesh_view import MeshView, turned_about
+from reports.object_mesh import PictureMesh, object_meshes
+from reports.ssim import structural_similarity
+from rescore.single_picture import FoundObject, Photo
+from rescore.store import atomic_path
+
+FloatArray = NDArray[np.float64]
+Layer = tuple[str, PictureMesh, NDArray[np.uint8]]
+
+_ROW_STEP_PX = 2.0
+_COLUMN_STEP_PX = 16.0
+"""Texture coordinates are linear on triangles. Along a row of level ground that is exact; across rows it is
+not, and the finer step keeps the error far below half a pixel."""
+_RIM = 0.08
+"""Width of what is filled in around objects, in roots of their area."""
+_VIEW_WIDTH_PX = 480
+_FRAMES = 24
+_SWING_RAD = float(np.deg2rad(35.0))
+_STRIP_SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+
+
+def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
+    """Named meshes in the camera frame, each with its photograph: objects, ground and backdrop.
+
+    The ground reaches behind the farthest object. What the picture shows beyond stands there as an upright
+    surface. Behind the objects both are filled in from around them.
+    """
+    layers: list[Layer] = []
+    for i, one in enumerate(objects):
+        texture = object_texture(photo.rgb, one)
+        meshes = object_meshes(texture, one.picture, one.instance, photo.camera, one.occluded)
+        names = [f"{one.instance.class_name}_{i + 1}_{k}" for k in range(len(meshes))]
+        layers += [(name, mesh, texture) for name, mesh in zip(names, meshes, strict=True)]
+    empty = without_objects(photo.rgb, objects)
+    far = backdrop_distance_m(objects, photo.ground)
+    layers += [
+        (name, mesh, empty)
+        for name, mesh in (
+            ("ground", ground_mesh(photo.camera, photo.ground, far)),
+            ("backdrop", backdrop_mesh(photo.camera, photo.ground, far)),
+        )
+        if len(mesh.faces)
+    ]
+    return layers
+
+
+def without_objects(rgb: NDArray[np.uint8], objects: Sequence[FoundObject]) -> NDArray[np.uint8]:
+    """The picture (h, w, 3) with the pixels of objects, and of what hides them, filled in from around them."""
+    height, width = rgb.shape[:2]
+    hidden = np.zeros((height, width), bool)
+    for one in objects:
+        hidden |= fill_polygon(one.picture.outline_px, height, width)
+        if one.occluded is not None:
+            hidden |= one.occluded
+    # a rim which the blur of the camera mixes with the object, and for what the outline misses
+    across = max(7, round(_RIM * float(np.sqrt(hidden.sum() / max(len(objects), 1)))))
+    return _filled_in(rgb, cv2.dilate(hidden.astype(np.uint8), np.ones((across, across), np.uint8)) > 0)
+
+
+def object_texture(rgb: NDArray[np.uint8], one: FoundObject) -> NDArray[np.uint8]:
+    """The picture (h, w, 3) that an object carries: what hides it is filled in from around."""
+    if one.occluded is None:
+        return rgb
+    return _filled_in(rgb, cv2.dilate(one.occluded.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+
+
+def _filled_in(rgb: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    # a smooth fill needs no detail, and costs much on large pictures
+    height, width = rgb.shape[:2]
+    scale = min(1.0, 400 / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    mask = hidden.astype(np.uint8)
+    small_hidden = (cv2.resize(mask * 255, size, interpolation=cv2.INTER_AREA) > 0).astype(np.uint8)
+    filled = cv2.inpaint(small, small_hidden, 5, cv2.INPAINT_TELEA)
+    back = cv2.resize(filled, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.where(hidden[..., None], back, rgb).astype(np.uint8)
+
+
+def backdrop_distance_m(objects: Sequence[FoundObject], ground: GroundPlane) -> float:
+    """How far before the camera the backdrop stands: behind all objects by half the length of the largest."""
+    forward = _forward(ground)
+    farthest = max(float((one.instance.corners_m @ forward).max()) for one in objects)
+    return farthest + 0.5 * max(float(one.instance.size_m.max()) for one in objects)
+
+
+def ground_mesh(camera: PinholeCamera, ground: GroundPlane, far_m: float) -> PictureMesh:
+    """The ground from the lower edge of the picture to a distance, in the camera frame; may have no faces."""
+    first = min(_fold_row(camera, ground, far_m), camera.height_px - 0.5)
+    uv, faces = _grid(camera, first, camera.height_px - 0.5)
+    points = ground.intersect(camera.rays(uv))
+    return PictureMesh(points, faces[np.isfinite(points[faces]).all(axis=(1, 2))], uv)
+
+
+def backdrop_mesh(camera: PinholeCamera, ground: GroundPlane, far_m: float) -> PictureMesh:
+    """An upright surface at a distance with what the picture shows above the ground's far end."""
+    last = float(np.clip(_fold_row(camera, ground, far_m), -0.5, camera.height_px - 0.5))
+    uv, faces = _grid(camera, -0.5, last)
+    rays = camera.rays(uv)
+    along = rays @ _forward(ground)
+    points = rays * (far_m / np.maximum(along, 1e-6))[:, None]
+    return PictureMesh(points, faces[(along[faces] > 0.05).all(axis=1)], uv)
+
+
+def _forward(ground: GroundPlane) -> FloatArray:
+    """Level direction (3,) in which the camera looks."""
+    forward = np.array([0.0, 0.0, 1.0]) - ground.up[2] * ground.up
+    return np.asarray(forward / np.linalg.norm(forward))
+
+
+def _fold_row(camera: PinholeCamera, ground: GroundPlane, far_m: float) -> float:
+    """Image row of the ground at a distance; above the picture where it is behind the picture's plane."""
+    point = far_m * _forward(ground) - ground.height_m * ground.up
+    return float(camera.project(point)[1]) if point[2] > 0 else -0.5
+
+
+def _grid(camera: PinholeCamera, top: float, bottom: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Pixels (n, 2) of a grid over rows of the picture and its triangles (m, 3)."""
+    rows = np.linspace(top, bottom, max(2, int((bottom - top) / _ROW_STEP_PX) + 1))
+    columns = np.linspace(-0.5, camera.width_px - 0.5, int(camera.width_px / _COLUMN_STEP_PX) + 2)
+    u, v = np.meshgrid(columns, rows)
+    index = np.arange(u.size).reshape(u.shape)
+    a, b, c, d = (index[s] for s in (np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[1:, 1:], np.s_[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    if bottom - top < 1e-6:
+        faces = faces[:0]
+    return np.stack([u.ravel(), v.ravel()], axis=1), faces.astype(np.int64)
+
+
+def in_scene_axes(layers: Sequence[Layer], ground: GroundPlane) -> list[Layer]:
+    """The layers in glTF's axes: +Y up, +Z towards the viewer, the origin on the ground under the camera."""
+    transform = gltf_from_camera(ground)
+    return [(name, mesh.moved(transform), rgb) for name, mesh, rgb in layers]
+
+
+def source_similarity(photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer]) -> float:
+    """Mean structural similarity, inside the outlines, of the picture and the scene seen from its camera."""
+    again, _ = MeshView([(mesh, rgb) for _, mesh, rgb in layers]).picture(photo.camera, np.eye(4))
+    height, width = photo.rgb.shape[:2]
+    inside = np.zeros((height, width), bool)
+    for one in objects:
+        inside |= fill_polygon(one.picture.outline_px, height, width)
+    for one in objects:
+        if one.occluded is not None:
+            inside &= ~one.occluded
+    grey = [np.asarray(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY), np.uint8) for p in (photo.rgb, again)]
+    return float(structural_similarity(grey[0], grey[1])[inside].mean())
+
+
+def turntable(
+    photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer], angles_rad: FloatArray
+) -> list[NDArray[np.uint8]]:
+    """What a camera sees that walks around the objects, one picture (h, w, 3) an angle; 0 is the photograph.
+
+    Positive angles show more of what is on the left in the picture.
+    """
+    view = MeshView([(mesh, rgb) for _, mesh, rgb in layers])
+    camera = close_camera(photo, objects, _VIEW_WIDTH_PX)
+    centre = np.mean([one.instance.centroid_m for one in objects], axis=0)
+    return [view.picture(camera, turned_about(centre, photo.ground.up, float(a)))[0] for a in angles_rad]
+
+
+def close_camera(
+    photo: Photo, objects: Sequence[FoundObject], width_px: int, height_px: int | None = None
+) -> PinholeCamera:
+    """The photograph's camera cut to the objects with a margin, for a picture of a width.
+
+    With a height too, the cut is widened to its shape; without, the height follows from the cut.
+    """
+    points = np.concatenate([one.picture.outline_px for one in objects])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = (low + high) / 2, (high - low) / 2
+    if height_px is None:
+        half = np.maximum(half * 1.5, half.max() * np.array([0.75, 0.55]))
+        scale = width_px / (2 * half[0])
+        height_px = max(16, round(2 * half[1] * scale))
+    else:
+        scale = float((np.array([width_px, height_px]) / (2 * 1.45 * half)).min())
+        half = np.array([width_px, height_px]) / (2 * scale)
+    c = photo.camera
+    centre = (np.array([c.cx_px, c.cy_px]) - (middle - half) + 0.5) * scale - 0.5
+    return PinholeCamera(
+        c.fx_px * scale, c.fy_px * scale, float(centre[0]), float(centre[1]), width_px, height_px
+    )
+
+
+def write_turntable(
+    folder: Path, photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer]
+) -> None:
+    """Write ``views.png``, a strip of five views from left to right, and ``turntable.gif``."""
+    strip = turntable(photo, objects, layers, _SWING_RAD * np.array(_STRIP_SHARES))
+    write_png(folder / "views.png", np.hstack(strip))
+    swing = _SWING_RAD * np.sin(2 * np.pi * np.arange(_FRAMES) / _FRAMES)
+    frames = [Image.fromarray(p) for p in turntable(photo, objects, layers, swing)]
+    with atomic_path(folder / "turntable.gif") as beside:
+        frames[0].save(beside, save_all=True, append_images=frames[1:], duration=80, loop=0)
+
+
+def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
+    """Write a picture (h, w, 3) as PNG."""
+    with atomic_path(path) as beside:
+        Image.fromarray(rgb).save(beside)

@@ -1,0 +1,180 @@
+"""The commands that work on one picture and boxes in it: reconstruct, popup."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from recon.errors import RescoreError
+from rescore.commands.base import app, say
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from recon.class_model import ClassModel
+    from recon.instance import Instance3D
+    from rescore.single_picture import FoundObject, Photo
+
+Picture = Annotated[Path, typer.Argument(help="Picture that OpenCV reads: PNG, JPEG, ...")]
+ClassName = Annotated[str, typer.Option("--class", help="Class of the object; that of the model.")]
+Model = Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")]
+Camera = Annotated[str | None, typer.Option(help="fx,fy,cx,cy in pixels. Default: the report's camera.")]
+Calib = Annotated[
+    Path | None, typer.Option(help="JSON with fx, fy, cx, cy and, if known, height_m, pitch_rad.")
+]
+Height = Annotated[float | None, typer.Option(help="Metres of the camera above the ground. Default: 1.5.")]
+Pitch = Annotated[float | None, typer.Option(help="Degrees that the camera looks down. Default: 0.")]
+ViewBin = Annotated[
+    int | None,
+    typer.Option(
+        "--view-bin",
+        help="View bin: 30 degrees each, 0 the front, 3 the left side. Default: the class model chooses.",
+    ),
+]
+BOX_HELP = "Box of the object: left, top, width and height in pixels, x,y,w,h."
+
+
+@app.command()
+def reconstruct(
+    picture: Picture,
+    box: Annotated[str, typer.Option(help=BOX_HELP)],
+    class_name: ClassName,
+    model: Model,
+    out: Annotated[Path, typer.Option(help="Folder for instance.json, object.glb, object.ply, overlay.png.")],
+    view_bin: ViewBin = None,
+    camera: Camera = None,
+    calib: Calib = None,
+    height: Height = None,
+    pitch: Pitch = None,
+) -> None:
+    """Reconstruct the object in a box in 3D, with its hidden parts (section 4 of the report).
+
+    Example: [bold]rescore reconstruct street.png --box 40,90,200,80 --class car --model car.json
+    --view-bin 3 --out car[/bold]
+    """
+    from reports.instance_overlay import instance_overlay
+    from reports.mesh_files import gltf_from_object, write_glb, write_ply
+    from reports.object_mesh import object_meshes
+    from reports.popup import write_png
+    from rescore.single_picture import instance_json, load_class, open_photo
+    from rescore.store import write_json
+
+    classes = load_class(model, class_name)
+    photo = open_photo(picture, camera, calib, height, pitch)
+    found = _found(photo, box, view_bin, classes)
+    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.camera)
+    turn = gltf_from_object(found.instance)
+    moved = [mesh.moved(turn) for mesh in meshes]
+    write_json(out / "instance.json", instance_json(found.instance))
+    write_glb(out / "object.glb", [(f"{class_name}_{k}", m, photo.rgb) for k, m in enumerate(moved)])
+    write_ply(out / "object.ply", moved, photo.rgb)
+    write_png(out / "overlay.png", instance_overlay(photo.rgb, found.picture, found.instance, photo.camera))
+    typer.echo(_table(found.instance))
+    say(f"3D object: {out / 'object.glb'}")
+
+
+@app.command()
+def popup(
+    picture: Picture,
+    box: Annotated[list[str], typer.Option(help=BOX_HELP + " May be repeated.")],
+    class_name: ClassName,
+    model: Model,
+    out: Annotated[Path, typer.Option(help="Folder for scene.glb, views.png and turntable.gif.")],
+    view_bin: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--view-bin", help="View bin of each box, or one for all. Default: the class model chooses."
+        ),
+    ] = None,
+    camera: Camera = None,
+    calib: Calib = None,
+    height: Height = None,
+    pitch: Pitch = None,
+) -> None:
+    """Make a 3D pop-up scene of a picture: objects, ground and what is behind them (section 7).
+
+    Example: [bold]rescore popup street.png --box 40,90,200,80 --class car --model car.json --view-bin 3
+    --out popup[/bold]
+    """
+    from reports.mesh_files import write_glb
+    from reports.popup import in_scene_axes, scene_layers, source_similarity, write_turntable
+    from rescore.single_picture import load_class, open_photo
+
+    classes = load_class(model, class_name)
+    photo = open_photo(picture, camera, calib, height, pitch)
+    bins: list[int | None] = list(view_bin) if view_bin else [None]
+    if len(bins) not in (1, len(box)):
+        raise RescoreError(
+            f"--view-bin: expected one for all boxes or {len(box)}, one a box, got {len(bins)}; mend them"
+        )
+    found = [_found(photo, text, bins[i % len(bins)], classes) for i, text in enumerate(box)]
+    layers = scene_layers(photo, found)
+    write_glb(out / "scene.glb", in_scene_axes(layers, photo.ground))
+    write_turntable(out, photo, found, layers)
+    for one in found:
+        typer.echo(_table(one.instance))
+    likeness = source_similarity(photo, found, layers)
+    typer.echo(f"seen from the picture's camera: structural similarity {likeness:.3f} inside the outline")
+    say(f"3D scene: {out / 'scene.glb'}, turntable: {out / 'turntable.gif'}")
+
+
+def _found(photo: "Photo", box: str, view_bin: int | None, model: "ClassModel") -> "FoundObject":
+    """The object in a box; a failure is an error with its reason."""
+    from recon.outcome import Failure
+    from rescore.single_picture import find_object, parse_box
+
+    xyxy = parse_box(box, photo.camera.width_px, photo.camera.height_px)
+    if view_bin is None:
+        view_bin = _chosen_bin(photo, box, xyxy, model)
+    found = find_object(photo, xyxy, view_bin, model)
+    if isinstance(found, Failure):
+        raise RescoreError(f"box {box}: {found.reason.value}: {found.detail}")
+    return found
+
+
+def _chosen_bin(photo: "Photo", box: str, xyxy_px: "NDArray[np.float64]", model: "ClassModel") -> int:
+    """The view bin that the class model chooses, said aloud; a failure is an error with its reason."""
+    from recon.outcome import Failure
+    from recon.view_selection import best_view_bin
+
+    choice = best_view_bin(photo.rgb, xyxy_px, model)
+    if isinstance(choice, Failure):
+        raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; give --view-bin")
+    others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[1:3])
+    typer.echo(
+        f"view bin {choice.view_bin} chosen, probability {choice.probability[choice.view_bin]:.0%}"
+        f" (next: {others or 'none'}); --view-bin sets another"
+    )
+    return choice.view_bin
+
+
+def _table(instance: "Instance3D") -> str:
+    """A short table of an instance: size, place, orientation, parts."""
+    import math
+
+    length, width, height = instance.size_m
+    x, y, z = instance.centroid_m
+    rows = [
+        (instance.class_name, f"view bin {instance.view_bin}"),
+        ("size", f"{length:.2f} x {width:.2f} x {height:.2f} m (length, width, height)"),
+        ("distance", f"{instance.distance_m:.2f} m; middle at x {x:.2f}, y {y:.2f}, z {z:.2f} m"),
+        (
+            "orientation",
+            f"azimuth {math.degrees(instance.azimuth_rad):.1f} degrees, "
+            f"yaw {math.degrees(instance.yaw_rad):.1f} degrees",
+        ),
+        (
+            "quality",
+            f"registration cost {instance.quality.registration_cost:.3f}, "
+            f"placed {instance.quality.placed_share:.0%} of the object, "
+            f"class model fits to {instance.quality.transform_residual_m:.2f} m",
+        ),
+    ]
+    for part in instance.parts:
+        hidden = instance.unplaced.get(part.name, "not in the picture")
+        rows.append((part.name, "placed" if part.seen else f"predicted: {hidden}"))
+    widest = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{widest}}  {text}" for name, text in rows)

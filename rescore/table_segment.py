@@ -1,0 +1,108 @@
+"""Colour segmentation of a car on the black table: what differs in colour from the known empty table."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.outcome import Failure, Reason
+
+Float32Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class TableSegmentConfig:
+    """Settings of the segmentation."""
+
+    smooth_sigma_px: float = 1.2
+    """Gaussian over the picture, against noise."""
+    brighter: float = 0.06
+    """A pixel this share brighter than the table is the car ..."""
+    darkest_shadow: float = 0.36
+    """... as is one that is darker than this share of the table, which a shadow outside the footprint hardly
+    is. In between it is shadow, unless it has a colour of its own:"""
+    tint: float = 0.09
+    """difference of a channel from the table in this light, as a share of the brighter of the two."""
+    noise: float = 0.004
+    """Linear light that is lost in noise; it keeps shares of dark pixels calm."""
+    close_px: int = 9
+    """Gaps up to this width are closed: seams and mirrored table in dark paint."""
+    min_area_px: int = 400
+    """Smaller regions are no car."""
+
+
+_LINEAR = np.where(
+    np.arange(256) <= 10, np.arange(256) / 255 / 12.92, ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4
+).astype(np.float32)
+"""Linear light in [0, 1] of an sRGB byte (IEC 61966-2-1)."""
+
+
+def linear_from_srgb(rgb: NDArray[np.uint8]) -> Float32Array:
+    """Linear light in [0, 1] of sRGB bytes, same shape."""
+    return np.take(_LINEAR, rgb)
+
+
+@dataclass(frozen=True, eq=False)
+class EmptyTable:
+    """What the empty table looks like, smoothed as pictures of it will be."""
+
+    light: Float32Array
+    """Mean linear light, shape (h, w, 3)."""
+    config: TableSegmentConfig
+
+    @staticmethod
+    def of_pictures(light: Float32Array, config: TableSegmentConfig) -> "EmptyTable":
+        """From the mean linear light (h, w, 3) of pictures of the empty table."""
+        return EmptyTable(_smooth(light, config), config)
+
+
+def _smooth(light: Float32Array, config: TableSegmentConfig) -> Float32Array:
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), config.smooth_sigma_px), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class TableRegion:
+    """One thing on the table."""
+
+    mask: NDArray[np.bool_]
+    """Shape (h, w), holes filled."""
+    ring_px: NDArray[np.float64]
+    """Centres of its border pixels, shape (m, 2)."""
+
+
+def segment_table(rgb: NDArray[np.uint8], table: EmptyTable) -> list[TableRegion] | Failure:
+    """All things on the table in a picture (h, w, 3), the largest first; or that there is none."""
+    config = table.config
+    light = _smooth(linear_from_srgb(rgb), config)
+    grey, grey_empty = light.mean(axis=2) + config.noise, table.light.mean(axis=2) + config.noise
+    share = grey / grey_empty
+    # in units of the table where it is the brighter one: in a deep shadow noise would have a colour
+    own = np.abs(light - share[..., None] * table.light).max(axis=2)
+    tint = own / np.maximum(grey, grey_empty)
+    car = (share > 1 + config.brighter) | (share < config.darkest_shadow) | (tint > config.tint)
+    return _regions(car, config)
+
+
+def _regions(car: NDArray[np.bool_], config: TableSegmentConfig) -> list[TableRegion] | Failure:
+    """Regions of a mask (h, w), specks dropped, small gaps closed and holes filled."""
+    speck = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    gap = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (config.close_px, config.close_px))
+    mask = cv2.morphologyEx(car.astype(np.uint8), cv2.MORPH_OPEN, speck)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, gap)
+    rings, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    rings = sorted(rings, key=cv2.contourArea, reverse=True)
+    largest = cv2.contourArea(rings[0]) if rings else 0.0
+    if largest < config.min_area_px:
+        return Failure(
+            Reason.NO_OUTLINE,
+            f"a region of at least {config.min_area_px} pixels expected on the table, got {largest:.0f}",
+        )
+    return [_filled(r, mask.shape) for r in rings if cv2.contourArea(r) >= config.min_area_px]
+
+
+def _filled(ring: NDArray[Any], shape: tuple[int, ...]) -> TableRegion:
+    out = np.zeros(shape, np.uint8)
+    cv2.drawContours(out, [ring], -1, 1, cv2.FILLED)
+    return TableRegion(out.astype(bool), np.asarray(ring, float).reshape(-1, 2))

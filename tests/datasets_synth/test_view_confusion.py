@@ -1,0 +1,20 @@
+import numpy as np
+
+from datasets_synth.object_classes import labelled_views, object_class
+from datasets_synth.view_confusion import view_confusion
+from recon.class_model import ClassModel
+from recon.view_bins import ViewBins
+
+
+def test_every_photograph_is_counted_once_and_a_seed_repeats():
+    chair = object_class("chair")
+    bins = ViewBins(4, chair.elevation_rad)
+    views = labelled_views(chair, chair.train[:1], bins, 100)
+    model = ClassModel("chair", chair.part_names, bins, (), views.views)
+    first, second = (view_confusion(chair, model, 2, np.random.default_rng(1)) for _ in range(2))
+    assert set(first) == {"level_set", "true_outline"}
+    for name, table in first.items():
+        assert table.photos == 2
+        # azimuths go through the bins in turn
+        assert (table.counts[2:] == 0).all()
+        np.testing.assert_array_equal(table.counts, second[name].counts)

@@ -1,0 +1,60 @@
+"""The single-plane baseline in closed form."""
+
+import numpy as np
+import pytest
+
+from recon.camera import GroundPlane, PinholeCamera
+from recon.outcome import Failure, Reason
+from recon.single_plane import SinglePlane, single_plane
+
+CAMERA = PinholeCamera(400.0, 400.0, 199.5, 149.5, 400, 300)
+GROUND = GroundPlane(1.5, 0.1)
+
+
+def seen(xyz_object: np.ndarray, yaw_rad: float) -> np.ndarray:
+    """Pixels of points (along, up) of an upright plane 8 m ahead that is turned by a yaw."""
+    forward = np.array([0.0, 0, 1]) - GROUND.up[2] * GROUND.up
+    forward /= np.linalg.norm(forward)
+    along = np.cos(yaw_rad) * np.array([1.0, 0, 0]) + np.sin(yaw_rad) * forward
+    base = 8 * forward - GROUND.height_m * GROUND.up
+    return CAMERA.project(base + xyz_object[:, :1] * along + xyz_object[:, 1:] * GROUND.up)
+
+
+RECTANGLE = np.array([[-2.0, 0], [2, 0], [2, 1.2], [-2, 1.2]])
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 35.0, -50.0])
+def test_an_upright_rectangle_comes_back(yaw_deg: float) -> None:
+    yaw = np.deg2rad(yaw_deg)
+    outline = seen(RECTANGLE, yaw)
+    found = single_plane(outline, outline[:2], CAMERA, GROUND)
+    assert isinstance(found, SinglePlane)
+    assert found.yaw_rad == pytest.approx(yaw, abs=1e-9)
+    # level normal that faces the camera; the outline as large as it was, its middle at (0, 0.6)
+    assert found.plane[:3] @ GROUND.up == pytest.approx(0, abs=1e-12)
+    assert found.plane[3] > 0
+    sides = np.linalg.norm(np.diff(found.outline_m, axis=0), axis=1)
+    np.testing.assert_allclose(sides, [4, 1.2, 4], rtol=1e-9)
+    middle = found.outline_m.mean(axis=0)
+    assert np.linalg.norm(found.centroid_m - middle) < 0.03
+
+
+def test_a_ground_line_above_the_horizon_is_a_failure() -> None:
+    outline = seen(RECTANGLE, 0.0)
+    failure = single_plane(outline, np.array([[10.0, 20.0], [50.0, 20.0]]), CAMERA, GROUND)
+    assert isinstance(failure, Failure)
+    assert failure.reason is Reason.ABOVE_HORIZON
+
+
+def test_a_single_point_is_no_line() -> None:
+    outline = seen(RECTANGLE, 0.0)
+    failure = single_plane(outline, outline[[0, 0]], CAMERA, GROUND)
+    assert isinstance(failure, Failure)
+    assert failure.reason is Reason.NO_GROUND_CONTACT
+
+
+def test_a_line_along_the_ray_shows_no_surface() -> None:
+    outline = seen(RECTANGLE, 0.0)
+    failure = single_plane(outline, np.array([[199.5, 200.0], [199.5, 290.0]]), CAMERA, GROUND)
+    assert isinstance(failure, Failure)
+    assert failure.reason is Reason.PARTS_NOT_PLACED

@@ -1,0 +1,128 @@
+"""View bins: objects without symmetry are told apart, mirrors mirror costs, failures say why."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from recon.class_model import ClassModel
+from recon.outcome import Failure, Reason
+from recon.outlines import largest_outline
+from recon.view_bins import ViewBins
+from recon.view_selection import ViewChoice, ViewSelectionConfig, best_view_bin
+from tests.recon.box_car import PART_NAMES, box_car, labelled_view
+from tests.recon.toy_object import paint, toy_model, view_labels
+
+
+@lru_cache(maxsize=1)
+def model() -> ClassModel:
+    return toy_model()
+
+
+def chosen(rgb, box, of=None, outline=None) -> ViewChoice:
+    choice = best_view_bin(rgb, box, of or model(), outline_px=outline)
+    assert isinstance(choice, ViewChoice), choice
+    return choice
+
+
+@pytest.mark.parametrize("view_bin", range(12))
+def test_an_object_without_symmetry_is_told_apart_in_all_bins(view_bin: int) -> None:
+    rgb, box = paint(view_labels(view_bin), seed=view_bin)
+    choice = chosen(rgb, box)
+    assert choice.view_bin == view_bin
+    assert choice.probability[view_bin] > 0.5
+
+
+@pytest.mark.parametrize("view_bin", [1, 5, 8])
+def test_a_known_outline_replaces_the_level_set(view_bin: int) -> None:
+    rgb, box = paint(view_labels(view_bin))
+    outline = largest_outline(np.pad(view_labels(view_bin), 30) > 0)
+    # a grey picture leaves the outline and the box alone to tell
+    choice = chosen(np.full_like(rgb, 128), box, outline=outline)
+    assert choice.view_bin == view_bin
+    # the labelled outline itself has the box's aspect (to the rounding of the grid), and matches itself
+    assert choice.terms[view_bin, 0] < 0.03
+    assert choice.terms[view_bin, 1] == pytest.approx(1.0, abs=1e-6)
+    assert choice.terms[view_bin, 2] < 0.06
+    others = np.delete(choice.terms[:, 2], view_bin)
+    assert choice.terms[view_bin, 2] < np.nanmin(others)
+
+
+def test_the_cost_is_the_weighted_sum_of_its_terms() -> None:
+    rgb, box = paint(view_labels(2))
+    choice = chosen(rgb, box)
+    good = np.isfinite(choice.cost)
+    config = ViewSelectionConfig()
+    weights = [config.aspect_weight, config.borders_weight, config.registration_weight]
+    np.testing.assert_allclose(choice.cost[good], choice.terms[good] @ weights)
+    first, second = np.sort(choice.cost[good])[:2]
+    assert choice.margin == pytest.approx(second - first)
+    # the odds of the best two bins are e to the margin
+    odds = choice.probability[choice.order[0]] / choice.probability[choice.order[1]]
+    assert np.log(odds) == pytest.approx(choice.margin)
+    assert choice.probability.sum() == pytest.approx(1)
+
+
+def test_a_mirrored_picture_of_a_symmetric_object_mirrors_the_costs() -> None:
+    bins = ViewBins()
+    views = tuple(labelled_view(box_car(), b, bins) for b in range(12))
+    car = ClassModel("car", PART_NAMES, bins, (), views)
+    # the painter has three colours
+    labels = views[2].labels % 4
+    rgb, box = paint(labels)
+    plain = chosen(rgb, box, car)
+    width = rgb.shape[1]
+    mirrored = chosen(rgb[:, ::-1], np.array([width - box[2], box[1], width - box[0], box[3]]), car)
+    assert plain.view_bin == 2
+    assert mirrored.view_bin == 10
+    swapped = -np.arange(12) % 12
+    np.testing.assert_array_equal(np.isnan(mirrored.cost), np.isnan(plain.cost[swapped]))
+    np.testing.assert_allclose(mirrored.cost, plain.cost[swapped], atol=0.7)
+
+
+def test_bins_tried_together_are_as_each_alone() -> None:
+    rgb, box = paint(view_labels(4))
+    together = chosen(rgb, box)
+    for view_bin in (4, 10):
+        alone = chosen(rgb, box, toy_model((view_bin,)))
+        np.testing.assert_allclose(alone.terms[view_bin], together.terms[view_bin], rtol=1e-5)
+        assert alone.margin == np.inf
+        assert alone.probability[view_bin] == 1
+
+
+def test_the_same_picture_gives_the_same_bytes() -> None:
+    rgb, box = paint(view_labels(7))
+    first, second = chosen(rgb, box, toy_model()), chosen(rgb, box, toy_model())
+    np.testing.assert_array_equal(first.terms, second.terms)
+    np.testing.assert_array_equal(first.cost, second.cost)
+
+
+def test_bins_that_fail_say_why() -> None:
+    rgb, box = paint(view_labels(3))
+    # the front is less wide to its height than the side, and a flat box keeps it out
+    box[1] += 0.2 * (box[3] - box[1])
+    choice = chosen(rgb, box, toy_model((0, 3, 4)))
+    assert sorted(choice.failures) == np.nonzero(np.isnan(choice.cost))[0].tolist()
+    assert np.isnan(choice.terms[list(choice.failures)]).all()
+    assert choice.probability[list(choice.failures)].max() == 0
+    assert "the class model has none" in choice.failures[7].detail
+    assert choice.failures[0].reason is Reason.REGISTRATION_FAILED
+    assert "times as wide as high expected" in choice.failures[0].detail
+
+
+def test_a_box_that_no_bin_fits_is_a_failure() -> None:
+    rgb, _ = paint(view_labels(3))
+    for box, reason in (
+        ([-200.0, 10, 20, 80], Reason.BOX_OUTSIDE_IMAGE),
+        ([5.0, 5, 10, 105], Reason.REGISTRATION_FAILED),
+        ([10.0, 10, 10, 20], Reason.BOX_OUTSIDE_IMAGE),
+    ):
+        found = best_view_bin(rgb, np.array(box), model())
+        assert isinstance(found, Failure)
+        assert found.reason is reason
+        assert "none does" in found.detail
+
+
+def test_a_choice_without_a_cost_is_refused() -> None:
+    with pytest.raises(ValueError, match="view choice"):
+        ViewChoice(0, np.array([np.nan, 1.0]), np.full((2, 3), np.nan), {})

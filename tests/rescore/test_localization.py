@@ -1,0 +1,78 @@
+import json
+
+import numpy as np
+import pytest
+
+from recon.localize import UprightSurface
+from recon.outcome import Failure, Reason
+from recon.standing_box import StandingBox
+from rescore.localization import METHODS, Score, as_row, markdown_table, score, summary
+from rescore.table_segment import EmptyTable, TableSegmentConfig, linear_from_srgb, segment_table
+
+LOST = Failure(Reason.NO_OUTLINE, "a region expected, got none")
+
+
+def test_scores_of_a_box_and_of_a_surface() -> None:
+    truth = StandingBox(np.array([0.0, 1.0]), 0.1, np.array([0.2, 0.1, 0.08]))
+    # 3 mm aside, 8 mm higher, so that its centre is 4 mm higher: 5 mm away; and pointing the other way
+    box = StandingBox(np.array([0.003, 1.0]), 0.1 + np.pi, np.array([0.2, 0.1, 0.088]))
+    found = score(box, truth)
+    assert isinstance(found, Score)
+    assert found.centroid_mm == pytest.approx(5)
+    assert found.orientation_deg == pytest.approx(180)
+    surface = score(UprightSurface(truth.centroid_m, 0.1 + np.pi - 0.05), truth)
+    assert isinstance(surface, Score)
+    assert surface.overlap is None
+    assert surface.orientation_deg == pytest.approx(np.rad2deg(0.05))
+    assert score(LOST, truth) is LOST
+
+
+def test_lost_placements_are_counted_and_do_not_count_as_zero() -> None:
+    scores = [Score(0.8, 4.0, 1.0), LOST, Score(0.6, 8.0, 3.0)]
+    mean = summary(scores)
+    assert mean == {
+        "overlap": pytest.approx(0.7),
+        "centroid_mm": pytest.approx(6),
+        "orientation_deg": pytest.approx(2),
+        "n": 2,
+        "lost": 1,
+    }
+    assert summary([LOST])["centroid_mm"] is None
+    assert json.loads(json.dumps(as_row(LOST)))["reason"] == "no_outline"
+    table = markdown_table({"a": dict.fromkeys(METHODS, scores), "b": {m: [LOST] for m in METHODS}})
+    lines = table.splitlines()
+    assert len(lines) == 5
+    assert len({line.count("|") for line in lines}) == 1
+    assert "70.0 (1 lost)" in lines[2]
+
+
+def picture() -> np.ndarray:
+    return np.full((120, 160, 3), 60, np.uint8)
+
+
+def test_table_is_segmented_into_things_and_not_shadows() -> None:
+    rng = np.random.default_rng(0)
+    empty = picture()
+    shot = empty.copy()
+    shot[40:80, 50:110] = (200, 30, 30)
+    shot[80:90, 50:110] = 48  # shade: 0.6 of the linear light
+    shot[84:88, 60:70] = 8  # a tyre, darker than any shade
+    shot[78:84, 60:70] = 8
+    shot[5:7, 5:7] = 250  # a speck
+    noisy = np.clip(shot + rng.normal(0, 2, shot.shape), 0, 255).astype(np.uint8)
+    table = EmptyTable.of_pictures(linear_from_srgb(empty), TableSegmentConfig())
+    regions = segment_table(noisy, table)
+    assert not isinstance(regions, Failure)
+    assert len(regions) == 1
+    mask = regions[0].mask
+    assert mask[45:78, 53:107].all()
+    assert mask[85, 62:68].all()
+    assert not mask[86:, 80:].any()
+    assert not mask[:30].any()
+
+
+def test_an_empty_table_has_a_reason() -> None:
+    table = EmptyTable.of_pictures(linear_from_srgb(picture()), TableSegmentConfig())
+    found = segment_table(picture(), table)
+    assert isinstance(found, Failure)
+    assert found.reason is Reason.NO_OUTLINE
