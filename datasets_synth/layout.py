@@ -28,7 +28,7 @@ GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})
 _PICTURE_KINDS = tuple(p.kind for p in PROPS if p.needs_pictures)
 _WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor", "minibus", "flatbed", "teardrop")
 _BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")
-MOST_COVERED = 0.2
+MOST_COVERED = 0.3
 """Share of a car's length that a thing put anywhere may hide; what is put before a car may hide more."""
 _FURNITURE_KINDS = tuple(p.kind for p in PROPS if p.kind not in _PICTURE_KINDS + _WHEELED_KINDS + _BOX_KINDS)
 _HIDING = tuple(p.kind for p in PROPS if p.hides)

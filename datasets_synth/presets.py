@@ -68,15 +68,15 @@ class ClutterConfig:
     street has no room, fewer stand.
     """
 
-    pictures: float = 2.8
+    pictures: float = 3.2
     """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
-    wheeled: float = 3.1
+    wheeled: float = 3.3
     """Trucks, buses, caravans, trailers, boats, tractors."""
     boxes: float = 2.7
     """Kiosks, stalls, shelters, containers, skips, carts."""
     furniture: float = 7.5
     """Bins, hedges, walls, crates, trees, poles, people."""
-    mural_share: float = 0.2
+    mural_share: float = 0.25
     """Share of the house fronts that show a picture of a car."""
     occluder_share: float = 0.4
     """Share of cars that something small is put in front of; other things hide little of a car."""
