@@ -22,7 +22,14 @@ from datasets_synth.prop_furniture import (
     stall,
 )
 from datasets_synth.prop_parts import Pictures
-from datasets_synth.prop_prints import banner, billboard, container_picture, hoarding, shelter, showroom
+from datasets_synth.prop_prints import (
+    banner,
+    billboard,
+    container_picture,
+    hoarding,
+    shelter,
+    showroom,
+)
 from datasets_synth.prop_vehicles import (
     bicycle,
     bus,
@@ -30,8 +37,12 @@ from datasets_synth.prop_vehicles import (
     caravan,
     cart,
     covered_boat,
+    flatbed,
+    minibus,
+    teardrop,
     tractor,
     trailer,
+    trailer_picture,
     truck,
     truck_picture,
 )
@@ -70,12 +81,16 @@ PROPS: tuple[Prop, ...] = (
     Prop("bus_picture", bus_picture, ("road",), True),
     Prop("container_picture", container_picture, ("lot", "verge", "square", "road"), True),
     Prop("banner", banner, (*_WALK, "lot"), True),
-    Prop("showroom", showroom, ("verge",), True),
+    Prop("showroom", showroom, ("verge", "square"), True),
+    Prop("trailer_picture", trailer_picture, ("lot", "road", "square", "verge"), True),
     Prop("truck", truck, _DRIVE),
     Prop("bus", bus, ("road",)),
     Prop("caravan", caravan, ("lot", "road", "verge", "square")),
     Prop("trailer", trailer, ("lot", "road", "square")),
     Prop("boat", covered_boat, ("lot", "road", "verge")),
+    Prop("minibus", minibus, _DRIVE),
+    Prop("flatbed", flatbed, _DRIVE),
+    Prop("teardrop", teardrop, ("lot", "road", "verge", "square")),
     Prop("tractor", tractor, ("lot", "road", "verge")),
     Prop("bicycle", bicycle, _WALK, hides=True),
     Prop("cart", cart, ("pavement", "square")),

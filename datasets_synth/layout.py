@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from datasets_synth.distractors import PROP, PROPS, Prop
 from datasets_synth.facades import facade_row
+from datasets_synth.footprints import Footprint, footprint
 from datasets_synth.lighting import sample_imaging, sample_light
 from datasets_synth.mesh import Mesh, Placed, Scene
 from datasets_synth.presets import SynthConfig
 from datasets_synth.prop_parts import Pictures
+from datasets_synth.prop_prints import mural
 from datasets_synth.solids import pose
 from datasets_synth.street import Strip, ground_height_m, ground_items, sample_strips
 from recon.camera import PinholeCamera, StereoCamera
@@ -24,8 +26,10 @@ GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})
 """Kinds of the ground; everything else is solid and intersects nothing."""
 
 _PICTURE_KINDS = tuple(p.kind for p in PROPS if p.needs_pictures)
-_WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor")
+_WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor", "minibus", "flatbed", "teardrop")
 _BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")
+MOST_COVERED = 0.3
+"""Share of a car's length that a thing put anywhere may hide; what is put before a car may hide more."""
 _FURNITURE_KINDS = tuple(p.kind for p in PROPS if p.kind not in _PICTURE_KINDS + _WHEELED_KINDS + _BOX_KINDS)
 _HIDING = tuple(p.kind for p in PROPS if p.hides)
 
@@ -43,53 +47,6 @@ class CarModel(Protocol):
 
     def build(self, rng: np.random.Generator) -> Mesh:
         """Its mesh with a paint of its own."""
-
-
-@dataclass(frozen=True)
-class Footprint:
-    """A rectangle on the ground."""
-
-    x_m: float
-    y_m: float
-    half_length_m: float
-    half_width_m: float
-    yaw_rad: float = 0.0
-
-    def corners(self) -> FloatArray:
-        """Shape (4, 2)."""
-        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        local = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (self.half_length_m, self.half_width_m)
-        turned: FloatArray = local @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m)
-        return turned
-
-    def meets(self, other: "Footprint") -> bool:
-        """Whether two rectangles overlap (separating axes)."""
-        a, b = self.corners(), other.corners()
-        for yaw in (self.yaw_rad, other.yaw_rad):
-            for axis in ((np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))):
-                pa, pb = a @ axis, b @ axis
-                if pa.max() <= pb.min() or pb.max() <= pa.min():
-                    return False
-        return True
-
-
-OVERHANGING = frozenset({"tree", "trunk", "lamp"})
-"""Kinds whose upper parts may reach over others; only what is lower than this height takes ground."""
-OVERHANG_M = 2.1
-
-
-def footprint(placed: Placed, margin_m: float = 0.0) -> Footprint:
-    """The ground that a placed mesh takes: its bounding rectangle in its own axes, grown by a margin."""
-    vertices = placed.mesh.vertices_m
-    if placed.kind in OVERHANGING:
-        vertices = vertices[vertices[:, 2] < OVERHANG_M]
-    low, high = vertices[:, :2].min(0).astype(float), vertices[:, :2].max(0).astype(float)
-    world = placed.world_from_object
-    scale = float(np.linalg.norm(world[:3, 0]))
-    centre = world[:2, :2] @ ((low + high) / 2) + world[:2, 3]
-    half = (high - low) / 2 * scale + margin_m
-    yaw = float(np.arctan2(world[1, 0], world[0, 0]))
-    return Footprint(float(centre[0]), float(centre[1]), float(half[0]), float(half[1]), yaw)
 
 
 @dataclass
@@ -183,6 +140,7 @@ def sample_scene(
     half_width = max(abs(low), abs(high)) + 12.0
     ground = ground_items(plan.strips, half_width, plan.facade_y_m + 120.0, rng)
     houses = _far_side(plan, half_width)
+    houses += _murals(plan, houses, pictures)
     head, left_from_world = _camera(config, plan.camera_yaw_rad, rng)
     light, brightness = sample_light(config.light, rng)
     return Scene(
@@ -263,9 +221,9 @@ def _put_clutter(plan: _Plan, pictures: Pictures) -> None:
     ]
     if len(pictures):
         groups.insert(0, (_PICTURE_KINDS, clutter.pictures))
-    depth = float(np.clip(plan.facade_y_m / 20, 0.6, 1.8))
     for kinds, mean in groups:
-        for _ in range(int(rng.poisson(mean * depth))):
+        # the whole number above or below the mean: a crowded street would fill a detector's candidates
+        for _ in range(int(mean + rng.random())):
             _put_anywhere(plan, PROP[kinds[int(rng.integers(len(kinds)))]], pictures)
 
 
@@ -315,7 +273,7 @@ def _put_anywhere(plan: _Plan, prop: Prop, pictures: Pictures) -> None:
                 else 0
             )
         )
-        if _covers_a_car(plan, mesh, x, y, 0.5 if prop.hides else 0.35):
+        if _covers_a_car(plan, mesh, x, y, MOST_COVERED):
             continue
         if plan.put(mesh, prop.kind, (x, y, yaw)):
             return
@@ -371,6 +329,27 @@ def _far_side(plan: _Plan, half_width_m: float) -> list[Placed]:
         items.append(Placed(mesh, pose(x - float(mesh.vertices_m[:, 0].min()), y + depth, z), prop.kind))
         x += width + float(rng.uniform(0.2, 1.5))
     return items + facade_row(y + float(rng.uniform(25, 60)), z, half_width_m * 2, rng)
+
+
+def _murals(plan: _Plan, houses: Sequence[Placed], pictures: Pictures) -> list[Placed]:
+    """Pictures of cars on the walls of the houses, at most one a house."""
+    rng, share = plan.rng, plan.config.clutter.mural_share
+    low, high = plan.x_range_m(plan.facade_y_m)
+    murals: list[Placed] = []
+    for house in houses if len(pictures) else ():
+        x0, y, z = (float(v) for v in house.world_from_object[:3, 3])
+        x1 = x0 + float(house.mesh.vertices_m[:, 0].max())
+        # houses far behind an open far side stay bare
+        in_view = house.kind == "facade" and x1 > low and x0 < high and y < plan.facade_y_m + 1
+        if not in_view or rng.random() >= share:
+            continue
+        mesh = mural(rng, pictures).mesh()
+        half = float(mesh.vertices_m[:, 0].max())
+        if half < (x1 - x0) / 2:
+            x = float(rng.uniform(x0 + half, x1 - half))
+            # sills of windows reach 12 cm out of the wall
+            murals.append(Placed(mesh, pose(x, y - 0.16, z), "mural"))
+    return murals
 
 
 def _camera(config: SynthConfig, yaw_rad: float, rng: np.random.Generator) -> tuple[StereoCamera, FloatArray]:

@@ -63,19 +63,23 @@ class CarConfig:
 class ClutterConfig:
     """How much of everything else there is.
 
-    Counts are means of a Poisson number a frame for a street that is 20 m deep; deeper ones get more.
+    Counts are means of the number tried a frame, which is the whole number below or above, whatever the
+    depth of the street: a detector keeps few candidates, and a crowded frame would fill them all. Where a
+    street has no room, fewer stand.
     """
 
-    pictures: float = 1.5
+    pictures: float = 3.2
     """Flat pictures of cars: boards, hoardings, sides of trucks and buses."""
-    wheeled: float = 1.9
+    wheeled: float = 3.3
     """Trucks, buses, caravans, trailers, boats, tractors."""
-    boxes: float = 1.9
+    boxes: float = 2.7
     """Kiosks, stalls, shelters, containers, skips, carts."""
-    furniture: float = 5.5
+    furniture: float = 7.5
     """Bins, hedges, walls, crates, trees, poles, people."""
+    mural_share: float = 0.25
+    """Share of the house fronts that show a picture of a car."""
     occluder_share: float = 0.4
-    """Share of cars that something is put in front of."""
+    """Share of cars that something small is put in front of; other things hide little of a car."""
 
 
 @dataclass(frozen=True)

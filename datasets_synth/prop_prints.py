@@ -95,6 +95,21 @@ def banner(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     return draft
 
 
+def mural(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """A picture of a car for a house wall, near the ground: painted, pasted, or in a frame."""
+    draft = MeshDraft()
+    skin, aspect = print_material(pictures, rng)
+    width = float(rng.uniform(3.8, 5.6))
+    low = float(rng.uniform(0.02, 0.35))
+    front_panel(draft, (-width / 2, width / 2, low, low + width / aspect), -0.02, skin)
+    if rng.random() < 0.5:
+        frame = plain(paint_rgb(rng))
+        for x in (-width / 2, width / 2):
+            draft.box((x, -0.01, low + width / aspect / 2), (0.1, 0.06, width / aspect), frame)
+        draft.box((0, -0.01, low + width / aspect), (width + 0.1, 0.06, 0.1), frame)
+    return draft
+
+
 def showroom(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     """A pavilion of a car dealer: a life-size print fills its window."""
     draft = MeshDraft()

@@ -189,6 +189,107 @@ def trailer(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     return draft
 
 
+def trailer_picture(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """An advertising trailer: a board with a picture of a car above a low deck on wheels."""
+    draft = MeshDraft()
+    skin, aspect = print_material(pictures, rng)
+    width, deck = float(rng.uniform(3.6, 4.6)), float(rng.uniform(0.34, 0.48))
+    height = width / aspect
+    draft.box((0, 0, deck), (width + 0.1, 1.5, 0.12), plain(STEEL, 0.2))
+    wheel_pairs(draft, (-0.2,) if width < 4.1 else (-0.35, 0.35), (1.9, 0.18), 0.29, rng)
+    low = deck + 0.08
+    draft.box((0, -0.6, low + height / 2), (width, 0.05, height), plain((0.5, 0.5, 0.5)))
+    front_panel(draft, (-width / 2, width / 2, low, low + height), -0.64, skin)
+    for x in (-width * 0.4, width * 0.4):
+        draft.bar((x, -0.57, low + height * 0.9), (x, 0.6, deck), 0.03, plain(STEEL))
+    draft.bar((-width / 2, 0, deck), (-width / 2 - 1.0, 0, 0.42), 0.05, plain(STEEL))
+    draft.bar((-width / 2 - 0.8, 0, 0.42), (-width / 2 - 0.8, 0, 0.0), 0.03, plain(STEEL))
+    return draft
+
+
+def minibus(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """A minibus for ten people or more: a short sloping nose, a high roof, a row of windows."""
+    draft = MeshDraft()
+    length, width, top = float(rng.uniform(5.2, 6.6)), 2.0, float(rng.uniform(2.35, 2.7))
+    half, low, belt = length / 2, float(rng.uniform(0.24, 0.34)), float(rng.uniform(1.15, 1.3))
+    nose, screen = float(rng.uniform(0.7, 1.0)), float(rng.uniform(0.5, 0.8))
+    outline = np.array(
+        [(-half, low), (half, low), (half, top - 0.15), (half - 0.15, top), (-half + nose + screen, top),
+         (-half + nose, belt), (-half + 0.08, belt - 0.22)]
+    )  # fmt: skip
+    skin = plain(paint_rgb(rng), 0.25)
+    extrude(draft, outline, width, skin)
+    band = top - float(rng.uniform(0.32, 0.45))
+    first = -half + nose + screen * (band - belt) / (top - belt) + 0.08
+    for y, face in ((-width / 2 - 0.01, front_panel), (width / 2 + 0.01, back_panel)):
+        face(draft, (first, half - 0.25, belt, band), y, vehicle_glass())
+        face(draft, (-half + 0.02, half - 0.02, low, low + 0.14), y, plain(DARK))
+        face(draft, (-half + 0.02, -half + 0.3, belt - 0.5, belt - 0.3), y, plain((0.5, 0.5, 0.5), 0.4))
+        face(draft, (half - 0.14, half - 0.02, belt - 0.3, belt), y, plain((0.26, 0.01, 0.01), 0.4))
+    n_pillars = int(rng.integers(2, 5))
+    for y, face in ((-width / 2 - 0.016, front_panel), (width / 2 + 0.016, back_panel)):
+        for x in np.linspace(first, half - 0.25, n_pillars + 2)[1:-1]:
+            face(draft, (x - 0.05, x + 0.05, belt, band), y, skin)
+    wheel_pairs(draft, (-half + 0.95, half - float(rng.uniform(1.1, 1.5))), (width + 0.04, 0.22), 0.35, rng)
+    return draft
+
+
+def flatbed(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """A light lorry with low boards round its bed, empty or with a load."""
+    draft = MeshDraft()
+    length, width, top = float(rng.uniform(4.4, 5.6)), 1.75, float(rng.uniform(1.75, 2.05))
+    half, low, belt = length / 2, 0.42, float(rng.uniform(1.1, 1.22))
+    nose, cab = float(rng.uniform(0.1, 0.6)), float(rng.uniform(1.3, 1.6))
+    back = -half + nose + cab
+    outline = np.array(
+        [(-half, low), (back, low), (back, top), (-half + nose + 0.45, top), (-half + nose, belt),
+         (-half, belt - 0.15)]
+    )  # fmt: skip
+    skin = plain(paint_rgb(rng), 0.25)
+    extrude(draft, outline, width, skin)
+    for y, face in ((-width / 2 - 0.01, front_panel), (width / 2 + 0.01, back_panel)):
+        face(draft, (-half + nose + 0.42, back - 0.2, belt, top - 0.16), y, vehicle_glass())
+        face(draft, (-half + 0.02, -half + 0.2, belt - 0.4, belt - 0.22), y, plain((0.5, 0.5, 0.5), 0.4))
+    bed, deck = (back + 0.08 + half) / 2, float(rng.uniform(0.68, 0.8))
+    size = half - back - 0.08
+    board = float(rng.uniform(0.3, 0.42))
+    boards = skin if rng.random() < 0.4 else surface("planks", int(rng.integers(3)), (0.6, 0.6, 0.6))
+    draft.box((bed, 0, deck + board / 2), (size, width + 0.1, board), boards, 1.5)
+    draft.box((0, 0, 0.52), (length - 0.3, 0.8, 0.2), plain(DARK))
+    wheel_pairs(draft, (-half + 0.75, half - float(rng.uniform(0.8, 1.1))), (width + 0.06, 0.2), 0.34, rng)
+    if rng.random() < 0.6:
+        tall = float(rng.uniform(0.25, 0.8))
+        outline = np.array(
+            [(bed - size * 0.46, deck + board), (bed + size * 0.46, deck + board),
+             (bed + size * 0.38, deck + board + tall), (bed - size * 0.4, deck + board + tall)]
+        )  # fmt: skip
+        extrude(draft, outline, width - 0.2, plain(paint_rgb(rng)))
+    return draft
+
+
+def teardrop(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
+    """A low camping trailer whose roof falls to the rear like a car's."""
+    draft = MeshDraft()
+    length, width, top = float(rng.uniform(3.2, 4.2)), 1.75, float(rng.uniform(1.45, 1.75))
+    t = np.linspace(0, np.pi, 13)
+    # the front is rounder than the tail
+    reach = np.where(np.cos(t) > 0, 0.62, 0.38) * length
+    bow = np.stack(
+        [0.12 * length + reach * np.cos(t) - 0.24 * length, 0.62 + (top - 0.62) * np.sin(t) ** 0.7], 1
+    )
+    left, right = float(bow[:, 0].min()), float(bow[:, 0].max())
+    skin = plain(paint_rgb(rng), 0.3)
+    extrude(draft, np.concatenate([[(left + 0.1, 0.34), (right - 0.15, 0.34)], bow]), width, skin)
+    for y, face in ((-width / 2 - 0.01, front_panel), (width / 2 + 0.01, back_panel)):
+        face(draft, (left + 0.5, left + 0.42 * length, 0.95, top - 0.22), y, vehicle_glass())
+        if rng.random() < 0.7:
+            face(draft, (left + 0.48 * length, left + 0.7 * length, 0.95, top - 0.3), y, vehicle_glass())
+    wheel_pairs(draft, (float(rng.uniform(0.0, 0.4)),), (width + 0.1, 0.2), 0.31, rng)
+    draft.bar((left, 0, 0.45), (left - 0.9, 0, 0.42), 0.05, plain(STEEL))
+    draft.bar((left - 0.7, 0, 0.42), (left - 0.7, 0, 0.0), 0.03, plain(STEEL))
+    return draft
+
+
 def covered_boat(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     """A small boat on a trailer."""
     draft = MeshDraft()

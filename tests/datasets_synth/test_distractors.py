@@ -1,9 +1,13 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from datasets_synth.distractors import PROPS, Prop
 from datasets_synth.prop_parts import printed
-from datasets_synth.prop_prints import billboard
+from datasets_synth.prop_prints import billboard, mural
+from datasets_synth.prop_vehicles import trailer_picture
+from datasets_synth.solids import MeshDraft
 
 PICTURE = np.zeros((60, 100, 3), np.uint8)
 PICTURE[:, :50] = (200, 30, 30)  # its left half is red, so a mirrored print would show
@@ -37,8 +41,9 @@ def test_props_with_pictures_show_one(kind: str) -> None:
     assert sum(shown) >= 6
 
 
-def test_a_billboard_shows_its_picture_upright_and_not_mirrored() -> None:
-    mesh = billboard(np.random.default_rng(0), (PICTURE,)).mesh()
+@pytest.mark.parametrize("make", [billboard, mural, trailer_picture], ids=lambda m: m.__name__)
+def test_a_print_shows_its_picture_upright_and_not_mirrored(make: Callable[..., MeshDraft]) -> None:
+    mesh = make(np.random.default_rng(0), (PICTURE,)).mesh()
     face = np.flatnonzero([mesh.materials[i].name == "print" for i in mesh.face_material])
     corner, uv = mesh.vertices_m[mesh.faces[face]], mesh.corner_uv[face]
     # seen from the camera (looking along +y) x runs to the right and z up: so must u and v

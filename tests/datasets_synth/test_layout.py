@@ -4,8 +4,9 @@ import pytest
 from datasets_synth.car_models import ParametricCar, cars_of_splits
 from datasets_synth.car_shapes import car_shapes
 from datasets_synth.distractors import PROPS
-from datasets_synth.layout import GROUND_KINDS, Footprint, footprint, sample_scene
-from datasets_synth.mesh import Scene
+from datasets_synth.footprints import Footprint, footprint
+from datasets_synth.layout import GROUND_KINDS, sample_scene
+from datasets_synth.mesh import Placed, Scene
 from datasets_synth.presets import MAX_CARS, SplitSize, synth_preset
 from datasets_synth.truth import azimuth_deg
 from recon.errors import RescoreError
@@ -13,6 +14,7 @@ from rescore.frames import SPLITS
 
 CONFIG = synth_preset("paper")
 CARS = tuple(ParametricCar(s) for s in car_shapes()[::25])
+BOX_KINDS = {"kiosk", "stall", "shelter", "container", "skip", "cart"}
 PICTURES = (np.full((60, 100, 3), 128, np.uint8),)
 
 
@@ -84,7 +86,7 @@ def test_cars_are_seen_from_their_left_side_on_the_road(scenes: list[Scene]) -> 
 
 
 def test_kinds_are_known_and_the_camera_stands_over_the_street(scenes: list[Scene]) -> None:
-    known = GROUND_KINDS | {"facade", "car"} | {p.kind for p in PROPS}
+    known = GROUND_KINDS | {"facade", "mural", "car"} | {p.kind for p in PROPS}
     for scene in scenes:
         assert {i.kind for i in scene.items} <= known
         eye = np.linalg.inv(scene.left_from_world)[:3, 3]
@@ -92,6 +94,50 @@ def test_kinds_are_known_and_the_camera_stands_over_the_street(scenes: list[Scen
         assert 1.2 <= eye[2] <= 1.7
         assert np.allclose(scene.left_from_world[:3, :3] @ scene.left_from_world[:3, :3].T, np.eye(3))
         assert np.linalg.det(scene.left_from_world[:3, :3]) == pytest.approx(1)
+
+
+def test_murals_hang_on_the_houses_before_their_walls(scenes: list[Scene]) -> None:
+    murals = [(scene, item) for scene in scenes for item in scene.items if item.kind == "mural"]
+    assert len(murals) >= 5
+    for scene, mural in murals:
+        x, y, z = mural.world_from_object[:3, 3]
+        low, high = x + mural.mesh.vertices_m[:, 0].min(), x + mural.mesh.vertices_m[:, 0].max()
+        walls = [i for i in scene.items if i.kind == "facade"]
+        ends = [(i.world_from_object[:3, 3], i.mesh.vertices_m[:, 0].max()) for i in walls]
+        # sills of windows reach 12 cm out of a wall
+        assert any(
+            at[0] <= low + 0.1 and high - 0.1 <= at[0] + width and 0.12 < at[1] - y < 0.2 and at[2] == z
+            for at, width in ends
+        )
+
+
+def test_no_street_holds_more_than_the_next_whole_number_of_a_group(scenes: list[Scene]) -> None:
+    clutter = CONFIG.clutter
+    pictures = {p.kind for p in PROPS if p.needs_pictures}
+    for kinds, mean in ((pictures, clutter.pictures), (BOX_KINDS, clutter.boxes)):
+        counts = [sum(i.kind in kinds for i in scene.items) for scene in scenes]
+        assert max(counts) == np.ceil(mean)
+        assert np.mean(counts) >= mean / 2
+
+
+def test_large_things_hide_little_of_the_cars(scenes: list[Scene]) -> None:
+    small = {p.kind for p in PROPS if p.hides}
+    hidden = [0.0]
+    for scene in scenes:
+        solid = [i for i in scene.items if i.kind not in GROUND_KINDS | small | {"facade", "mural", "car"}]
+        for car in (i for i in scene.items if i.kind == "car"):
+            y, (left, right) = car.world_from_object[1, 3], _tangents(car)
+            for thing in (i for i in solid if i.world_from_object[1, 3] < y):
+                low, high = _tangents(thing)
+                hidden.append((min(right, high) - max(left, low)) / (right - left))
+    assert 0 < max(hidden) <= 0.2 + 0.05
+
+
+def _tangents(item: Placed) -> tuple[float, float]:
+    """Tangents of the bearings of the two ends of a thing, at the distance of its middle."""
+    place = item.world_from_object
+    x = (item.mesh.vertices_m @ place[:3, :3].T + place[:3, 3])[:, 0] / place[1, 3]
+    return float(x.min()), float(x.max())
 
 
 def test_the_same_seed_gives_the_same_street() -> None:
