@@ -55,7 +55,7 @@ class Exhibit:
 
 
 def steps_strip(exhibit: Exhibit) -> Picture | None:
-    """Photograph, outline, parts, and the object in 3D from another side, as in figure 5; None for a failure."""
+    """Photograph, outline, parts, the object from another side, as in figure 5; None for a failure."""
     if isinstance(exhibit.found, Failure):
         return None
     one, rgb = exhibit.found, exhibit.photo.rgb
