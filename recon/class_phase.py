@@ -13,8 +13,12 @@ from recon.shape_context import ShapeContextConfig, match, shape_contexts
 
 FloatArray = NDArray[np.float64]
 
-MIN_FACING = 0.08
+MIN_FACING = 0.07
 """A plane turned to a view by a smaller cosine is seen edge-on, and explains no boundary there."""
+
+
+MATCHED_PAIRS = 12
+"""Pairs in which boundaries are matched by shape contexts, the slowest step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,12 @@ def _boundary_distance(carried: FloatArray, pair: BoundaryPair, outlier: float) 
     return np.asarray((there.mean(axis=1) + back.mean(axis=1)) / 2)
 
 
+def heaviest(pairs: Sequence[BoundaryPair], count: int) -> list[BoundaryPair]:
+    """The pairs that count most, at most so many, in their order."""
+    order = np.argsort([-p.weight for p in pairs], kind="stable")[:count]
+    return [pairs[i] for i in sorted(order)]
+
+
 def best_primitive(
     pairs: Sequence[BoundaryPair],
     library: PrimitiveLibrary,
@@ -76,7 +86,8 @@ def best_primitive(
     that shape contexts find.
     """
     best = np.argsort(primitive_costs(pairs, library, outlier), kind="stable")[:candidates]
-    error = [_transform_error(pairs, library, int(k), outlier, config) for k in best]
+    matched = heaviest(pairs, MATCHED_PAIRS)
+    error = [_transform_error(matched, library, int(k), outlier, config) for k in best]
     return int(best[int(np.argmin(error))])
 
 

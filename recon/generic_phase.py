@@ -8,7 +8,7 @@ pair of bins.
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.resources import as_file, files
+from pathlib import Path
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -40,10 +40,11 @@ class GenericPhaseConfig:
     """Points that are followed on each outline."""
     settling_rounds: int = 3
     """Rounds of regression on distances from the outline, after that on matched points."""
-    scale_px: float = 60.0
+    scale_px: float = 90.0
     """Pixels an object unit in the rendered pictures."""
-    min_facing: float = 0.12
-    """A primitive seen at a smaller cosine is edge-on: there the sequence breaks."""
+    min_facing: float = 0.07
+    """A primitive seen at a smaller cosine is edge-on: there the sequence breaks. Level planes seen from an
+    elevation of 5 degrees are not: roofs and hoods in a street."""
     shape_context: ShapeContextConfig = field(default_factory=lambda: ShapeContextConfig(position_weight=4.0))
 
 
@@ -72,9 +73,8 @@ def learn_primitives(
 def primitive_library(bins: ViewBins) -> PrimitiveLibrary:
     """The library for a view space: that of the package where it holds one, else learned here, which takes
     some 20 seconds; remembered."""
-    file = files("recon") / "data" / file_name(bins)
-    with as_file(file) as path:
-        return PrimitiveLibrary.load(path) if path.is_file() else learn_primitives(bins)
+    path = Path(__file__).with_name("data") / file_name(bins)
+    return PrimitiveLibrary.load(path) if path.is_file() else learn_primitives(bins)
 
 
 def file_name(bins: ViewBins) -> str:

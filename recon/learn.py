@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.class_model import ClassModel, ClassPart
-from recon.class_phase import BoundaryPair, best_primitive, fitted_normal, primitive_costs
+from recon.class_phase import BoundaryPair, best_primitive, fitted_normal, heaviest, primitive_costs
 from recon.errors import RescoreError
 from recon.generic_phase import primitive_library
 from recon.observations import Observations
@@ -28,6 +28,8 @@ class LearnConfig:
     bins: ViewBins = field(default_factory=ViewBins)
     boundary_points: int = 48
     """Points on each part boundary."""
+    max_pairs: int = 60
+    """Pairs of views at most, for each part: more of them add time and little else."""
     min_part_share: float = 0.004
     """Regions smaller than this share of the labelled pixels do not count as seeing the part."""
     max_bin_step: int = 3
@@ -133,8 +135,9 @@ class _ClassPhase:
             )
 
     def pairs(self, label: int) -> list[BoundaryPair]:
-        """The boundary of a part in every pair of near views of one instance."""
-        return [self._pair(label, a, b) for a, b in self.seen.pairs_of(label, self.config.max_bin_step)]
+        """The boundary of a part in pairs of near views of one instance, those that show most of it."""
+        found = [self._pair(label, a, b) for a, b in self.seen.pairs_of(label, self.config.max_bin_step)]
+        return heaviest(found, self.config.max_pairs)
 
     def costs(self, pairs: Sequence[BoundaryPair]) -> FloatArray:
         """Cost of every primitive, shape (k,)."""

@@ -152,10 +152,10 @@ def _page(study: ModelStudy, command: str) -> str:
     rises = ", ".join(f"{value - 1:.1%} with {i}" for i, value in enumerate(error[:5], start=1))
     few = (
         f"The library holds {len(selection.normals)} orientations. The {len(selection.parts)} parts of "
-        "chair, bicycle, airplane and car (in six parts, as the report has them) are carried between views, each by "
-        f"the best of the chosen primitives. Over the whole library the error rises by {rises} primitives. "
-        "Boundaries that no primitive explains, since a part is seen edge-on or half hidden, count the same "
-        "for all, which makes the rise look smaller than it is."
+        "chair, bicycle, airplane and car (in six parts, as the report has them) are carried between views, "
+        "each by the best of the chosen primitives. Over the whole library the error rises by "
+        f"{rises} primitives. Boundaries that no primitive explains, since a part is seen edge-on or half "
+        "hidden, count the same for all, which makes the rise look smaller than it is."
     )
     truth = (
         "Test shapes, each learned from neighbouring labelled views of its own, knowing the view bins alone. "

@@ -102,7 +102,7 @@ test_cars.__test__ = False  # type: ignore[attr-defined]
 
 @lru_cache(maxsize=1)
 def quick_car_model(size_px: int = 128) -> ClassModel:
-    """A class model of all view bins from one training sedan, without refining the planes."""
+    """A class model of all view bins from one training sedan."""
     cars, _ = part_labelled_cars(cars_of_splits(None, None)["train"])
     car = next(c for c in cars if "sedan" in c.shape_id)
     mesh = car.build(np.random.default_rng(0))
@@ -110,7 +110,7 @@ def quick_car_model(size_px: int = 128) -> ClassModel:
         PartView(b, render_part_labels(mesh, BINS.view_from_object(b), size_px), car.shape_id)
         for b in range(BINS.count)
     ]
-    config = LearnConfig(bins=BINS, refine_rounds=0)
+    config = LearnConfig(bins=BINS)
     return learn_class_model(PartViews(CAR_PARTS, BINS, tuple(views)), "car", CAR_PARTS, config)
 
 

@@ -9,7 +9,7 @@ from recon.view_bins import ViewBins
 
 
 @lru_cache(maxsize=8)
-def exact_library(bins: ViewBins, min_facing: float = 0.12) -> PrimitiveLibrary:
+def exact_library(bins: ViewBins, min_facing: float = 0.07) -> PrimitiveLibrary:
     """Affine transforms under scaled orthography where both views see the same side of the primitive."""
     normals = primitive_normals()
     rotation = np.stack([bins.view_from_object(b) for b in range(bins.count)])
