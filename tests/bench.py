@@ -222,7 +222,8 @@ def reconstruction() -> list[Timed]:
     view = Viewpoint(ViewBins().azimuth_rad(3), cars.elevation_rad)
     shot = photograph(cars, cars.test[0], view, camera, np.random.default_rng(0))
     middle = (shot.xyxy_px[:2] + shot.xyxy_px[2:]) / 2
-    box = np.concatenate([middle - [64, 32], middle + [64, 32]])
+    half = np.array([64.0, 32.0])
+    box = np.concatenate([middle - half, middle + half])
     model = side_model()
 
     def work() -> None:

@@ -142,8 +142,8 @@ def _basket(model: "ClassModel", seed: int) -> "tuple[Exhibit, str]":
     off = float(np.linalg.norm((low + high) / 2 - shot.handle_middle_m))
     size = float(np.ptp(shot.photo.mesh.vertices_m, axis=0).max())
     return exhibit, (
-        f"Every pixel of the handle is behind the card; the class model puts it {100 * off:.0f} cm from where "
-        f"it is (middles of the boxes; the basket is {100 * size:.0f} cm long or high)"
+        f"Every pixel of the handle is behind the card; the class model puts it {100 * off:.0f} cm from "
+        f"where it is (middles of the boxes; the basket is {100 * size:.0f} cm long or high)"
     )
 
 
@@ -167,8 +167,8 @@ def _write_readme(
         "# 3D from single photographs",
         "",
         f"Made by `rescore gallery --out DIR --seed {seed}`. Photographs are rendered, of test shapes; the",
-        "class models were learned from part-labelled views of six other shapes. The box and the view bin are",
-        "given from the truth, and so are camera and ground. View bins count 30 degrees each,",
+        "class models were learned from part-labelled views of six other shapes. The box and the view bin",
+        "are given from the truth, and so are camera and ground. View bins count 30 degrees each,",
         "counter-clockwise: 0 shows the front, 3 the left side. SSIM compares the pop-up, seen from the",
         "photograph's own camera, with the photograph inside the outline that was found.",
         "",
@@ -191,8 +191,8 @@ def _write_readme(
         "Right view bins: " + "; ".join(_right_bins(name, rows) for name, rows in known.items()) + ".",
         "",
         "Means over the photographs with a reconstruction. The centroid error is in per cent of the largest",
-        "true size, sizes are mean absolute errors. The single plane (Hoiem et al., the report's baseline) has",
-        "no box; its centroid is that of the surface, its direction is compared with the object's length.",
+        "true size, sizes are mean absolute errors. The single plane (Hoiem et al., the report's baseline)",
+        "has no box; its centroid is that of the surface, its direction is compared with the object's length.",
         "Orientation of the class model is that of the view bin: where the bin is given, its error is the",
         "object's turn within the bin.",
         "",
