@@ -58,7 +58,7 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
 
 
 def without_objects(rgb: NDArray[np.uint8], objects: Sequence[FoundObject]) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) with the pixels of objects, and of what hides them, filled in from around them."""
+    """The picture (h, w, 3) with the pixels of objects, and of what hides them, filled in from around."""
     height, width = rgb.shape[:2]
     hidden = np.zeros((height, width), bool)
     for one in objects:

@@ -12,7 +12,7 @@ from PIL import Image
 from recon.camera import PinholeCamera
 from recon.outcome import Failure
 from reports import palette
-from reports.mesh_view import MeshView, turned_about
+from reports.mesh_view import BACKGROUND, MeshView, turned_about
 from reports.object_mesh import object_meshes
 from reports.popup import close_camera, object_texture, scene_layers, source_similarity
 from rescore.instance_accuracy import InstanceErrors
@@ -55,7 +55,7 @@ class Exhibit:
 
 
 def steps_strip(exhibit: Exhibit) -> Picture | None:
-    """Photograph, outline, parts, and the object in 3D from another side, as in figure 5; None for a failure."""
+    """Photograph, outline, parts, the object from another side, as in figure 5; None for a failure."""
     if isinstance(exhibit.found, Failure):
         return None
     one, rgb = exhibit.found, exhibit.photo.rgb
@@ -141,10 +141,10 @@ def _small(rgb: Picture) -> Picture:
 
 
 def _cut(rgb: Picture, camera: PinholeCamera, to: PinholeCamera) -> Picture:
-    """The picture as another camera at the same place with the same axes sees it; the border repeated."""
+    """The picture as another camera at the same place with the same axes sees it; plain beyond its border."""
     v, u = np.mgrid[: to.height_px, : to.width_px].astype(float)
     at = camera.project(to.rays(np.stack([u, v], axis=-1))).astype(np.float32)
-    out = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    out = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=BACKGROUND)
     return np.asarray(out, np.uint8)
 
 

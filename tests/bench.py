@@ -1,14 +1,16 @@
 """Speed as ratios against the bare library calls, measured side by side in one run: ``make bench``.
 
-Prints a table; asserts nothing, since a busy machine would fail it. Each ratio is the median of paired runs:
-both sides are timed in turn on the same frame, so that a machine that slows down slows both.
+Prints tables; asserts nothing, since a busy machine would fail it. Each ratio is the median of paired runs:
+both sides are timed in turn on the same frame, so that a machine that slows down slows both. A second table
+has times of what no library call can be compared with. Names of rows as arguments choose some of them.
 """
 
 import statistics
+import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -19,12 +21,20 @@ from rich.table import Table
 from datasets_synth.build import build_dataset
 from datasets_synth.car_models import cars_of_splits
 from datasets_synth.frame_synth import synth_frame
+from datasets_synth.object_classes import Shape, labelled_views, object_class
 from datasets_synth.presets import SynthConfig
 from datasets_synth.render import render_pair
 from datasets_synth.scene_rays import RayTree
+from datasets_synth.single_object import Viewpoint, photograph
 from datasets_synth.truth import visible_objects
+from recon.camera import default_camera
+from recon.class_model import ClassModel
+from recon.generic_phase import learn_primitives, primitive_library
+from recon.learn import learn_class_model
 from recon.part_views import load_part_views
+from recon.reconstruct import Reconstruction, reconstruct
 from recon.stereo import compute_disparity
+from recon.view_bins import ViewBins
 from rescore import steps
 from rescore.candidates import Candidates
 from rescore.config import RunConfig, run_preset
@@ -47,6 +57,17 @@ class Row:
     bare_s: float
     ratio: float
     limit: float
+
+
+@dataclass(frozen=True)
+class Timed:
+    """One line of the second table."""
+
+    what: str
+    seconds: float
+    clock: str
+    """"processor" time of one core, which a busy machine changes little, or "wall" time."""
+    limit_s: float
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -181,27 +202,106 @@ def car_sized_boxes(image_id: int, width_px: int, height_px: int, rng: np.random
     return Candidates(image_id, boxes, np.linspace(1, 0, 15), np.linspace(0.9, 0.1, 15))
 
 
-def main() -> None:
-    """Print the table."""
+def side_model() -> ClassModel:
+    """A car model of view bin 3."""
+    views = labelled_views(object_class("car"), learning_cars(), ViewBins(), 96)
+    side = tuple(v for v in views.views if v.view_bin in (2, 3, 4))
+    return learn_class_model(replace(views, views=side), "car", views.part_names)
+
+
+def learning_cars() -> Sequence[Shape]:
+    """Six train cars, evenly chosen."""
+    cars = object_class("car").train
+    return cars[:: len(cars) // 6][:6]
+
+
+def reconstruction() -> list[Timed]:
+    """One box of 128 x 64 pixels that shows a car from bin 3, all stages of section 4."""
+    cars = object_class("car")
+    camera = default_camera(200, 120)
+    view = Viewpoint(ViewBins().azimuth_rad(3), cars.elevation_rad)
+    shot = photograph(cars, cars.test[0], view, camera, np.random.default_rng(0))
+    middle = (shot.xyxy_px[:2] + shot.xyxy_px[2:]) / 2
+    half = np.array([64.0, 32.0])
+    box = np.concatenate([middle - half, middle + half])
+    model = side_model()
+
+    def work() -> None:
+        (found,) = reconstruct(shot.rgb, box[None], 3, model, shot.camera, shot.ground)
+        assert isinstance(found, Reconstruction), found
+
+    work()
+    times = []
+    for _ in range(20):
+        start = time.process_time()
+        work()
+        times.append(time.process_time() - start)
+    what = "one reconstruction of a 128 x 64 px box, all stages"
+    return [Timed(what, statistics.median(times), "processor", 0.04)]
+
+
+def learning() -> list[Timed]:
+    """The car model of all view bins; the library of primitives is that of the package."""
+    primitive_library(ViewBins())
+    views = labelled_views(object_class("car"), learning_cars(), ViewBins(), 160)
+    start = time.process_time()
+    learn_class_model(views, "car", views.part_names)
+    what = "learn the car model (6 instances, 12 views), generic phase cached"
+    return [Timed(what, time.process_time() - start, "processor", 20)]
+
+
+def generic() -> list[Timed]:
+    """The generic phase of one view space."""
+    return [Timed("generic phase", seconds(lambda: learn_primitives(ViewBins(), jobs=2)), "wall", 180)]
+
+
+def measured(chosen: Sequence[str]) -> tuple[list[Row], list[Timed]]:
+    """The rows that were asked for, all where none was."""
     config = run_preset("demo")
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder) / "data"
-        build_dataset(config.synth, root, seed=0, jobs=2)
-        load_part_views(root / "part_views")
-        data = read_dataset(root, config.class_name)
-        rows = [rendering(config.synth), *detection(data, config), rescoring(data, config)]
-    table = Table(title="Ratios against the bare library calls")
-    for name in ("what", "ours, ms", "bare, ms", "ratio", "wanted"):
-        table.add_column(name, justify="left" if name == "what" else "right")
-    for row in rows:
-        table.add_row(
-            row.what,
-            f"{row.ours_s * 1e3:.0f}",
-            f"{row.bare_s * 1e3:.0f}",
-            f"{row.ratio:.2f}",
-            f"<= {row.limit:g}",
-        )
-    Console().print(table)
+    rows: list[Row] = []
+    times: list[Timed] = []
+    wanted = [name for name in ROWS if not chosen or name in chosen]
+    if "rendering" in wanted:
+        rows.append(rendering(config.synth))
+    if {"detection", "rescoring"} & set(wanted):
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder) / "data"
+            build_dataset(config.synth, root, seed=0, jobs=2)
+            data = read_dataset(root, config.class_name)
+            if "detection" in wanted:
+                rows += detection(data, config)
+            if "rescoring" in wanted:
+                rows.append(rescoring(data, config))
+    for name, work in (("reconstruction", reconstruction), ("learning", learning), ("generic", generic)):
+        if name in wanted:
+            times += work()
+    return rows, times
+
+
+ROWS = ("rendering", "detection", "rescoring", "reconstruction", "learning", "generic")
+
+
+def main() -> None:
+    """Print the tables."""
+    unknown = [name for name in sys.argv[1:] if name not in ROWS]
+    if unknown:
+        sys.exit(f"bench: expected rows among {', '.join(ROWS)}, got {', '.join(unknown)}; choose from these")
+    rows, times = measured(sys.argv[1:])
+    if rows:
+        table = Table(title="Ratios against the bare library calls")
+        for name in ("what", "ours, ms", "bare, ms", "ratio", "wanted"):
+            table.add_column(name, justify="left" if name == "what" else "right")
+        for row in rows:
+            ours, bare = f"{row.ours_s * 1e3:.0f}", f"{row.bare_s * 1e3:.0f}"
+            table.add_row(row.what, ours, bare, f"{row.ratio:.2f}", f"<= {row.limit:g}")
+        Console().print(table)
+    if times:
+        table = Table(title="Times")
+        for name in ("what", "s", "clock", "wanted, s"):
+            table.add_column(name, justify="left" if name == "what" else "right")
+        for timed in times:
+            table.add_row(timed.what, f"{timed.seconds:.3f}", timed.clock, f"<= {timed.limit_s:g}")
+        Console().print(table)
 
 
 if __name__ == "__main__":

@@ -167,3 +167,12 @@ def test_feet_of_hidden_sides_get_no_point() -> None:
     line = ground_line(labels, 280, 270, CORNER, CAMERA, GROUND, GroundLineConfig())
     assert isinstance(line, GroundLine)
     assert set(line.points_m) == {1, 2}
+
+
+def test_contacts_go_down_to_a_known_bottom_together() -> None:
+    free = ground_line(window(40, 44), 280, 270, FEET, CAMERA, GROUND, FREE)
+    line = ground_line(window(40, 44), 280, 270, FEET, CAMERA, GROUND, FREE, bottom_px=320.0)
+    assert isinstance(free, GroundLine)
+    assert isinstance(line, GroundLine)
+    # the lower foot ends at 314.5, 5.5 rows above the bottom
+    np.testing.assert_allclose(line.line_px[:, 1], free.line_px[:, 1] + 5.5)

@@ -150,6 +150,10 @@ def test_a_part_that_the_picture_would_show_is_left_out() -> None:
     # behind what is seen: kept; before it and beside it: left out; behind the camera: no evidence
     assert set(absent) == {3, 4}
     assert absent[4] == "left out: 100% of it would be in sight, the picture has none"
+    # pixels where something else hides the object say nothing
+    occluded = np.zeros((CAMERA.height_px, CAMERA.width_px), bool)
+    occluded[:, 130:] = True
+    assert set(_absent(found, seen, predicted, CAMERA, occluded)) == {3}
     # what the picture has is not judged
     assert not _absent(found, seen, [replace(upright(3, 0.0, 4.0), label=1)], CAMERA)
 

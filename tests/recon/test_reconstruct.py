@@ -16,7 +16,13 @@ from recon.learn import LearnConfig, learn_class_model
 from recon.outcome import Failure, Reason
 from recon.part_registration import RegistrationConfig, prepare_view
 from recon.predict_depth import PlacingConfig
-from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct, view_rotation
+from recon.reconstruct import (
+    ReconstructConfig,
+    Reconstruction,
+    _in_one_piece,
+    reconstruct,
+    view_rotation,
+)
 from recon.segment import SegmentConfig
 from recon.view_bins import ViewBins, rotation
 
@@ -205,3 +211,26 @@ def test_wrong_arguments(model: ClassModel) -> None:
         reconstruct(rgb, box[None], 3, model, default_camera(320, 240), GROUND)
     with pytest.raises(RescoreError, match="expected a labelled view of bin 9"):
         reconstruct(rgb, box[None], 9, model, CAMERA, GROUND)
+
+
+def test_pieces_are_joined_inside_the_start_only() -> None:
+    mask = np.zeros((160, 240), bool)
+    mask[40:120, 20:100] = mask[40:120, 116:220] = True
+    start = np.full((40, 60), 5.0, np.float32)
+    # the start has a bar between the two: rows 15 to 24 of the coarse grid, 60 to 99 of the fine one
+    start[15:25, 5:55] = -5.0
+    joined = _in_one_piece(mask, start)
+    assert cv2.connectedComponents(joined.astype(np.uint8))[0] == 2
+    assert (joined >= mask).all()
+    rows = np.nonzero((joined & ~mask).any(axis=1))[0]
+    assert rows.min() >= 56
+    assert rows.max() <= 103
+    apart = np.full_like(start, 5.0)
+    np.testing.assert_array_equal(_in_one_piece(mask, apart), mask)
+
+
+def test_specks_are_no_pieces() -> None:
+    mask = np.zeros((160, 240), bool)
+    mask[40:120, 20:200] = mask[60:70, 210:220] = True
+    start = np.full((40, 60), -5.0, np.float32)
+    assert _in_one_piece(mask, start) is mask

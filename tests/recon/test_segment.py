@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.segment import SegmentConfig, edge_indicator, evolve, signed_distance
+from recon.segment import SegmentConfig, colour_evidence, edge_indicator, evolve, signed_distance
 
 CONFIG = SegmentConfig()
 
@@ -111,3 +111,43 @@ def test_signed_distance_of_a_half_plane() -> None:
 def test_unstable_steps_are_refused() -> None:
     with pytest.raises(ValueError, match="time_step"):
         SegmentConfig(time_step=10, distance_weight=0.05)
+
+
+def limb(width: int) -> NDArray[np.bool_]:
+    """A disk with a leg of a width in pixels."""
+    leg = np.zeros((80, 80), bool)
+    leg[40:72, 40 - width // 2 : 40 - width // 2 + width] = True
+    return disk(14, (40.0, 26.0)) | leg
+
+
+def test_colours_say_what_is_outside() -> None:
+    mask = disk(22)
+    evidence = colour_evidence(picture(mask)[None], signed_distance(disk(24))[None])[0]
+    assert evidence[mask].mean() < -0.9
+    # the rim between the start and the object has the colour of the outside
+    assert evidence[~disk(24)].mean() > 0.9
+    assert np.median(evidence[disk(24) & ~mask]) > 0.3
+    assert np.abs(evidence).max() <= 1
+
+
+def test_colours_of_one_window_do_not_reach_another() -> None:
+    masks = [disk(22), disk(15)]
+    windows = np.stack([picture(masks[0]), picture(masks[1], 80, 30)])
+    start = np.stack([signed_distance(disk(20))] * 2)
+    both = colour_evidence(windows, start)
+    for i in range(2):
+        np.testing.assert_array_equal(both[i], colour_evidence(windows[i : i + 1], start[i : i + 1])[0])
+
+
+def test_colours_keep_a_thin_limb() -> None:
+    target = limb(4)
+    windows = picture(target)[None]
+    # the start has the leg two pixels beside where it is
+    start = signed_distance(np.roll(target, 2, axis=1))[None]
+    edge = edge_indicator(windows, CONFIG)
+    colours = replace(CONFIG, steps=100, length_weight=1.0, region_weight=0.5)
+    edges = replace(colours, region_weight=0.0)
+    with_colours = evolve(start, edge, colours, colour_evidence(windows, start))[0]
+    without = evolve(start, edge, edges)[0]
+    assert iou(with_colours < 0, target) > 0.85
+    assert iou(with_colours < 0, target) > iou(without < 0, target) + 0.02
