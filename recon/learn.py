@@ -15,7 +15,7 @@ from recon.outlines import fill_polygon, largest_outline
 from recon.part_views import PartView, PartViews
 from recon.primitives import PrimitiveLibrary, lift
 from recon.shape_context import ShapeContextConfig
-from recon.structure import Structure, robust_structure, solve_structure
+from recon.structure import Structure, solve_structure
 from recon.view_bins import ViewBins
 
 FloatArray = NDArray[np.float64]
@@ -126,7 +126,10 @@ class _ClassPhase:
         )
         first = solve_structure(self.seen.centroid, self.seen.rotation)
         self.share = self.seen.shown_share(first.scale)
-        self.structure: Structure = robust_structure(self.seen.centroid, self.seen.rotation, self.share**2)
+        # the root: parts that turn away count less, but without them nothing says how wide the object is
+        self.structure: Structure = solve_structure(
+            self.seen.centroid, self.seen.rotation, np.sqrt(self.share)
+        )
         self.library = primitive_library(config.bins) if library is None else library
         if self.library.bins != config.bins:
             raise RescoreError(

@@ -21,28 +21,6 @@ class Structure:
     shift: FloatArray
     """Shape (v, 2)."""
 
-    def residual(self, uv: FloatArray, rotation: FloatArray) -> FloatArray:
-        """How far each centroid is from where the structure puts it, object units; (v, n), NaN if unknown."""
-        put = np.einsum("vij,nj->vni", rotation[:, :2], self.points) + self.shift[:, None]
-        return np.asarray(np.linalg.norm(put - self.scale[:, None, None] * uv, axis=2))
-
-
-def robust_structure(uv: FloatArray, rotation: FloatArray, weight: FloatArray) -> Structure:
-    """``solve_structure`` with centroids that fit badly counting less (iterated weights, Cauchy).
-
-    A part that peeps out from behind others has its centroid somewhere else.
-    """
-    structure = solve_structure(uv, rotation, weight)
-    for _ in range(ROBUST_ROUNDS):
-        residual = np.nan_to_num(structure.residual(uv, rotation))
-        structure = solve_structure(uv, rotation, weight / (1 + (residual / OUTLIER) ** 2))
-    return structure
-
-
-OUTLIER = 0.02
-"""Residual at which a centroid counts half, object units."""
-ROBUST_ROUNDS = 4
-
 
 def solve_structure(uv: FloatArray, rotation: FloatArray, weight: FloatArray | None = None) -> Structure:
     """Points, scales and shifts that explain centroids in views of known rotation.

@@ -77,8 +77,10 @@ def test_cars_from_all_around(model: ClassModel, view_bin: int) -> None:
     photo, found = found_in(car, view_bin, model)
     instance = found.instance
     centre = car.cam_from_object @ np.array([0, 0, car.size_m[2] / 2, 1])
-    assert np.linalg.norm(instance.centroid_m - centre[:3]) < 0.8
-    np.testing.assert_allclose(instance.size_m[1:], car.size_m[1:], rtol=0.25)
+    assert np.linalg.norm(instance.centroid_m - centre[:3]) < 0.6
+    # an outline from the front takes in the mirrors, which the size of a car leaves out
+    np.testing.assert_allclose(instance.size_m[1], car.size_m[1], rtol=0.35 if view_bin == 0 else 0.25)
+    np.testing.assert_allclose(instance.size_m[2], car.size_m[2], rtol=0.25)
     assert instance.cam_from_object[:3, 0] @ car.cam_from_object[:3, 0] > np.cos(np.deg2rad(6))
     # the box stands on the ground
     np.testing.assert_allclose(instance.corners_m[::2] @ car.ground.up, -car.ground.height_m, atol=1e-9)
@@ -99,7 +101,7 @@ def test_the_side_of_a_car(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     # predicted parts are on the far side: the right body behind the left one, parallel, a width away
     by_name = {p.name: p for p in instance.parts}
     left, right = (by_name[n].outline_m[:, 2].mean() for n in ("left_body", "right_body"))
-    assert 0.9 < right - left < 2.4
+    assert 1.2 < right - left < 2.4
     assert source_similarity(photo, [found], scene_layers(photo, [found])) > 0.95
     # the overlay draws on the car and leaves the corners alone
     drawn = instance_overlay(photo.rgb, found.picture, instance, photo.camera)
@@ -124,7 +126,7 @@ def test_picture_meshes_cast_the_picture(side: tuple[CarPicture, Photo, FoundObj
     assert mirrored
     far = (mirrored[-1].xyz_m[mirrored[-1].faces.ravel()] @ back[:3, :3].T + back[:3, 3])[:, 1]
     assert np.median(far) == pytest.approx(-np.median(y[0]), abs=0.25)
-    assert np.median(y[0]) > 0.4
+    assert np.median(y[0]) > 0.5
 
 
 def gltf_json(path: Path) -> dict:
@@ -152,9 +154,9 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
     length, width, height = found.instance.size_m
     np.testing.assert_allclose((high - low)[[2, 1]], [length, height], rtol=0.25)
     # the sides lie inside the box, which bulging parts of other cars make wider
-    assert 0.5 * width < (high - low)[0] < 1.25 * width
+    assert 0.6 * width < (high - low)[0] < 1.25 * width
     first = scene.geometry["car_0"]
-    np.testing.assert_allclose(np.sort(first.vertices[:, 0])[len(first.vertices) // 2], 0.7, atol=0.3)
+    np.testing.assert_allclose(np.sort(first.vertices[:, 0])[len(first.vertices) // 2], 0.9, atol=0.3)
     # the texture at a vertex is the photograph where the vertex comes from (v goes up in trimesh)
     texture = np.asarray(first.visual.material.baseColorTexture.convert("RGB"))
     uv = first.visual.uv * [1, -1] + [0, 1]
