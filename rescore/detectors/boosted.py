@@ -38,7 +38,7 @@ class BoostedConfig:
 
     window: WindowGeometry = field(default_factory=lambda: WindowGeometry(64, 24, 8, 8))
     """Object size and margin."""
-    scan: ScanRange = field(default_factory=lambda: ScanRange(scale_step=1.1))
+    scan: ScanRange = field(default_factory=lambda: ScanRange(scale_step=1.15))
     stride: int = 2
     """Step of the window in grid steps of the fragments."""
     padding_px: tuple[int, int] = (24, 12)
