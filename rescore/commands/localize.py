@@ -34,8 +34,9 @@ def localize(
 ) -> None:
     """Localise model cars on a black table, as in section 5.1 of the report: boxes, centroids, orientations.
 
-    Model cars 1:18 are placed at random and seen by one calibrated camera. The class is learned from
-    part-labelled views of other cars.
+    Model cars 1:18 are placed at random and seen by one calibrated camera. Cars as dark as the table get
+    another paint. The class is learned from part-labelled views of other cars, whose length, width and
+    height are known.
 
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """
