@@ -18,6 +18,7 @@ from datasets_synth.table_scene import (
     photograph,
     photograph_empty,
     place_at_random,
+    table_mask,
 )
 from recon.joint_fit import JointFitConfig
 from recon.localize import (
@@ -139,7 +140,7 @@ def fit_region(
 @lru_cache(maxsize=1)
 def empty_table(config: TableSegmentConfig) -> EmptyTable:
     """The empty table, photographed once in a process."""
-    return EmptyTable.of_pictures(photograph_empty(), config)
+    return EmptyTable.of_pictures(photograph_empty(), table_mask(), config)
 
 
 def several_at_once(cars: Sequence[CarModel], rng: np.random.Generator) -> list[Placement]:
