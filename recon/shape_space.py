@@ -93,7 +93,9 @@ class ShapeSpace:
 
     def part_outlines(self, coefficients: FloatArray, size_m: FloatArray) -> FloatArray:
         """Outlines of the parts in metres, shape (p, m, 3)."""
-        return np.asarray((self.outlines + self.outline_modes @ coefficients) * size_m)
+        unit = self.outlines + self.outline_modes @ coefficients
+        # planes and outlines scatter from instance to instance; no part leaves the box
+        return np.asarray(np.clip(unit, [-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]) * size_m)
 
     def grid_coordinates(self, unit: FloatArray) -> FloatArray:
         """Fractional indices (3, n) of points (n, 3) in units of length, width and height; mirrors y < 0."""

@@ -61,7 +61,7 @@ class EmptyTable:
     def of_pictures(
         light: Float32Array, on_table: NDArray[np.bool_], config: TableSegmentConfig
     ) -> "EmptyTable":
-        """From the mean linear light (h, w, 3) of pictures of the empty table, and where the table is (h, w)."""
+        """From the mean linear light (h, w, 3) of pictures of the empty table, and where it is (h, w)."""
         edge = np.ones((7, 7), np.uint8)
         return EmptyTable(
             _smooth(light, config), cv2.dilate(on_table.astype(np.uint8), edge).astype(bool), config

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from datasets_synth.table_trials import Trial, TrialConfig
     from reports.localization import Instance3DView, Rgb
 
+_SHOWN, _WORST = 40, 12
+"""Placements in the pictures of the first and of the worst ones."""
+
 
 @app.command()
 def localize(
@@ -115,7 +118,7 @@ class _Gallery:
 
     def write(self, out: Path) -> None:
         """Write numbers, table and pictures."""
-        from reports.localization import save_png, save_reconstruction, sheet
+        from reports.localization import save_png, save_reconstruction, sheet, titled
         from rescore.localization import METHODS, REPORTED, markdown_table, summary
         from rescore.store import atomic_path, write_json
 
@@ -134,9 +137,10 @@ class _Gallery:
         with atomic_path(out / "localization.md") as beside:
             beside.write_text(table)
         print(table)
-        save_png(out / "placements.png", sheet([picture for _, picture in self.tiles], 10))
-        worst = sorted(self.tiles, key=lambda t: -t[0])[:12]
-        save_png(out / "worst.png", sheet([picture for _, picture in worst], 4))
+        first = sheet([picture for _, picture in self.tiles[:_SHOWN]], 5)
+        save_png(out / "placements.png", titled(first, f"First {min(len(self.tiles), _SHOWN)} placements"))
+        worst = sheet([t for _, t in sorted(self.tiles, key=lambda t: -t[0])[:_WORST]], 4)
+        save_png(out / "worst.png", titled(worst, f"The worst {min(len(self.tiles), _WORST)} placements"))
         if self.typical is not None:
             save_reconstruction(out / "reconstruction.png", self.typical[1], self.typical[2])
 
@@ -175,7 +179,8 @@ def _view(trial: "Trial", table_class: "TableClass") -> "Instance3DView":
     parts = trial.fit.fit.parts_m(table_class.space, SCALE)
     numbers = f"{100 * (own.overlap or 0):.0f}% {own.centroid_mm:.1f}mm {own.orientation_deg:.1f}deg"
     caption = f"{trial.index} {trial.shape_id} {numbers}"
-    return Instance3DView(trial.truth, trial.fit.box, table_class.space.part_labels, parts, caption)
+    labels = table_class.space.part_labels
+    return Instance3DView(trial.truth, trial.fit.box, labels, parts, caption, trial.ring_px)
 
 
 def _write_table_picture(
@@ -188,7 +193,7 @@ def _write_table_picture(
     from datasets_synth.table_trials import empty_table, fit_region, several_at_once
     from recon.localize import FitLocalization
     from recon.outcome import Failure
-    from reports.localization import Instance3DView, TableCamera, draw, save_png
+    from reports.localization import Instance3DView, TableCamera, draw, save_png, titled
     from rescore.table_segment import segment_table
 
     rng = np.random.default_rng([seed, 1_000_000])
@@ -202,5 +207,7 @@ def _write_table_picture(
         if isinstance(found, FitLocalization):
             nearest = min(placed, key=lambda p: float(np.linalg.norm(p.xy_m - found.box.xy_m)))
             parts = found.fit.parts_m(table_class.space, SCALE)
-            views.append(Instance3DView(nearest.box, found.box, table_class.space.part_labels, parts, ""))
-    save_png(out / "table.png", draw(rgb, (0, 0), views, camera, 1.0))
+            labels = table_class.space.part_labels
+            views.append(Instance3DView(nearest.box, found.box, labels, parts, "", region.ring_px))
+    picture = draw(rgb, (0, 0), views, camera, 1.0)
+    save_png(out / "table.png", titled(picture, f"{len(placed)} cars on the table; thick: the front"))
