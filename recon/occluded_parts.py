@@ -35,7 +35,7 @@ class TransformConfig:
     outline_error: float = 0.01
     """Expected error of each side of the outline's box, as a share of its diagonal."""
     class_stretch: float = 0.15
-    """Expected spread of the logarithms of the three scales about their mean, as members of a class differ."""
+    """Expected spread of the logarithms of the three scales about their mean: members of a class differ."""
     parts_stretch: float = 0.3
     """Expected error of the logarithm of each scale that the parts give."""
     parts_shift: float = 0.3
