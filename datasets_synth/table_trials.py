@@ -44,7 +44,8 @@ from rescore.table_segment import (
 )
 from rescore.threads import one_thread
 
-_CROP_MARGIN_PX = 30
+_CROP_MARGIN_PX = 60
+"""Around the outline, so that the box is seen whole."""
 _APART_PX = 20
 """Least distance of two cars in one picture, between their boxes: their outlines do not meet."""
 

@@ -38,12 +38,11 @@ class EdgeWindow:
         high = np.ceil(ring_px.max(axis=0)).astype(int) + _MARGIN_PX + 1
         crop = picture[self.low_px[1] : high[1], self.low_px[0] : high[0]]
         self.zoom = min(config.longer_side_px / max(crop.shape[:2]), 1.0)
-        # the reduced size is rounded, so that both sides are reduced by nearly the same
-        crop = cv2.resize(crop, None, fx=self.zoom, fy=self.zoom, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(crop, None, fx=self.zoom, fy=self.zoom, interpolation=cv2.INTER_AREA)
         lab = (
-            cv2.cvtColor(crop.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2Lab)
-            if crop.dtype == np.uint8
-            else cv2.cvtColor(crop, cv2.COLOR_LRGB2Lab)
+            cv2.cvtColor(small.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2Lab)
+            if picture.dtype == np.uint8
+            else cv2.cvtColor(small, cv2.COLOR_LRGB2Lab)
         )
         self.edges = edge_channels(np.asarray(lab, np.float32), config.borders)
 

@@ -176,8 +176,8 @@ def save_reconstruction(path: Path, picture: Rgb, view: Instance3DView) -> None:
         middle, half = corners.mean(axis=0), 0.55 * np.ptp(corners, axis=0).max()
         scene.set_xlim(middle[0] - half, middle[0] + half)
         scene.set_ylim(middle[1] - half, middle[1] + half)
-        scene.set_zlim(0, 2 * half)
-        scene.set_box_aspect((1, 1, 1))
+        scene.set_zlim(0, half)
+        scene.set_box_aspect((1, 1, 0.5), zoom=1.15)
         # from the left side and ahead, whatever way the car points
         scene.view_init(24, float(np.rad2deg(view.truth.yaw_rad)) + 55)
         scene.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
