@@ -71,11 +71,12 @@ def learn_table_class(
     bins = ViewBins(12, config.elevations_rad[0])
     library = library or learn_primitives(bins, jobs=jobs)
     learned = Parallel(n_jobs=jobs)(delayed(_learn_one)(car, config, library) for car in cars)
-    space = principal_shapes([shape for _, shape in learned], config.space)
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
     chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]
+    # sums over several threads differ in the last digits, and the fits with them
     with one_thread():
+        space = principal_shapes([shape for _, shape in learned], config.space)
         views = [view for i in chosen for view in learned[i][0]]
         model = learn_class_model(
             views, "car", CAR_PARTS, LearnConfig(bins=bins, refine_rounds=config.refine_rounds), library

@@ -193,6 +193,7 @@ def _write_table_picture(
     from datasets_synth.table_trials import empty_table, fit_region, several_at_once
     from recon.localize import FitLocalization
     from recon.outcome import Failure
+    from recon.standing_box import angle_between
     from reports.localization import Instance3DView, TableCamera, draw, save_png, titled
     from rescore.table_segment import segment_table
 
@@ -210,4 +211,7 @@ def _write_table_picture(
             labels = table_class.space.part_labels
             views.append(Instance3DView(nearest.box, found.box, labels, parts, "", region.ring_px))
     picture = draw(rgb, (0, 0), views, camera, 1.0)
-    save_png(out / "table.png", titled(picture, f"{len(placed)} cars on the table; thick: the front"))
+    turned = [angle_between(v.truth.yaw_rad, v.estimate.yaw_rad) for v in views if v.estimate is not None]
+    wrong = sum(angle > np.pi / 2 for angle in turned)
+    title = f"{len(placed)} cars, {len(views)} found, {wrong} turned the wrong way; thick: the front"
+    save_png(out / "table.png", titled(picture, title))
