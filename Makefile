@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper published bench clean
+.PHONY: demo test setup paper published published-localization bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -28,6 +28,11 @@ test: setup
 # the results kept in the repository
 published: paper
 	$(BIN)/python -m reports.publish runs/paper reports/published/roc "make published"
+
+published-localization: setup
+	$(BIN)/rescore localize --out runs/localization --cars 20 --placements 200 --seed 0 --jobs $(JOBS)
+	$(BIN)/python -m reports.localization_page runs/localization reports/published/localization \
+	    "make published-localization"
 
 bench: setup
 	$(BIN)/python tests/bench.py

@@ -17,6 +17,7 @@ from datasets_synth.mesh import Imaging, Light, Material, Mesh, Placed, Scene
 from datasets_synth.render import render_radiance
 from datasets_synth.solids import MeshDraft, pose
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.outlines import fill_polygon
 from recon.standing_box import StandingBox, cam_from_ground
 from rescore.table_segment import linear_from_srgb
 
@@ -103,6 +104,19 @@ def photograph_empty() -> NDArray[np.float32]:
     return np.asarray(np.mean(shots, axis=0, dtype=np.float32))
 
 
+def table_mask() -> NDArray[np.bool_]:
+    """Where the picture of the calibrated camera shows the table, shape (h, w)."""
+    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(TABLE_M) / 2
+    corners = np.insert(half + TABLE_MIDDLE_M, 2, 0.0, axis=1)
+    return fill_polygon(project_ground(corners), CAMERA.height_px, CAMERA.width_px)
+
+
+def project_ground(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pixels (n, 2) of points (n, 3) of the ground frame."""
+    cam_from_table = cam_from_ground(GROUND)
+    return CAMERA.project(points_m @ cam_from_table[:3, :3].T + cam_from_table[:3, 3])
+
+
 @lru_cache(maxsize=1)
 def _empty_radiance() -> NDArray[np.float32]:
     return render_radiance(_scene([], CAMERA))
@@ -145,8 +159,7 @@ def _window(placement: Placement) -> tuple[slice, slice]:
     around = StandingBox(
         box.xy_m, box.yaw_rad, box.size_m * np.array([_SHADOW_REACH, 1 + _SHADOW_REACH, 1.1])
     )
-    pose_ = cam_from_ground(GROUND)
-    uv = CAMERA.project(around.corners_m @ pose_[:3, :3].T + pose_[:3, 3])
+    uv = project_ground(around.corners_m)
     limit = [CAMERA.width_px, CAMERA.height_px]
     low = np.clip(np.floor(uv.min(axis=0)) - _MARGIN_PX, 0, limit).astype(int)
     high = np.clip(np.ceil(uv.max(axis=0)) + _MARGIN_PX, 0, limit).astype(int)

@@ -18,11 +18,14 @@ from datasets_synth.table_scene import (
     photograph,
     photograph_empty,
     place_at_random,
+    project_ground,
+    table_mask,
 )
 from recon.joint_fit import JointFitConfig
 from recon.localize import (
     FitConfig,
     FitLocalization,
+    PartsConfig,
     PartsLocalization,
     UprightSurface,
     localize_by_fit,
@@ -30,7 +33,6 @@ from recon.localize import (
     single_plane,
 )
 from recon.outcome import Failure
-from recon.reconstruct import ReconstructConfig
 from recon.standing_box import StandingBox
 from rescore.localization import Score, score
 from rescore.table_segment import (
@@ -42,9 +44,10 @@ from rescore.table_segment import (
 )
 from rescore.threads import one_thread
 
-_CROP_MARGIN_PX = 30
-_APART_M = 0.33
-"""Least distance of two cars in one picture: neither hides the other."""
+_CROP_MARGIN_PX = 60
+"""Around the outline, so that the box is seen whole."""
+_APART_PX = 20
+"""Least distance of two cars in one picture, between their boxes: their outlines do not meet."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class TrialConfig:
     """Settings of all methods."""
 
     segment: TableSegmentConfig = field(default_factory=TableSegmentConfig)
-    parts: ReconstructConfig = field(default_factory=ReconstructConfig)
+    parts: PartsConfig = field(default_factory=PartsConfig)
     fit: FitConfig = field(default_factory=lambda: FitConfig(fit=JointFitConfig(model_scale=SCALE)))
 
 
@@ -123,7 +126,7 @@ def localize_placement(
         (int(low[0]), int(low[1])),
         region.ring_px,
         fit_region(rgb, region, table_class, config),
-        localize_by_parts(region.ring_px, table_class.model, CAMERA, GROUND, config.parts),
+        localize_by_parts(rgb, region.ring_px, table_class.model, CAMERA, GROUND, config.parts),
         single_plane(region.mask, CAMERA, GROUND),
     )
 
@@ -139,7 +142,7 @@ def fit_region(
 @lru_cache(maxsize=1)
 def empty_table(config: TableSegmentConfig) -> EmptyTable:
     """The empty table, photographed once in a process."""
-    return EmptyTable.of_pictures(photograph_empty(), config)
+    return EmptyTable.of_pictures(photograph_empty(), table_mask(), config)
 
 
 def several_at_once(cars: Sequence[CarModel], rng: np.random.Generator) -> list[Placement]:
@@ -148,7 +151,14 @@ def several_at_once(cars: Sequence[CarModel], rng: np.random.Generator) -> list[
     for car in cars:
         for _ in range(60):
             new = place_at_random(car, rng)
-            if all(np.linalg.norm(new.xy_m - p.xy_m) > _APART_M for p in placed):
+            if all(_apart(new, p) for p in placed):
                 placed.append(new)
                 break
     return placed
+
+
+def _apart(a: Placement, b: Placement) -> bool:
+    """Whether the boxes around two cars in the picture lie apart."""
+    uv_a, uv_b = (project_ground(p.box.corners_m) for p in (a, b))
+    gap = np.maximum(uv_a.min(axis=0) - uv_b.max(axis=0), uv_b.min(axis=0) - uv_a.max(axis=0))
+    return bool(gap.max() > _APART_PX)

@@ -118,6 +118,19 @@ def ground_rays(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _State:
+    """One set of unknowns and what it leads to."""
+
+    vector: FloatArray
+    residual: FloatArray
+    unit: FloatArray
+    """Where each ray is deepest, in units of the size, shape (n, 3)."""
+    hull: Float32Array
+    size_m: FloatArray
+    cost: float
+
+
 class OutlineFit:
     """The problem of one outline."""
 
@@ -197,62 +210,65 @@ class OutlineFit:
 
     def refine(self, vector: FloatArray, rays: GroundRays, free: int, steps: int) -> FittedInstance:
         """Gauss-Newton with Levenberg's damping on the first ``free`` unknowns."""
-        config, space = self.config, self.space
-        prior = np.concatenate([np.zeros(3), 1 / space.log_size_rest, np.ones(space.count)])[:free]
-        n = len(rays.direction)
-        unit_weight = np.sqrt(min(config.independent_points / n, 1.0)) / config.noise_m
-        damping = 1e-2
         state = self._state(vector, rays)
-        cost = self._cost(vector, state[0], unit_weight * rays.weight(state[0]))
+        damping = 1e-2
         for _ in range(steps):
-            residual, unit, hull, size = state
-            weight = unit_weight * rays.weight(residual)
-            jac = self.jacobian(vector, unit, hull, size)[:, :free] * weight[:, None]
-            robust = 1 / (1 + (residual / config.outlier_m) ** 2)
-            normal = (jac * robust[:, None]).T @ jac + np.diag(prior**2)
-            gradient = jac.T @ (robust * residual * weight) + prior**2 * np.append(
-                np.zeros(3), vector[3:free]
-            )
-            moved = False
-            for _ in range(4):
-                step = np.zeros(len(vector))
-                step[:free] = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-                trial = vector + step
-                trial_state = self._state(trial, rays)
-                trial_cost = self._cost(trial, trial_state[0], unit_weight * rays.weight(trial_state[0]))
-                if trial_cost < cost:
-                    moved = True
-                    break
-                damping *= 6
-            if not moved:
+            normal, gradient = self._normal_equations(state, rays, free)
+            better, damping = self._descend(state, rays, normal, gradient, damping)
+            if better is None:
                 break
-            gain = cost - trial_cost
-            vector, state, cost, damping = trial, trial_state, trial_cost, damping / 4
-            if gain < 1e-4 * cost:
+            gain, state = state.cost - better.cost, better
+            if gain < 1e-4 * state.cost:
                 break
-        capped = np.minimum(np.abs(state[0]), 3 * config.outlier_m) * rays.weight(state[0])
-        return FittedInstance(
-            vector[:2],
-            float(vector[2]),
-            vector[3:6],
-            vector[6:],
-            cost,
-            float(np.sqrt((capped**2).mean())),
-        )
+        capped = np.minimum(np.abs(state.residual), 3 * self.config.outlier_m) * rays.weight(state.residual)
+        x = state.vector
+        error = float(np.sqrt((capped**2).mean()))
+        return FittedInstance(x[:2], float(x[2]), x[3:6], x[6:], state.cost, error)
 
-    def _state(
-        self, vector: FloatArray, rays: GroundRays
-    ) -> tuple[FloatArray, FloatArray, Float32Array, FloatArray]:
+    def _normal_equations(
+        self, state: "_State", rays: GroundRays, free: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Matrix (f, f) and gradient (f,) of the cost in the first unknowns."""
+        prior = self._prior_weight()[:free]
+        weight = self._data_weight(state.residual, rays)
+        jac = self.jacobian(state.vector, state.unit, state.hull, state.size_m)[:, :free] * weight[:, None]
+        robust = 1 / (1 + (state.residual / self.config.outlier_m) ** 2)
+        normal = (jac * robust[:, None]).T @ jac + np.diag(prior**2)
+        gradient = jac.T @ (robust * state.residual * weight) + prior**2 * state.vector[:free]
+        return normal, gradient
+
+    def _descend(
+        self, state: "_State", rays: GroundRays, normal: FloatArray, gradient: FloatArray, damping: float
+    ) -> tuple["_State | None", float]:
+        """A state of less cost (None where four shorter and shorter steps find none) and the next damping."""
+        free = len(gradient)
+        for _ in range(4):
+            trial = state.vector.copy()
+            trial[:free] -= np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+            moved = self._state(trial, rays)
+            if moved.cost < state.cost:
+                return moved, damping / 4
+            damping *= 6
+        return None, damping
+
+    def _prior_weight(self) -> FloatArray:
+        """One over the standard deviation of each unknown (6 + k,); pose has none."""
+        return np.concatenate([np.zeros(3), 1 / self.space.log_size_rest, np.ones(self.space.count)])
+
+    def _data_weight(self, residual: FloatArray, rays: GroundRays) -> FloatArray:
+        """One over the standard deviation of each residual (n,)."""
+        share = min(self.config.independent_points / len(residual), 1.0)
+        return np.asarray(np.sqrt(share) / self.config.noise_m * rays.weight(residual))
+
+    def _state(self, vector: FloatArray, rays: GroundRays) -> "_State":
         size = self.space.size_m(vector[6:], vector[3:6])
         hull = self.space.hull(vector[6:]) if vector[6:].any() else self.space.mean
         residual, unit = self.residuals(vector, rays, hull, size)
-        return residual, unit, hull, size
-
-    def _cost(self, vector: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
         outlier = self.config.outlier_m
+        weight = self._data_weight(residual, rays)
         data = ((weight * outlier) ** 2 * np.log1p((residual / outlier) ** 2)).sum()
-        prior = ((vector[3:6] / self.space.log_size_rest) ** 2).sum() + (vector[6:] ** 2).sum()
-        return float(data + prior) / 2
+        prior = ((self._prior_weight() * vector) ** 2).sum()
+        return _State(vector, residual, unit, hull, size, float(data + prior) / 2)
 
     def starts(self, yaws_rad: FloatArray) -> list[FittedInstance]:
         """The mean shape fitted from several directions of the nose, best first, one of each result."""

@@ -3,6 +3,7 @@
 Three ways: by the report's construction, by a joint fit of pose and shape, and by one upright plane.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,22 +11,20 @@ from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
-from recon.class_to_instance import InstanceTransform, fit_instance_transform
-from recon.errors import RescoreError
+from recon.instance import Instance3D, build_instance
 from recon.joint_fit import FittedInstance, JointFitConfig, joint_fits
 from recon.outcome import Failure, Reason
 from recon.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
-from recon.outlines import canonical_ring, fill_polygon, largest_outline
-from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct_outline
+from recon.outlines import fill_polygon
+from recon.projected_parts import EdgeWindow, EdgeWindowConfig
+from recon.reconstruct import reconstruct_outline
 from recon.shape_space import ShapeSpace
 from recon.standing_box import StandingBox, angle_between, cam_from_ground
 from recon.view_bins import ViewBins
+from recon.view_selection import ViewSelectionConfig, best_view_bin
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-_RING_POINTS = 24
-"""Points on each part outline that the class model and the instance are compared by."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,10 @@ class FitConfig:
     """A larger length of the shape coefficients is a failure: no object of the class looks like this. Where
     k of them are standard normal, it is about the root of k."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
+    borders_weight: float = 150.0
+    """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts. It tells
+    front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
+    window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
 
 
@@ -89,110 +92,146 @@ def single_plane(mask: Mask, camera: PinholeCamera, ground: GroundPlane) -> Upri
     return UprightSurface((centroid - pose[:3, 3]) @ pose[:3, :3], yaw)
 
 
+@dataclass(frozen=True)
+class PartsConfig:
+    """Settings of localisation by the report's construction."""
+
+    view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
+    """Choice of the view bin; its ``reconstruct`` also rules the reconstruction."""
+    tried_bins: int = 4
+    """View bins of least cost that are reconstructed."""
+    turns_deg: tuple[float, ...] = (-12.0, -6.0, 0.0, 6.0, 12.0)
+    """Ways in which the object may be turned from the middle of a view bin of 30 degrees."""
+    fine_deg: tuple[float, ...] = (-3.0, 3.0)
+    """Turns from the best one that are tried after it."""
+    overlap_weight: float = 20.0
+    """Nats of what the projected instance and the outline do not share (1 - IoU), beside the bin's cost."""
+    borders_weight: float = 80.0
+    """Nats of 1 minus the correlation of edges with the borders of the projected instance's visible parts."""
+    window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
+
+
 @dataclass(frozen=True, eq=False)
 class PartsLocalization:
     """What the report's construction says of one outline."""
 
     box: StandingBox
-    view_bin: int
-    reconstruction: Reconstruction
-    transform: InstanceTransform
-    """From the class model to the instance in the ground frame."""
+    instance: Instance3D
+    turn_deg: float
+    """How far the object is turned from the middle of its view bin."""
     cost: float
-    """Registration cost plus what the projected instance and the outline do not share (1 - IoU)."""
+    """Cost of the view bin and of what the projected instance and the outline do not share, nats."""
 
 
 def localize_by_parts(
+    rgb: NDArray[np.uint8],
     ring_px: FloatArray,
     model: ClassModel,
     camera: PinholeCamera,
     ground: GroundPlane,
-    config: ReconstructConfig,
+    config: PartsConfig,
 ) -> PartsLocalization | Failure:
-    """The report's construction from every view bin; the bin of least cost.
+    """The report's construction from the likeliest view bins; the instance that fits the outline best.
 
     Parts are registered to the outline and placed from the ground line up (section 4.3); the transform from
     the class model to the placed parts places the others (section 4.4), and all together give the box.
+
+    Args:
+        rgb: the picture, shape (h, w, 3).
+        ring_px: outline from the segmentation, shape (m, 2), centres of its border pixels.
+        model: the class model.
+        camera: M.
+        ground: Q_g.
+        config: settings.
     """
-    tried = [_from_bin(ring_px, view.view_bin, model, camera, ground, config) for view in model.views]
-    found = [t for t in tried if isinstance(t, PartsLocalization)]
-    if found:
-        return min(found, key=lambda t: t.cost)
-    failures = [t for t in tried if isinstance(t, Failure)]
-    return failures[0]
+    xyxy = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
+    choice = best_view_bin(rgb, xyxy, model, config.view, ring_px)
+    if isinstance(choice, Failure):
+        return choice
+    trial = _PartsTrial(EdgeWindow(rgb, ring_px, config.window), ring_px, model, camera, ground, config)
+    found: list[PartsLocalization] = []
+    failures: list[Failure] = []
+    bins_left = config.tried_bins
+    for view_bin in choice.order.tolist():
+        good, bad = trial.from_bin(view_bin, float(choice.cost[view_bin]), config.turns_deg)
+        found, failures, bins_left = found + good, failures + bad, bins_left - bool(good)
+        if not bins_left:
+            break
+    if not found:
+        return failures[0]
+    best = min(found, key=lambda t: t.cost)
+    near = [best.turn_deg + step for step in config.fine_deg]
+    view_bin = best.instance.view_bin
+    found += trial.from_bin(view_bin, float(choice.cost[view_bin]), near)[0]
+    return min(found, key=lambda t: t.cost)
 
 
-def _from_bin(
-    ring_px: FloatArray,
-    view_bin: int,
-    model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
-    config: ReconstructConfig,
-) -> PartsLocalization | Failure:
-    built = reconstruct_outline(ring_px, view_bin, model, camera, ground, config)
-    if isinstance(built, Failure):
-        return built
+@dataclass(frozen=True, eq=False)
+class _PartsTrial:
+    """What is the same for all view bins of one outline."""
+
+    window: EdgeWindow
+    ring_px: FloatArray
+    model: ClassModel
+    camera: PinholeCamera
+    ground: GroundPlane
+    config: PartsConfig
+
+    def from_bin(
+        self, view_bin: int, cost: float, turns_deg: Sequence[float]
+    ) -> tuple[list[PartsLocalization], list[Failure]]:
+        """What one view bin of this cost gives, turned in each way, and why it gives nothing."""
+        found: list[PartsLocalization] = []
+        failures: list[Failure] = []
+        rules, turns_rad = self.config.view.reconstruct, np.deg2rad(turns_deg).tolist()
+        tried = reconstruct_outline(
+            self.ring_px, view_bin, self.model, self.camera, self.ground, rules, turns_rad
+        )
+        for turn_deg, built in zip(turns_deg, tried, strict=True):
+            instance = (
+                built
+                if isinstance(built, Failure)
+                else build_instance(built, view_bin, self.model, self.camera, self.ground, rules.registration)
+            )
+            if isinstance(instance, Failure):
+                failures.append(instance)
+            else:
+                box = _standing_box(instance, self.ground)
+                found.append(PartsLocalization(box, instance, turn_deg, cost + self._misfit(instance)))
+        return found, failures
+
+    def _misfit(self, instance: Instance3D) -> float:
+        """Cost of an instance in the picture, nats."""
+        visible, iou = _project_model(instance, self.model, self.ring_px, self.camera)
+        agree = float(self.window.agreement([visible])[0])
+        return self.config.overlap_weight * (1 - iou) + self.config.borders_weight * (1 - agree)
+
+
+def _standing_box(instance: Instance3D, ground: GroundPlane) -> StandingBox:
     pose = cam_from_ground(ground)
-    nose = pose[:3, :3].T @ built.cam_from_object[:, 0]
-    yaw = float(np.arctan2(nose[1], nose[0]))
-    model_points, instance_points = _correspondences(built, model, camera, pose)
-    try:
-        transform = fit_instance_transform(model_points, instance_points, yaw)
-    except RescoreError as error:
-        return Failure(Reason.PARTS_NOT_PLACED, str(error))
-    box = _box(transform, model)
-    iou = _projection_iou(transform, model, ring_px, camera, pose)
-    return PartsLocalization(box, view_bin, built, transform, built.registration_cost + 1 - iou)
+    middle = (instance.cam_from_object[:3, 3] - pose[:3, 3]) @ pose[:3, :3]
+    return StandingBox(middle[:2], instance.yaw_rad, instance.size_m)
 
 
-def _correspondences(
-    built: Reconstruction, model: ClassModel, camera: PinholeCamera, pose: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) of the class model's parts, and where the placed parts have them, ground frame."""
-    of_model, of_instance = [], []
-    for label, plane in built.part_planes.items():
-        ring = largest_outline(built.part_labels == label)
-        if ring is None or len(ring) < 8:
-            continue
-        rays = camera.rays(ring + np.array([built.x0_px, built.y0_px]))
-        points = rays * (-plane[3] / (rays @ plane[:3]))[:, None]
-        own = canonical_ring(points @ built.cam_from_object, model.part(label).plane[:3], _RING_POINTS)
-        in_cam = own @ built.cam_from_object.T
-        of_instance.append((in_cam - pose[:3, 3]) @ pose[:3, :3])
-        part = model.part(label)
-        of_model.append(canonical_ring(part.outline, part.plane[:3], _RING_POINTS))
-    if not of_model:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    return np.concatenate(of_model), np.concatenate(of_instance)
-
-
-def _box(transform: InstanceTransform, model: ClassModel) -> StandingBox:
-    """The box around all parts of the class model, moved onto the instance; it stands on the ground."""
-    points = np.concatenate([p.outline for p in model.parts])
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = (high - low) * transform.scale
-    middle = transform((low + high) / 2)
-    return StandingBox(middle[:2], transform.yaw_rad, np.append(size[:2], max(middle[2] + size[2] / 2, 1e-3)))
-
-
-def _projection_iou(
-    transform: InstanceTransform,
-    model: ClassModel,
-    ring_px: FloatArray,
-    camera: PinholeCamera,
-    pose: FloatArray,
-) -> float:
-    """Intersection over union of the outline's region and the projected parts, in [0, 1]."""
+def _project_model(
+    instance: Instance3D, model: ClassModel, ring_px: FloatArray, camera: PinholeCamera
+) -> tuple[list[FloatArray], float]:
+    """Outlines in pixels of the visible parts of the class model carried onto an instance, and the
+    intersection over union of all parts with the outline's region, in [0, 1]."""
     low = np.floor(ring_px.min(axis=0)) - 20
     width, height = (np.ceil(ring_px.max(axis=0)) + 21 - low).astype(int)
     region = fill_polygon(ring_px - low, height, width)
-    parts = np.zeros_like(region)
+    covered = np.zeros_like(region)
+    visible = []
     for part in model.parts:
-        cam = transform(part.outline) @ pose[:3, :3].T + pose[:3, 3]
-        if (cam[:, 2] > 0).all():
-            parts |= fill_polygon(camera.project(cam) - low, height, width)
-    return float((region & parts).sum() / (region | parts).sum())
+        cam = instance.class_to_instance.points(part.outline)
+        if (cam[:, 2] <= 0).any():
+            continue
+        uv = camera.project(cam)
+        covered |= fill_polygon(uv - low, height, width)
+        if instance.class_to_instance.plane(part.plane)[3] > 0:  # the camera is on the outer side
+            visible.append(uv)
+    return visible, float((region & covered).sum() / (region | covered).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,6 +257,8 @@ def localize_by_fit(
 ) -> FitLocalization | Failure:
     """The joint fit of pose and shape, started from the middle of every view bin; the least cost wins.
 
+    The cost is that of the outline and of how far the borders of the parts are from edges of the picture.
+
     Args:
         light: linear light of the picture, shape (h, w, 3).
         background: the same of the empty scene.
@@ -231,6 +272,10 @@ def localize_by_fit(
         return Failure(Reason.ABOVE_HORIZON, "an outline below the horizon expected, got points above it")
     outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
     fits = joint_fits(outline, space, camera, ground, ViewBins(config.view_bins), config.fit)
+    visible = [_visible_parts(f.parts_m(space, config.fit.model_scale), camera, ground) for f in fits]
+    agree = EdgeWindow(light, ring_px, config.window).agreement(visible)
+    total = [f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)]
+    fits = [fits[i] for i in np.argsort(total)]
     best = fits[0]
     deviation = float(np.linalg.norm(best.coefficients))
     if best.cost > config.max_cost or deviation > config.max_deviation:
@@ -243,3 +288,12 @@ def localize_by_fit(
     return FitLocalization(
         best.box(space, config.fit.model_scale), best, outline, others[0] if others else None
     )
+
+
+def _visible_parts(parts_m: FloatArray, camera: PinholeCamera, ground: GroundPlane) -> list[FloatArray]:
+    """Those outlines (p, m, 3) in pixels that turn their outer side, counter-clockwise, to the camera."""
+    pose = cam_from_ground(ground)
+    cam = parts_m @ pose[:3, :3].T + pose[:3, 3]
+    normal = np.cross(cam, np.roll(cam, -1, axis=1)).sum(axis=1)
+    facing = (normal * cam.mean(axis=1)).sum(axis=1) < 0
+    return [camera.project(outline) for outline in cam[facing]]

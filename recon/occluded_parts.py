@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
@@ -31,6 +32,14 @@ class TransformConfig:
     """Rounds that weigh down the parts that do not fit."""
     ground_weight: float = 1.0
     """Weight of the ground contacts beside all parts together, on the vertical axis."""
+    outline_error: float = 0.01
+    """Expected error of each side of the outline's box, as a share of its diagonal."""
+    class_stretch: float = 0.15
+    """Expected spread of the logarithms of the three scales about their mean: members of a class differ."""
+    parts_stretch: float = 0.3
+    """Expected error of the logarithm of each scale that the parts give."""
+    parts_shift: float = 0.3
+    """Expected error of the place that the parts give, as a share of the model's length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +132,7 @@ def class_to_instance(
             Reason.PARTS_NOT_PLACED,
             f"placed parts that fix a positive scale expected, got {np.round(scale, 3).tolist()} m a unit",
         )
-    scale, shift = _as_large_as_seen(scale, shift, found, view, model, camera)
+    scale, shift = _as_seen(scale, shift, found, model, camera, ground, config)
     residual = {
         k: float(np.sqrt(((p.model * scale + shift - p.instance) ** 2).sum(axis=1).mean()))
         for k, p in parts.items()
@@ -133,30 +142,53 @@ def class_to_instance(
     return ClassToInstance(found.cam_from_object, scale, shift, total, residual)
 
 
-def _as_large_as_seen(
+def _as_seen(
     scale: FloatArray,
     shift: FloatArray,
     found: Reconstruction,
-    view: PreparedView,
     model: ClassModel,
     camera: PinholeCamera,
+    ground: GroundPlane,
+    config: TransformConfig,
 ) -> tuple[FloatArray, FloatArray]:
-    """Scale and shift with which the parts of the labelled image are as wide and as high as the outline.
+    """Scale and shift with which the whole model stands on the ground and fills the box of the outline.
 
-    Outlines of the class model's parts come from several instances and reach farther than any one. The middle
-    of the model and its lowest points keep their place. An outline that the picture cuts off says nothing.
+    Planes of single parts scatter, and an edge-on one says nothing of its place; the outline says how large
+    the whole is, and the ground how far. So the box is fitted, near the parts and near the class model's
+    proportions. An outline that the picture cuts off says nothing.
     """
     outline, size = found.outline_px, np.array([camera.width_px, camera.height_px])
-    labelled = {label for label, _ in view.rings}
-    points = np.concatenate([p.outline for p in model.parts if p.label in labelled])
-    seen = (points * scale + shift) @ found.cam_from_object.T
-    if (outline < 1).any() or (outline > size - 2).any() or (seen[:, 2] <= 0).any():
+    points = np.concatenate([p.outline for p in model.parts])
+    low, high = points.min(axis=0), points.max(axis=0)
+    foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    nearest = float(((points * scale + shift) @ found.cam_from_object.T)[:, 2].min())
+    if (outline < 1).any() or (outline > size - 2).any() or nearest <= 0:
         return scale, shift
-    wide, high = np.ptp(outline, axis=0) / np.maximum(np.ptp(camera.project(seen), axis=0), 1e-9)
-    factor = np.array([wide, wide, high])
-    low, top = points.min(axis=0), points.max(axis=0)
-    fixed = np.array([(low[0] + top[0]) / 2, (low[1] + top[1]) / 2, low[2]])
-    return scale * factor, shift + (1 - factor) * scale * fixed
+    box = np.concatenate([outline.min(axis=0), outline.max(axis=0)])
+    tolerance_px = config.outline_error * float(np.linalg.norm(box[2:] - box[:2]))
+    start = np.append(np.log(scale), (foot * scale + shift)[:2])
+    reach_m = config.parts_shift * float(scale.mean())
+
+    def moved(unknown: FloatArray) -> tuple[FloatArray, FloatArray]:
+        new = np.exp(unknown[:3])
+        return new, np.append(unknown[3:], -ground.height_m) - new * foot
+
+    def residual(unknown: FloatArray) -> FloatArray:
+        new, by = moved(unknown)
+        cam = (points * new + by) @ found.cam_from_object.T
+        uv = camera.project(np.insert(cam[:, :2], 2, np.maximum(cam[:, 2], nearest / 10), axis=1))
+        off = np.concatenate([uv.min(axis=0), uv.max(axis=0)]) - box
+        away = unknown - start
+        return np.concatenate(
+            [
+                off / tolerance_px,
+                (unknown[:3] - unknown[:3].mean()) / config.class_stretch,
+                away[:3] / config.parts_stretch,
+                away[3:] / reach_m,
+            ]
+        )
+
+    return moved(least_squares(residual, start, max_nfev=15).x)
 
 
 def part_correspondences(

@@ -136,7 +136,9 @@ def reconstruct(
         results[i] = (
             outline
             if isinstance(outline, Failure)
-            else _instance(boxes[i], outline, view, view_bin, model, camera, ground, config, ground_region)
+            else _from_outline(
+                boxes[i], outline, view, view_bin, model, camera, ground, config, ground_region
+            )
         )
     return tuple(r for r in results if r is not None)
 
@@ -148,8 +150,11 @@ def reconstruct_outline(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig,
-) -> Reconstruction | Failure:
-    """The 3D instance of an outline that is already known, such as one from colour segmentation.
+    turns_rad: Sequence[float] = (0.0,),
+) -> tuple[Reconstruction | Failure, ...]:
+    """The 3D instances of an outline that is already known, such as one from colour segmentation.
+
+    One for each way in which the object may be turned about the vertical from the middle of its view bin.
 
     Args:
         ring_px: the closed outline, shape (m, 2), centres of its border pixels.
@@ -158,15 +163,25 @@ def reconstruct_outline(
         camera: M.
         ground: Q_g.
         config: settings.
+        turns_rad: azimuth of the camera seen from the object, less that of the bin.
     """
     view = prepare_view(model, view_bin, config.registration)
     box = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
     failure = check_box(box, view.grid, (camera.width_px, camera.height_px), config)
     if failure is not None:
-        return failure
+        return (failure,) * len(turns_rad)
     to_image = _grid_to_image(view.grid, box)
     outline = (ring_px - to_image.shift) / to_image.scale
-    return _instance(box, outline, view, view_bin, model, camera, ground, config, None)
+    parts = register_parts(outline, view, config.registration)
+    if isinstance(parts, Failure):
+        return (parts,) * len(turns_rad)
+    level = view_rotation(model, view_bin, box, camera, ground)
+    return tuple(
+        _instance(
+            outline, parts, view, to_image, level @ _about_z(-turn), model, camera, ground, config, None
+        )
+        for turn in turns_rad
+    )
 
 
 def segment(
@@ -182,7 +197,7 @@ def segment(
     return tuple(zero_level(p, view.phi, config) for p in phi)
 
 
-def _instance(
+def _from_outline(
     box_px: FloatArray,
     outline: FloatArray,
     view: PreparedView,
@@ -198,11 +213,28 @@ def _instance(
     if isinstance(parts, Failure):
         return parts
     to_image = _grid_to_image(view.grid, box_px)
+    turned = view_rotation(model, view_bin, box_px, camera, ground)
+    return _instance(outline, parts, view, to_image, turned, model, camera, ground, config, ground_region)
+
+
+def _instance(
+    outline: FloatArray,
+    parts: RegisteredParts,
+    view: PreparedView,
+    to_image: "_GridToImage",
+    cam_from_object: FloatArray,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+    ground_region: Float32Array | None,
+) -> Reconstruction | Failure:
+    """From the registered parts on: find the ground line, place the planes."""
     outline_px = to_image(outline)
     labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
-    cam_from_object = view_rotation(model, view_bin, box_px, camera, ground)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
-    bottom_px = float(box_px[3]) - 0.5 if config.box_bottom_is_ground else None
+    box_bottom = np.array([0.0, view.grid.margin_px + view.grid.box_height_px - 0.5])
+    bottom_px = float(to_image(box_bottom)[1]) if config.box_bottom_is_ground else None
     line = ground_line(
         labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region, bottom_px
     )
@@ -249,6 +281,12 @@ def view_rotation(
     forward /= np.linalg.norm(forward)
     cam_from_view = np.stack([np.cross(-ground.up, forward), -ground.up, forward], axis=1)
     return np.asarray(cam_from_view @ model.bins.level_view_from_object(view_bin))
+
+
+def _about_z(angle_rad: float) -> FloatArray:
+    """Rotation (3, 3) about the vertical of the object."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def feet(model: ClassModel) -> dict[int, FloatArray]:

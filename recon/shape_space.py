@@ -20,6 +20,7 @@ from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model
 from recon.outlines import canonical_ring
 from recon.part_views import PartView
+from recon.primitives import PrimitiveLibrary
 from recon.segment import signed_distance
 from recon.silhouette_scales import ScaledViews, scale_views
 from recon.view_bins import ViewBins
@@ -93,7 +94,9 @@ class ShapeSpace:
 
     def part_outlines(self, coefficients: FloatArray, size_m: FloatArray) -> FloatArray:
         """Outlines of the parts in metres, shape (p, m, 3)."""
-        return np.asarray((self.outlines + self.outline_modes @ coefficients) * size_m)
+        unit = self.outlines + self.outline_modes @ coefficients
+        # planes and outlines scatter from instance to instance; no part leaves the box
+        return np.asarray(np.clip(unit, [-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]) * size_m)
 
     def grid_coordinates(self, unit: FloatArray) -> FloatArray:
         """Fractional indices (3, n) of points (n, 3) in units of length, width and height; mirrors y < 0."""
@@ -121,9 +124,18 @@ class InstanceShape:
 
 
 def instance_shape(
-    instance: TrainingInstance, part_names: Sequence[str], config: ShapeSpaceConfig
+    instance: TrainingInstance,
+    part_names: Sequence[str],
+    config: ShapeSpaceConfig,
+    library: PrimitiveLibrary | None = None,
 ) -> InstanceShape:
     """The shape of one instance.
+
+    Args:
+        instance: its views and size.
+        part_names: name of each label, from 1 on.
+        config: settings.
+        library: the primitives of the bins of its first view; None for those of the package.
 
     Raises:
         RescoreError: its views cannot be put together.
@@ -131,7 +143,7 @@ def instance_shape(
     placed = object_views(instance, len(part_names))
     return InstanceShape(
         visual_hull(placed, np.array(instance.size_m), config),
-        _part_outlines(placed, instance, part_names, config),
+        _part_outlines(placed, instance, part_names, config, library),
         np.log(instance.size_m),
     )
 
@@ -236,7 +248,11 @@ def _padded_distance(mask: NDArray[np.bool_]) -> tuple[Float32Array, int]:
 
 
 def _part_outlines(
-    placed: ScaledViews, instance: TrainingInstance, part_names: Sequence[str], config: ShapeSpaceConfig
+    placed: ScaledViews,
+    instance: TrainingInstance,
+    part_names: Sequence[str],
+    config: ShapeSpaceConfig,
+    library: PrimitiveLibrary | None,
 ) -> FloatArray:
     """Outlines in units of the size, shape (p, m, 3), NaN for parts that no view shows.
 
@@ -246,7 +262,7 @@ def _part_outlines(
     bins = instance.bins[0]
     views = [v for v, b in zip(instance.views, instance.bins, strict=True) if b == bins]
     model = learn_class_model(
-        views, "instance", part_names, LearnConfig(bins=bins, refine_rounds=0, max_bin_step=1)
+        views, "instance", part_names, LearnConfig(bins=bins, refine_rounds=0, max_bin_step=1), library
     )
     out = np.full((len(part_names), config.outline_points, 3), np.nan)
     own, seen = [], []

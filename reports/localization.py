@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
+from recon.outlines import fill_polygon
 from recon.standing_box import StandingBox, cam_from_ground
 from reports.palette import part_colour, rgb
 from rescore.store import atomic_path
@@ -26,7 +27,10 @@ TRUTH_RGB, ESTIMATE_RGB = (0, 200, 120), (255, 140, 0)
 _EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 """Edges of a box as pairs of ``StandingBox.corners_m``; the front is 0, 3, 4, 7."""
 TILE_PX = (300, 240)
-_GAIN = 1.5
+_TITLE_PX = 36
+_LEAST_INSIDE = 0.85
+"""A part with less of its area inside the outline is not drawn."""
+_GAIN = 1.15
 """Pictures of a black table are brightened to be looked at."""
 
 
@@ -40,6 +44,8 @@ class Instance3DView:
     parts_m: FloatArray
     """Part outlines in the ground frame, shape (p, m, 3)."""
     caption: str
+    ring_px: FloatArray | None = None
+    """The segmented outline, shape (r, 2); parts that lie beside it are not drawn into the photograph."""
 
 
 class TableCamera:
@@ -88,13 +94,35 @@ def _draw_instance(
         cv2.polylines(out, [np.round(at).astype(np.int32)], False, colour, width, cv2.LINE_AA, 3)
 
     for label, outline in zip(view.part_labels, view.parts_m, strict=True):
-        if camera.faces(outline):
+        if camera.faces(outline) and _share_inside(camera(outline), view.ring_px) >= _LEAST_INSIDE:
             lines(np.concatenate([outline, outline[:1]]), rgb(part_colour(label)), 1)
     for box, colour in ((view.truth, TRUTH_RGB), (view.estimate, ESTIMATE_RGB)):
         if box is not None:
             for a, b in _EDGES:
                 front = {a, b} <= {0, 3, 4, 7}
                 lines(box.corners_m[[a, b]], colour, 2 if front else 1)
+
+
+def _share_inside(uv_px: FloatArray, ring_px: FloatArray | None) -> float:
+    """Share of a polygon's area inside an outline; 1 where there is none."""
+    if ring_px is None:
+        return 1.0
+    both = np.concatenate([uv_px, ring_px])
+    low = np.floor(both.min(axis=0))
+    width, height = (np.ceil(both.max(axis=0)) - low + 1).astype(int).tolist()
+    part = fill_polygon(uv_px - low, height, width)
+    inside = fill_polygon(ring_px - low, height, width)
+    return float((part & inside).sum() / max(part.sum(), 1))
+
+
+def titled(picture: Rgb, title: str) -> Rgb:
+    """A picture below a line that says what it shows and what the colours mean."""
+    band = np.full((_TITLE_PX, picture.shape[1], 3), 25, np.uint8)
+    x = 12
+    for text, colour in ((title, (235, 235, 235)), ("true box", TRUTH_RGB), ("estimate", ESTIMATE_RGB)):
+        cv2.putText(band, text, (x, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 1, cv2.LINE_AA)
+        x += cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 1)[0][0] + 28
+    return np.concatenate([band, picture], axis=0)
 
 
 def tile(picture: Rgb, crop_xy_px: tuple[int, int], view: Instance3DView, camera: TableCamera) -> Rgb:
@@ -148,12 +176,15 @@ def save_reconstruction(path: Path, picture: Rgb, view: Instance3DView) -> None:
         middle, half = corners.mean(axis=0), 0.55 * np.ptp(corners, axis=0).max()
         scene.set_xlim(middle[0] - half, middle[0] + half)
         scene.set_ylim(middle[1] - half, middle[1] + half)
-        scene.set_zlim(0, 2 * half)
-        scene.set_box_aspect((1, 1, 1))
+        scene.set_zlim(0, half)
+        scene.set_box_aspect((1, 1, 0.5), zoom=1.15)
         # from the left side and ahead, whatever way the car points
         scene.view_init(24, float(np.rad2deg(view.truth.yaw_rad)) + 55)
-        scene.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)", title=view.caption)
-        scene.legend(loc="upper left")
+        scene.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
+        scene.xaxis.labelpad = scene.yaxis.labelpad = 10
+        scene.locator_params(nbins=5)
+        figure.legend(loc="upper left")
+        figure.suptitle(view.caption)
         photo = figure.add_subplot(1, 2, 2)
         photo.imshow(picture)
         photo.set_axis_off()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from recon.localize import UprightSurface
-from recon.outcome import Failure
+from recon.outcome import Failure, Reason
 from recon.standing_box import StandingBox, angle_between, volume_overlap
 
 METHODS = ("3dp", "3dp_report", "single_plane")
@@ -67,6 +67,13 @@ def as_row(result: Score | Failure) -> dict[str, Any]:
         "centroid_mm": result.centroid_mm,
         "orientation_deg": result.orientation_deg,
     }
+
+
+def from_row(row: Mapping[str, Any]) -> Score | Failure:
+    """The result that ``as_row`` wrote."""
+    if "reason" in row:
+        return Failure(Reason(row["reason"]), row["detail"])
+    return Score(row["overlap"], row["centroid_mm"], row["orientation_deg"])
 
 
 def markdown_table(by_car: Mapping[str, Mapping[str, Sequence[Score | Failure]]]) -> str:

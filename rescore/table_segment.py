@@ -25,6 +25,9 @@ class TableSegmentConfig:
     is. In between it is shadow, unless it has a colour of its own:"""
     tint: float = 0.09
     """difference of a channel from the table in this light, as a share of the brighter of the two."""
+    beside: float = 0.03
+    """No shadow falls on what is seen beside the table, so that there a pixel whose light differs by this
+    share in any channel is the car."""
     noise: float = 0.004
     """Linear light that is lost in noise; it keeps shares of dark pixels calm."""
     close_px: int = 9
@@ -50,12 +53,19 @@ class EmptyTable:
 
     light: Float32Array
     """Mean linear light, shape (h, w, 3)."""
+    on_table: NDArray[np.bool_]
+    """Where the picture shows the table or its blurred edge, shape (h, w)."""
     config: TableSegmentConfig
 
     @staticmethod
-    def of_pictures(light: Float32Array, config: TableSegmentConfig) -> "EmptyTable":
-        """From the mean linear light (h, w, 3) of pictures of the empty table."""
-        return EmptyTable(_smooth(light, config), config)
+    def of_pictures(
+        light: Float32Array, on_table: NDArray[np.bool_], config: TableSegmentConfig
+    ) -> "EmptyTable":
+        """From the mean linear light (h, w, 3) of pictures of the empty table, and where it is (h, w)."""
+        edge = np.ones((7, 7), np.uint8)
+        return EmptyTable(
+            _smooth(light, config), cv2.dilate(on_table.astype(np.uint8), edge).astype(bool), config
+        )
 
 
 def _smooth(light: Float32Array, config: TableSegmentConfig) -> Float32Array:
@@ -81,8 +91,9 @@ def segment_table(rgb: NDArray[np.uint8], table: EmptyTable) -> list[TableRegion
     # in units of the table where it is the brighter one: in a deep shadow noise would have a colour
     own = np.abs(light - share[..., None] * table.light).max(axis=2)
     tint = own / np.maximum(grey, grey_empty)
-    car = (share > 1 + config.brighter) | (share < config.darkest_shadow) | (tint > config.tint)
-    return _regions(car, config)
+    on_table = (share > 1 + config.brighter) | (share < config.darkest_shadow) | (tint > config.tint)
+    beside = (np.abs(light - table.light) > config.beside * table.light).any(axis=2)
+    return _regions(np.where(table.on_table, on_table, beside), config)
 
 
 def _regions(car: NDArray[np.bool_], config: TableSegmentConfig) -> list[TableRegion] | Failure:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from datasets_synth.table_trials import Trial, TrialConfig
     from reports.localization import Instance3DView, Rgb
 
+_SHOWN, _WORST = 40, 12
+"""Placements in the pictures of the first and of the worst ones."""
+
 
 @app.command()
 def localize(
@@ -34,8 +37,9 @@ def localize(
 ) -> None:
     """Localise model cars on a black table, as in section 5.1 of the report: boxes, centroids, orientations.
 
-    Model cars 1:18 are placed at random and seen by one calibrated camera. The class is learned from
-    part-labelled views of other cars.
+    Model cars 1:18 are placed at random and seen by one calibrated camera. Cars as dark as the table get
+    another paint. The class is learned from part-labelled views of other cars, whose length, width and
+    height are known.
 
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """
@@ -114,7 +118,7 @@ class _Gallery:
 
     def write(self, out: Path) -> None:
         """Write numbers, table and pictures."""
-        from reports.localization import save_png, save_reconstruction, sheet
+        from reports.localization import save_png, save_reconstruction, sheet, titled
         from rescore.localization import METHODS, REPORTED, markdown_table, summary
         from rescore.store import atomic_path, write_json
 
@@ -133,9 +137,10 @@ class _Gallery:
         with atomic_path(out / "localization.md") as beside:
             beside.write_text(table)
         print(table)
-        save_png(out / "placements.png", sheet([picture for _, picture in self.tiles], 10))
-        worst = sorted(self.tiles, key=lambda t: -t[0])[:12]
-        save_png(out / "worst.png", sheet([picture for _, picture in worst], 4))
+        first = sheet([picture for _, picture in self.tiles[:_SHOWN]], 5)
+        save_png(out / "placements.png", titled(first, f"First {min(len(self.tiles), _SHOWN)} placements"))
+        worst = sheet([t for _, t in sorted(self.tiles, key=lambda t: -t[0])[:_WORST]], 4)
+        save_png(out / "worst.png", titled(worst, f"The worst {min(len(self.tiles), _WORST)} placements"))
         if self.typical is not None:
             save_reconstruction(out / "reconstruction.png", self.typical[1], self.typical[2])
 
@@ -174,7 +179,8 @@ def _view(trial: "Trial", table_class: "TableClass") -> "Instance3DView":
     parts = trial.fit.fit.parts_m(table_class.space, SCALE)
     numbers = f"{100 * (own.overlap or 0):.0f}% {own.centroid_mm:.1f}mm {own.orientation_deg:.1f}deg"
     caption = f"{trial.index} {trial.shape_id} {numbers}"
-    return Instance3DView(trial.truth, trial.fit.box, table_class.space.part_labels, parts, caption)
+    labels = table_class.space.part_labels
+    return Instance3DView(trial.truth, trial.fit.box, labels, parts, caption, trial.ring_px)
 
 
 def _write_table_picture(
@@ -187,7 +193,8 @@ def _write_table_picture(
     from datasets_synth.table_trials import empty_table, fit_region, several_at_once
     from recon.localize import FitLocalization
     from recon.outcome import Failure
-    from reports.localization import Instance3DView, TableCamera, draw, save_png
+    from recon.standing_box import angle_between
+    from reports.localization import Instance3DView, TableCamera, draw, save_png, titled
     from rescore.table_segment import segment_table
 
     rng = np.random.default_rng([seed, 1_000_000])
@@ -201,5 +208,10 @@ def _write_table_picture(
         if isinstance(found, FitLocalization):
             nearest = min(placed, key=lambda p: float(np.linalg.norm(p.xy_m - found.box.xy_m)))
             parts = found.fit.parts_m(table_class.space, SCALE)
-            views.append(Instance3DView(nearest.box, found.box, table_class.space.part_labels, parts, ""))
-    save_png(out / "table.png", draw(rgb, (0, 0), views, camera, 1.0))
+            labels = table_class.space.part_labels
+            views.append(Instance3DView(nearest.box, found.box, labels, parts, "", region.ring_px))
+    picture = draw(rgb, (0, 0), views, camera, 1.0)
+    turned = [angle_between(v.truth.yaw_rad, v.estimate.yaw_rad) for v in views if v.estimate is not None]
+    wrong = sum(angle > np.pi / 2 for angle in turned)
+    title = f"{len(placed)} cars, {len(views)} found, {wrong} turned the wrong way; thick: the front"
+    save_png(out / "table.png", titled(picture, title))

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from exact_primitives import exact_library
 
 from datasets_synth.car_models import cars_of_splits
 from datasets_synth.table_class import TableClass, TableClassConfig, learn_table_class
@@ -21,7 +22,8 @@ from recon.localize import FitLocalization
 from recon.outcome import Failure, Reason
 from recon.shape_space import ShapeSpaceConfig
 from recon.standing_box import cam_from_ground
-from rescore.localization import Score
+from recon.view_bins import ViewBins
+from rescore.localization import METHODS, Score
 from rescore.table_segment import segment_table
 
 CARS = cars_of_splits()
@@ -37,7 +39,8 @@ SMALL = TableClassConfig(
 @lru_cache(maxsize=1)
 def small_class() -> TableClass:
     sedans = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))]
-    return learn_table_class(sedans[:4], SMALL, jobs=1)
+    library = exact_library(ViewBins(12, SMALL.elevations_rad[0]))
+    return learn_table_class(sedans[:4], SMALL, 1, library)
 
 
 def sedan() -> Placement:
@@ -64,8 +67,12 @@ def test_a_car_of_another_shape_is_localised() -> None:
     placement = sedan()
     rgb = photograph([placement], np.random.default_rng(3))
     trial = localize_placement(placement, rgb, 0, small_class(), TrialConfig())
-    own, surface = trial.scores["3dp"], trial.scores["single_plane"]
+    own, parts, surface = (trial.scores[m] for m in METHODS)
     assert isinstance(own, Score)
+    assert isinstance(parts, Score)
+    assert parts.overlap is not None
+    assert parts.overlap > 0.5
+    assert parts.orientation_deg < 15
     assert isinstance(surface, Score)
     assert own.overlap is not None
     assert own.overlap > 0.7

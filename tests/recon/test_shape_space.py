@@ -3,6 +3,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, labelled_view
+from exact_primitives import exact_library
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.errors import RescoreError
@@ -12,6 +13,7 @@ from recon.outcome import Failure, Reason
 from recon.outline_edges import OutlinePoints, outline_points
 from recon.outlines import fill_polygon, largest_outline
 from recon.shape_space import (
+    InstanceShape,
     ShapeSpace,
     ShapeSpaceConfig,
     TrainingInstance,
@@ -21,6 +23,7 @@ from recon.shape_space import (
 )
 from recon.standing_box import StandingBox, cam_from_ground, turn, volume_overlap
 from recon.view_bins import ViewBins
+from rescore.threads import one_thread
 
 BINS = ViewBins(12, float(np.deg2rad(35)))
 CAMERA = PinholeCamera(600.0, 600.0, 399.5, 299.5, 800, 600)
@@ -35,9 +38,15 @@ def instance(size: tuple[float, float, float]) -> TrainingInstance:
     return TrainingInstance(views, (BINS,) * BINS.count, size)
 
 
+@lru_cache(maxsize=4)
+def shape_of(size: tuple[float, float, float]) -> InstanceShape:
+    with one_thread():
+        return instance_shape(instance(size), PART_NAMES, CONFIG, exact_library(BINS))
+
+
 @lru_cache(maxsize=1)
 def space() -> ShapeSpace:
-    return principal_shapes([instance_shape(instance(s), PART_NAMES, CONFIG) for s in SIZES], CONFIG)
+    return principal_shapes([shape_of(s) for s in SIZES], CONFIG)
 
 
 def silhouette(truth: StandingBox) -> np.ndarray:
@@ -149,6 +158,6 @@ def test_single_plane_through_an_upright_wall() -> None:
 
 
 def test_too_few_instances() -> None:
-    shape = instance_shape(instance(SIZES[0]), PART_NAMES, CONFIG)
+    shape = shape_of(SIZES[0])
     with pytest.raises(RescoreError, match="at least 4 training instances"):
         principal_shapes([shape] * 3, CONFIG)

@@ -6,7 +6,7 @@ import pytest
 from recon.localize import UprightSurface
 from recon.outcome import Failure, Reason
 from recon.standing_box import StandingBox
-from rescore.localization import METHODS, Score, as_row, markdown_table, score, summary
+from rescore.localization import METHODS, Score, as_row, from_row, markdown_table, score, summary
 from rescore.table_segment import EmptyTable, TableSegmentConfig, linear_from_srgb, segment_table
 
 LOST = Failure(Reason.NO_OUTLINE, "a region expected, got none")
@@ -39,11 +39,15 @@ def test_lost_placements_are_counted_and_do_not_count_as_zero() -> None:
     }
     assert summary([LOST])["centroid_mm"] is None
     assert json.loads(json.dumps(as_row(LOST)))["reason"] == "no_outline"
+    assert [from_row(json.loads(json.dumps(as_row(s)))) for s in scores] == scores
     table = markdown_table({"a": dict.fromkeys(METHODS, scores), "b": {m: [LOST] for m in METHODS}})
     lines = table.splitlines()
     assert len(lines) == 5
     assert len({line.count("|") for line in lines}) == 1
     assert "70.0 (1 lost)" in lines[2]
+
+
+EVERYWHERE = np.ones((120, 160), bool)
 
 
 def picture() -> np.ndarray:
@@ -60,7 +64,7 @@ def test_table_is_segmented_into_things_and_not_shadows() -> None:
     shot[78:84, 60:70] = 8
     shot[5:7, 5:7] = 250  # a speck
     noisy = np.clip(shot + rng.normal(0, 2, shot.shape), 0, 255).astype(np.uint8)
-    table = EmptyTable.of_pictures(linear_from_srgb(empty), TableSegmentConfig())
+    table = EmptyTable.of_pictures(linear_from_srgb(empty), EVERYWHERE, TableSegmentConfig())
     regions = segment_table(noisy, table)
     assert not isinstance(regions, Failure)
     assert len(regions) == 1
@@ -71,8 +75,26 @@ def test_table_is_segmented_into_things_and_not_shadows() -> None:
     assert not mask[:30].any()
 
 
+def test_beside_the_table_no_shadow_is_expected() -> None:
+    # the upper half shows a pale room; a car of nearly its light reaches into it
+    empty = picture()
+    empty[:60] = 210
+    on_table = EVERYWHERE.copy()
+    on_table[:60] = False
+    shot = empty.copy()
+    shot[30:90, 50:110] = 200  # 0.9 of the room's linear light: a shade, if shades fell there
+    shot[95:105, 20:40] = 50  # a shade on the table
+    regions = segment_table(
+        shot, EmptyTable.of_pictures(linear_from_srgb(empty), on_table, TableSegmentConfig())
+    )
+    assert not isinstance(regions, Failure)
+    assert len(regions) == 1
+    assert regions[0].mask[33:87, 53:107].all()
+    assert not regions[0].mask[:25].any()
+
+
 def test_an_empty_table_has_a_reason() -> None:
-    table = EmptyTable.of_pictures(linear_from_srgb(picture()), TableSegmentConfig())
+    table = EmptyTable.of_pictures(linear_from_srgb(picture()), EVERYWHERE, TableSegmentConfig())
     found = segment_table(picture(), table)
     assert isinstance(found, Failure)
     assert found.reason is Reason.NO_OUTLINE
