@@ -13,6 +13,7 @@ from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.instance import Instance3D, build_instance
 from recon.joint_fit import FittedInstance, JointFitConfig, joint_fits
+from recon.occluded_parts import TransformConfig
 from recon.outcome import Failure, Reason
 from recon.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
 from recon.outlines import fill_polygon
@@ -98,6 +99,7 @@ class PartsConfig:
 
     view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     """Choice of the view bin; its ``reconstruct`` also rules the reconstruction."""
+    transform: TransformConfig = field(default_factory=lambda: TransformConfig(calibrated_ground=True))
     tried_bins: int = 4
     """View bins of least cost that are reconstructed."""
     turns_deg: tuple[float, ...] = (-12.0, -6.0, 0.0, 6.0, 12.0)
@@ -191,7 +193,15 @@ class _PartsTrial:
             instance = (
                 built
                 if isinstance(built, Failure)
-                else build_instance(built, view_bin, self.model, self.camera, self.ground, rules.registration)
+                else build_instance(
+                    built,
+                    view_bin,
+                    self.model,
+                    self.camera,
+                    self.ground,
+                    rules.registration,
+                    self.config.transform,
+                )
             )
             if isinstance(instance, Failure):
                 failures.append(instance)

@@ -32,6 +32,9 @@ class TransformConfig:
     """Rounds that weigh down the parts that do not fit."""
     ground_weight: float = 1.0
     """Weight of the ground contacts beside all parts together, on the vertical axis."""
+    calibrated_ground: bool = False
+    """Whether the camera and the ground plane are measured, as on a table: then the outline moves the object
+    too, and all three scales; where they are a guess, it only sets the size."""
     outline_error: float = 0.01
     """Expected error of each side of the outline's box, as a share of its diagonal."""
     class_stretch: float = 0.15
@@ -132,7 +135,10 @@ def class_to_instance(
             Reason.PARTS_NOT_PLACED,
             f"placed parts that fix a positive scale expected, got {np.round(scale, 3).tolist()} m a unit",
         )
-    scale, shift = _as_seen(scale, shift, found, model, camera, ground, config)
+    if config.calibrated_ground:
+        scale, shift = _as_seen_on_ground(scale, shift, found, model, camera, ground, config)
+    else:
+        scale, shift = _as_large_as_seen(scale, shift, found, view, model, camera)
     residual = {
         k: float(np.sqrt(((p.model * scale + shift - p.instance) ** 2).sum(axis=1).mean()))
         for k, p in parts.items()
@@ -142,7 +148,33 @@ def class_to_instance(
     return ClassToInstance(found.cam_from_object, scale, shift, total, residual)
 
 
-def _as_seen(
+def _as_large_as_seen(
+    scale: FloatArray,
+    shift: FloatArray,
+    found: Reconstruction,
+    view: PreparedView,
+    model: ClassModel,
+    camera: PinholeCamera,
+) -> tuple[FloatArray, FloatArray]:
+    """Scale and shift with which the parts of the labelled image are as wide and as high as the outline.
+
+    Outlines of the class model's parts come from several instances and reach farther than any one. The middle
+    of the model and its lowest points keep their place. An outline that the picture cuts off says nothing.
+    """
+    outline, size = found.outline_px, np.array([camera.width_px, camera.height_px])
+    labelled = {label for label, _ in view.rings}
+    points = np.concatenate([p.outline for p in model.parts if p.label in labelled])
+    seen = (points * scale + shift) @ found.cam_from_object.T
+    if (outline < 1).any() or (outline > size - 2).any() or (seen[:, 2] <= 0).any():
+        return scale, shift
+    wide, high = np.ptp(outline, axis=0) / np.maximum(np.ptp(camera.project(seen), axis=0), 1e-9)
+    factor = np.array([wide, wide, high])
+    low, top = points.min(axis=0), points.max(axis=0)
+    fixed = np.array([(low[0] + top[0]) / 2, (low[1] + top[1]) / 2, low[2]])
+    return scale * factor, shift + (1 - factor) * scale * fixed
+
+
+def _as_seen_on_ground(
     scale: FloatArray,
     shift: FloatArray,
     found: Reconstruction,

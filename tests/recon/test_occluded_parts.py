@@ -122,6 +122,22 @@ def test_a_whole_outline_sets_the_size(model: ClassModel, view: PreparedView) ->
     outline = np.array([[low[0], low[1]], [low[0] + 0.9 * (high - low)[0], high[1]], [low[0], high[1]]])
     moved = class_to_instance(replace(found, outline_px=outline), BIN, view, model, CAMERA, GROUND)
     assert isinstance(moved, ClassToInstance)
+    np.testing.assert_allclose(moved.scale, [0.9 * 4.5, 0.9 * 4.5, 4.5], rtol=0.03)
+
+
+def test_on_a_calibrated_ground_the_model_fills_the_outline(model: ClassModel, view: PreparedView) -> None:
+    scale = np.full(3, 4.5)
+    found, _ = placed(model, view, scale=scale)
+    points = ClassToInstance(TURN, scale, placed(model, view, scale=scale)[1], 0.0, {}).points(
+        np.concatenate([p.outline for p in model.parts])
+    )
+    uv = CAMERA.project(points)
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    # an outline nine tenths as wide as the model carried over, and as high
+    outline = np.array([[low[0], low[1]], [low[0] + 0.9 * (high - low)[0], high[1]], [low[0], high[1]]])
+    table = TransformConfig(calibrated_ground=True)
+    moved = class_to_instance(replace(found, outline_px=outline), BIN, view, model, CAMERA, GROUND, table)
+    assert isinstance(moved, ClassToInstance)
     np.testing.assert_allclose(moved.scale[[0, 2]], [0.9 * 4.5, 4.5], rtol=0.03)
     # the width, nearly along the line of sight, is drawn to the mean of both
     assert 0.9 * 4.5 < moved.scale[1] < 4.5
