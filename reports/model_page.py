@@ -160,8 +160,9 @@ def _page(study: ModelStudy, command: str) -> str:
     truth = (
         "Test shapes, each learned from neighbouring labelled views of its own, knowing the view bins alone. "
         "Parts that at least two views show; rods (legs, handlebars, fuselages) have no normal. Centroids in "
-        "lengths of the object's longest side, after the best scale and shift. More views sharpen planes; "
-        "centroids may suffer, since parts that turn away, or hide, have the middle of what is seen elsewhere. "
+        "lengths of the object's longest side, after the best scale and shift. More views sharpen "
+        "planes; centroids may suffer, since parts that turn away, or hide, have the middle of what is seen "
+        "elsewhere. "
         "They count for little, but without them nothing says how wide an object is."
     )
     parts = [
