@@ -28,8 +28,10 @@ GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})
 _PICTURE_KINDS = tuple(p.kind for p in PROPS if p.needs_pictures)
 _WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor", "minibus", "flatbed", "teardrop")
 _BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")
-MOST_COVERED = 0.3
-"""Share of a car's length that a thing put anywhere may hide; what is put before a car may hide more."""
+MOST_COVERED = 0.35
+"""Share of a car's length that a large thing put anywhere may hide."""
+MOST_COVERED_BY_SMALL = 0.5
+"""The same for small things, which stand before cars in every street."""
 _FURNITURE_KINDS = tuple(p.kind for p in PROPS if p.kind not in _PICTURE_KINDS + _WHEELED_KINDS + _BOX_KINDS)
 _HIDING = tuple(p.kind for p in PROPS if p.hides)
 
@@ -273,7 +275,7 @@ def _put_anywhere(plan: _Plan, prop: Prop, pictures: Pictures) -> None:
                 else 0
             )
         )
-        if _covers_a_car(plan, mesh, x, y, MOST_COVERED):
+        if _covers_a_car(plan, mesh, x, y, MOST_COVERED_BY_SMALL if prop.hides else MOST_COVERED):
             continue
         if plan.put(mesh, prop.kind, (x, y, yaw)):
             return
