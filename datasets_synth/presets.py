@@ -165,10 +165,10 @@ _PRESETS = {
     "demo": replace(
         _PAPER,
         splits={
-            "train": SplitSize(30, 36),
-            "calibration": SplitSize(20, 23),
+            "train": SplitSize(24, 29),
+            "calibration": SplitSize(14, 16),
             "validation": SplitSize(12, 14),
-            "test": SplitSize(30, 35),
+            "test": SplitSize(24, 28),
         },
     ),
     "tiny": replace(
