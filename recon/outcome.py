@@ -19,6 +19,8 @@ class Reason(StrEnum):
     """The planes of the placed parts cover too little of the object."""
     NO_STEREO = "no_stereo"
     """Too few pixels of the predicted depth region have a measured depth."""
+    NO_CALIBRATION = "no_calibration"
+    """The camera's focal length or baseline is unknown, so nothing can be measured in metres."""
     BOX_OUTSIDE_IMAGE = "box_outside_image"
     """Too little of the box lies inside the image."""
 

@@ -20,7 +20,12 @@ DETECTOR_SHORT = {"hog": "HOG + SVM", "boosted": "boosted"}
 _DETECTOR_COLOUR = {"hog": BLUE, "boosted": VERMILION}
 _SPARE = (GREEN, PURPLE, ORANGE, SKY)
 
-MODE_NAME = {"detector": "detector alone", "paper": "with stereo depth"}
+MODE_NAME = {
+    "detector": "detector alone",
+    "paper": "with depth (paper)",
+    "guarded": "with depth (guarded)",
+    "metric": "with depth (metric)",
+}
 
 OUTCOMES = ("hit", "false_alarm", "duplicate", "ignored")
 OUTCOME_NAME = {

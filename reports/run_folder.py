@@ -62,8 +62,10 @@ class Run:
         return settings if isinstance(settings, dict) else {}
 
     def tuning(self) -> Mapping[str, Mapping[str, Any]]:
-        """The choice of w by detector: ``w``, ``w_grid``, ``objective``, ``objective_name``; may be empty."""
-        return dict(self.metrics.get("tuning", {}))
+        """The choice of w in the last mode, by detector: ``w``, ``w_grid``, ``objective``,
+        ``objective_name``; may be empty."""
+        found: Mapping[str, Mapping[str, Any]] = self.metrics.get("tuning", {})
+        return {name: t.get("modes", {}).get(self.modes[-1], t) for name, t in found.items()}
 
     def part_names(self) -> tuple[str, ...]:
         """Names of the parts of the class model, label 1 first; empty where the run folder holds no model."""

@@ -13,7 +13,7 @@ from reports.palette import detector_name, mode_name
 RECALLS = ("0.5", "0.6", "0.7", "0.8")
 
 _SPLIT_TEXT = {"all": "all splits"}
-_SHORT_MODE = {"detector": "alone", "paper": "with depth"}
+_SHORT_MODE = {"detector": "alone"}
 
 REASON_TEXT = {
     "ok": "depth compared",
@@ -23,6 +23,7 @@ REASON_TEXT = {
     "above_horizon": "ground line above the horizon",
     "parts_not_placed": "too few parts placed",
     "no_stereo": "too little measured depth",
+    "no_calibration": "camera not calibrated",
     "box_outside_image": "box outside the image",
 }
 

@@ -102,7 +102,7 @@ def align_depth(
         image_range: low and high of ``Normalisation.IMAGE_RANGE`` where the caller has them from
             ``depth_range``; else they are computed.
     """
-    region = np.isfinite(predicted.depth) & _inside(predicted, xyxy_px)
+    region = predicted_region(predicted, xyxy_px)
     z_s = measured[predicted.window]
     valid = region & np.isfinite(z_s)
     n_region, n_valid = int(region.sum()), int(valid.sum())
@@ -143,14 +143,14 @@ def depth_range(measured: NDArray[np.float32], percentiles: tuple[float, float])
     return float(low), float(high)
 
 
-def _inside(predicted: DepthMap, xyxy_px: FloatArray) -> NDArray[np.bool_]:
-    """Pixels of the window whose middle lies in the box."""
+def predicted_region(predicted: DepthMap, xyxy_px: FloatArray) -> NDArray[np.bool_]:
+    """Pixels of the window that have a predicted depth and whose middle lies in the box, shape (h, w)."""
     rows, columns = predicted.window
     x = np.arange(columns.start, columns.stop) + 0.5
     y = np.arange(rows.start, rows.stop) + 0.5
     x0, y0, x1, y1 = xyxy_px
     inside: NDArray[np.bool_] = ((y >= y0) & (y < y1))[:, None] & ((x >= x0) & (x < x1))[None, :]
-    return inside
+    return inside & np.isfinite(predicted.depth)
 
 
 def _range(

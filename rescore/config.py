@@ -10,8 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from datasets_synth.presets import SynthConfig, synth_preset
 from recon.errors import RescoreError
 from recon.learn import LearnConfig
+from rescore.cues import Registration
 from rescore.detectors.boosted import BoostedConfig
 from rescore.detectors.hog_svm import HogConfig
+from rescore.evidence_model import EvidenceConfig
 from rescore.formats.checked_json import first_difference
 from rescore.pipeline import RescoreConfig
 from rescore.steps import DetectorKind
@@ -36,6 +38,9 @@ class RunConfig(BaseModel):
     hog: HogConfig = HogConfig()
     boosted: BoostedConfig = BoostedConfig()
     rescore: RescoreConfig = RescoreConfig()
+    evidence: EvidenceConfig = EvidenceConfig()
+    registrations: tuple[Registration, ...] = Field(default=tuple(Registration), min_length=1)
+    """Modes to compare."""
     tune: TuneConfig = TuneConfig()
 
     @model_validator(mode="before")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.cues import CUES, Registration
 from rescore.detectors.base import Detections
 from rescore.difficulty import difficulty
 from rescore.evidence import NOT_RESCORED, CandidateTable
@@ -17,7 +18,7 @@ from rescore.frames import DataSet
 from rescore.kinds import kinds_of_candidates
 from rescore.matching import OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics import Summary, summarise
-from rescore.store import CANDIDATE_COLUMNS, read_json, write_candidates, write_json
+from rescore.store import read_json, write_candidates, write_json
 from rescore.tune import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -25,8 +26,6 @@ Columns = dict[str, NDArray[Any]]
 
 DETECTOR_MODE = "detector"
 """Ranked by the raw score of the detector alone."""
-PAPER_MODE = "paper"
-"""Ranked by the posterior of eqs. 6 and 7 as printed."""
 
 
 def evaluate(
@@ -34,45 +33,49 @@ def evaluate(
     files: Sequence[DetectionFile],
     run_dir: Path,
     *,
-    tunings: Mapping[str, Tuning] | None = None,
+    tunings: Mapping[tuple[str, Registration], Tuning] | None = None,
     min_iou: float = 0.5,
 ) -> dict[str, Any]:
     """Write ``candidates.parquet`` and ``metrics.json`` of detections into a run folder; returns the latter.
 
-    Each file gives a row "detector" and, where it was rescored, a row "paper".
+    Each detector gives a row "detector" and one for each mode in which it was rescored.
 
     Args:
         data: the test frames; every one counts, with candidates or not.
-        files: one for each detector.
+        files: one for each detector and mode; those of one detector hold the same candidates.
         run_dir: where to write.
-        tunings: the choice of w by detector, kept beside the figures.
+        tunings: the choice of w by detector and mode, kept beside the figures.
         min_iou: overlap from which a candidate has found a car.
 
     Raises:
-        RescoreError: no frames, no detections, or two files of one detector.
+        RescoreError: no frames, no detections, two files of one detector and mode, or files of one detector
+            with different candidates.
     """
     _check(data, files)
     truth = TruthTable.of(data)
     parts: list[Columns] = []
     rows: list[dict[str, Any]] = []
-    for file in files:
-        columns, matches = _match_file(file, truth, min_iou)
-        columns["kind"] = _kinds(data, file.table)
-        parts.append(columns)
-        for mode, match in matches.items():
-            w = 1.0 if mode == DETECTOR_MODE else file.w
-            rows.append(_row(file.detector, mode, w, summarise(match)))
+    firsts: list[DetectionFile] = []
+    for own in _by_detector(files):
+        matched = {f.registration: _match(f, truth, min_iou) for f in own if f.posterior is not None}
+        alone = _match_alone(own[0], truth, min_iou)
+        parts.append(_columns(own, alone, matched) | {"kind": _kinds(data, own[0].table)})
+        rows.append(_row(own[0].detector, DETECTOR_MODE, 1.0, summarise(alone)))
+        weights = {f.registration: f.w for f in own}
+        rows += [_row(own[0].detector, m, weights[m], summarise(match)) for m, match in matched.items()]
+        firsts.append(own[0])
     metrics = {
         "n_images": truth.n_images,
         "n_cars": truth.n_cars,
-        "n_candidates": sum(len(f.table) for f in files),
+        "n_candidates": sum(len(f.table) for f in firsts),
         "rows": rows,
         "stereo": _stereo(data),
-        "reasons": {f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in files},
+        "reasons": {f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in firsts},
         "tuning": _tuning(tunings or {}),
-        "difficulty": {f.detector: _difficulty(data, f.table) for f in files},
+        "difficulty": {f.detector: _difficulty(data, f.table) for f in firsts},
     }
-    table = {name: np.concatenate([p[name] for p in parts]) for name in CANDIDATE_COLUMNS}
+    names = dict.fromkeys(name for p in parts for name in p)
+    table = {name: np.concatenate([_column(p, name) for p in parts]) for name in names}
     write_candidates(run_dir / "candidates.parquet", table)
     write_json(run_dir / "metrics.json", metrics)
     return metrics
@@ -85,26 +88,58 @@ def _check(data: DataSet, files: Sequence[DetectionFile]) -> None:
         )
     if not files:
         raise RescoreError("evaluate: expected at least one file of detections, got none; name one")
-    twice = [name for name, count in Counter(f.detector for f in files).items() if count > 1]
+    kinds = Counter((f.detector, f.registration if f.posterior is not None else "raw") for f in files)
+    twice = [f"{name!r} ({kind})" for (name, kind), count in kinds.items() if count > 1]
     if twice:
-        raise RescoreError(f"evaluate: expected one file a detector, got two of {twice[0]!r}; rename one")
+        raise RescoreError(
+            f"evaluate: expected one file a detector and mode, got two of {twice[0]}; rename one"
+        )
 
 
-def _match_file(
-    file: DetectionFile, truth: TruthTable, min_iou: float
-) -> tuple[Columns, dict[str, MatchTable]]:
-    """The columns of one detector, and its match table in each mode."""
+def _by_detector(files: Sequence[DetectionFile]) -> list[list[DetectionFile]]:
+    """The files of each detector, that of eq. 6 first: its columns are always there."""
+    groups: dict[str, list[DetectionFile]] = {}
+    for file in files:
+        groups.setdefault(file.detector, []).append(file)
+    for own in groups.values():
+        own.sort(key=lambda f: (f.posterior is None, list(Registration).index(f.registration)))
+        first = own[0].table
+        for other in own[1:]:
+            t = other.table
+            same = len(t) == len(first) and np.array_equal(t.xyxy_px, first.xyxy_px)
+            if not (same and np.array_equal(t.image_id, first.image_id)):
+                raise RescoreError(
+                    f"evaluate: expected the same candidates in all files of {other.detector!r}, those of "
+                    f"mode {other.registration} differ from those of mode {own[0].registration}; apply both "
+                    "modes to one file of detections"
+                )
+    return list(groups.values())
+
+
+def _match_alone(file: DetectionFile, truth: TruthTable, min_iou: float) -> MatchTable:
     t = file.table
-    detector = greedy_match(t.image_id, t.xyxy_px, ranking_of(t.score, t.score), truth, min_iou)
-    matches = {DETECTOR_MODE: detector}
-    posterior = t.likelihood
-    if file.posterior is not None:
-        posterior = file.posterior
-        ranking = ranking_of(posterior, t.score)
-        matches[PAPER_MODE] = greedy_match(t.image_id, t.xyxy_px, ranking, truth, min_iou)
-    paper = matches.get(PAPER_MODE, detector)
+    return greedy_match(t.image_id, t.xyxy_px, ranking_of(t.score, t.score), truth, min_iou)
+
+
+def _match(file: DetectionFile, truth: TruthTable, min_iou: float) -> MatchTable:
+    t = file.table
+    assert file.posterior is not None
+    return greedy_match(t.image_id, t.xyxy_px, ranking_of(file.posterior, t.score), truth, min_iou)
+
+
+def _columns(
+    own: Sequence[DetectionFile], alone: MatchTable, matched: Mapping[Registration, MatchTable]
+) -> Columns:
+    """The columns of one detector, with all its modes."""
+    t = own[0].table
+    # a file that was not rescored has no D, so it may stand for that of eq. 6
+    file = next((f for f in own if f.registration is Registration.PAPER), None)
+    nothing = np.full(len(t), np.nan)
+    posterior = file.posterior if file is not None and file.posterior is not None else t.likelihood
+    w = np.nan if file is None or file.w is None else file.w
+    paper = matched.get(Registration.PAPER, alone)
     columns: Columns = {
-        "detector": np.full(len(t), file.detector, dtype=object),
+        "detector": np.full(len(t), own[0].detector, dtype=object),
         "image_id": t.image_id,
         "rank": t.rank,
         **dict(zip(("x0", "y0", "x1", "y1"), t.xyxy_px.T, strict=True)),
@@ -112,20 +147,53 @@ def _match_file(
         "likelihood": t.likelihood,
         "status": t.status,
         "reason_detail": t.reason_detail,
-        "depth_difference": t.depth_difference,
+        "depth_difference": t.depth_difference if file is not None else nothing,
         "scale": t.scale,
         "offset": t.offset,
         "valid_share": t.valid_share,
         "stereo_low": t.stereo_low,
         "stereo_span": t.stereo_span,
         "posterior_paper": posterior,
-        "w": np.full(len(t), np.nan if file.w is None else file.w),
-        "outcome_detector": _names(detector),
+        "w": np.full(len(t), w),
+        "outcome_detector": _names(alone),
         "outcome_paper": _names(paper),
-        "annotation_id_detector": detector.annotation_id,
+        "annotation_id_detector": alone.annotation_id,
         "annotation_id_paper": paper.annotation_id,
+        **{f"cue_{name}": column for name, column in zip(CUES, t.cues.T, strict=True)},
     }
-    return columns, matches
+    for other in own:
+        if other.registration in matched and other.registration is not Registration.PAPER:
+            columns |= _mode_columns(other, matched[other.registration])
+    return columns
+
+
+def _mode_columns(file: DetectionFile, match: MatchTable) -> Columns:
+    mode = file.registration.value
+    assert file.posterior is not None
+    return {
+        f"difference_{mode}": file.table.depth_difference,
+        f"status_{mode}": file.table.status,
+        f"posterior_{mode}": file.posterior,
+        f"w_{mode}": np.full(len(file.table), np.nan if file.w is None else file.w),
+        f"outcome_{mode}": _names(match),
+        f"annotation_id_{mode}": match.annotation_id,
+    }
+
+
+def _column(part: Columns, name: str) -> NDArray[Any]:
+    """A column of one detector; where only others have the mode, what it would be without rescoring."""
+    if name in part:
+        return part[name]
+    start = name.rpartition("_")[0]
+    stand_in = {
+        "posterior": "likelihood",
+        "outcome": "outcome_detector",
+        "annotation_id": "annotation_id_detector",
+    }
+    if start in stand_in:
+        return part[stand_in[start]]
+    n = len(part["image_id"])
+    return np.full(n, NOT_RESCORED, dtype=object) if start == "status" else np.full(n, np.nan)
 
 
 def _names(match: MatchTable) -> NDArray[np.object_]:
@@ -181,13 +249,15 @@ def _stereo(data: DataSet) -> Any:
     return read_json(file, "stereo statistics") if file.is_file() else {}
 
 
-def _tuning(tunings: Mapping[str, Tuning]) -> dict[str, Any]:
-    return {
-        name: {
+def _tuning(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, Any]:
+    """By detector: the choice of w for eq. 6 as printed (or the first there is), the others under "modes"."""
+    found: dict[str, Any] = {}
+    for (name, mode), t in sorted(tunings.items(), key=lambda item: item[0][1] != Registration.PAPER):
+        one = {
             "w": t.w,
             "objective_name": t.objective.value,
             "w_grid": t.grid.tolist(),
             "objective": [_number(v) for v in t.value.tolist()],
         }
-        for name, t in tunings.items()
-    }
+        found.setdefault(name, one | {"modes": {}})["modes"][str(mode)] = one
+    return found

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from recon.outcome import Failure
 from rescore.align_depth import DepthAlignment
 from rescore.candidates import Candidates
+from rescore.cues import CUES
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,6 +51,9 @@ class CandidateTable:
     """"ok", a reason, or "" where nothing was rescored; strings, shape (n,)."""
     reason_detail: NDArray[np.object_]
     """What was expected and what came, "" where status is "ok"; strings, shape (n,)."""
+    cues: FloatArray
+    """Parts of the evidence of the other modes, shape (n, k), columns ``rescore.cues.CUES``; NaN where one
+    is missing."""
 
     def __len__(self) -> int:
         return len(self.image_id)
@@ -76,11 +80,14 @@ class CandidateTable:
 
     @staticmethod
     def of_alignments(
-        candidates: Candidates, alignments: Sequence[DepthAlignment | Failure]
+        candidates: Candidates,
+        alignments: Sequence[DepthAlignment | Failure],
+        cues: FloatArray | None = None,
     ) -> "CandidateTable":
-        """The candidates of one image with the outcome of eq. 6 for each."""
+        """The candidates of one image with the outcome of eq. 6 and the cues (n, k) of each."""
         status = [a.reason.value if isinstance(a, Failure) else OK for a in alignments]
-        return _rows(candidates, status, alignments)
+        table = _rows(candidates, status, alignments)
+        return table if cues is None else replace(table, cues=cues)
 
 
 def _rows(
@@ -106,5 +113,6 @@ def _rows(
         likelihood=candidates.likelihood,
         status=np.array(status, dtype=object),
         reason_detail=np.array([o.detail if isinstance(o, Failure) else "" for o in outcome], dtype=object),
+        cues=np.full((n, len(CUES)), np.nan),
         **solved,
     )

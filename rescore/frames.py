@@ -99,6 +99,21 @@ class Splits:
         """The only thing that a weight can be tuned on."""
         return ValidationSet(self.validation, _from_splits=_KEY)
 
+    @property
+    def fitting_set(self) -> "FittingSet":
+        """The only thing that a model of depth evidence can be fitted to."""
+        data = self.train
+        return FittingSet(
+            DataSet(
+                data.root,
+                data.category_id,
+                data.category,
+                (*self.train.frames, *self.calibration.frames),
+                {**self.train.truth, **self.calibration.truth},
+            ),
+            _from_splits=_KEY,
+        )
+
 
 _KEY = object()
 
@@ -120,6 +135,27 @@ class ValidationSet:
         if strangers:
             raise RescoreError(
                 f"validation set: expected split 'validation' alone, got {strangers[0]!r} too; mend it"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class FittingSet:
+    """Training and calibration frames of such a data set; made by ``Splits.fitting_set`` alone.
+
+    Detectors never look at measured depth, so the frames that trained them serve too.
+    """
+
+    data: DataSet
+    _from_splits: object
+
+    def __post_init__(self) -> None:
+        if self._from_splits is not _KEY:
+            raise TypeError("a FittingSet comes from Splits.of(data).fitting_set, nowhere else")
+        strangers = sorted({f.split for f in self.data.frames} - {"train", "calibration"})
+        if strangers:
+            raise RescoreError(
+                f"fitting set: expected splits 'train' and 'calibration' alone, got {strangers[0]!r} too; "
+                "mend it"
             )
 
 

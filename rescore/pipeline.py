@@ -23,6 +23,7 @@ from rescore.align_depth import (
     measured_depth,
 )
 from rescore.candidates import Candidates
+from rescore.cues import CUES, CueConfig, frame_cues
 from rescore.evidence import CandidateTable
 from rescore.evidence_files import evidence_path, write_evidence
 from rescore.frames import DataSet, Frame, FrameRecord, load_frame
@@ -59,6 +60,8 @@ class RescoreConfig:
     """Used where a data set gives a right picture but no disparity."""
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     align: AlignConfig = field(default_factory=AlignConfig)
+    cues: CueConfig = field(default_factory=CueConfig)
+    """Of the modes that go past eq. 6."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +73,13 @@ class FrameEvidence:
     """The 3D instance of each candidate."""
     alignments: tuple[DepthAlignment | Failure, ...]
     """The outcome of eq. 6 of each candidate; the failure of its reconstruction where that failed."""
+    cues: FloatArray
+    """Parts of the evidence of the other modes, shape (n, k), columns ``rescore.cues.CUES``."""
 
     @property
     def table(self) -> CandidateTable:
         """The candidates with the outcome of eq. 6, a row each."""
-        return CandidateTable.of_alignments(self.candidates, self.alignments)
+        return CandidateTable.of_alignments(self.candidates, self.alignments, self.cues)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +102,10 @@ def rescore_frame(
 def depth_evidence(
     frame: Frame, candidates: Candidates, model: ClassModel, config: RescoreConfig
 ) -> FrameEvidence:
-    """Segment, register parts, predict depth, align with the measured depth (eq. 6), for each candidate."""
+    """Segment, register parts, predict depth, align with the measured depth, for each candidate.
+
+    One reconstruction serves all modes.
+    """
     camera, ground = assumed_camera(frame, config.camera)
     instances = reconstruct(
         frame.left_rgb, candidates.xyxy_px, config.view_bin, model, camera, ground, config.reconstruct
@@ -110,7 +118,9 @@ def depth_evidence(
         i if isinstance(i, Failure) else align_depth(i.depth, z_s, box, config.align, limits)
         for i, box in zip(instances, candidates.xyxy_px, strict=True)
     )
-    return FrameEvidence(candidates, instances, alignments)
+    azimuth_rad = model.bins.azimuth_rad(config.view_bin)
+    cues = frame_cues(frame, candidates.xyxy_px, instances, azimuth_rad, config.cues)
+    return FrameEvidence(candidates, instances, alignments, cues)
 
 
 def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, GroundPlane]:
@@ -169,7 +179,7 @@ def _evidence_of_frame(
 ) -> CandidateTable:
     """One frame from disk to its table; reconstructions go to the file, not through the pipe."""
     if not len(candidates):
-        evidence = FrameEvidence(candidates, (), ())
+        evidence = FrameEvidence(candidates, (), (), np.zeros((0, len(CUES))))
     else:
         with one_thread():
             evidence = depth_evidence(load_frame(record, config.stereo), candidates, model, config)

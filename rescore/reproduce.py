@@ -9,8 +9,11 @@ from recon.class_model import ClassModel
 from recon.part_views import load_part_views
 from rescore import steps
 from rescore.config import RunConfig, part_as_json
+from rescore.cues import LEARNED, Registration
 from rescore.detectors.files import load_detector
 from rescore.evaluate import evaluate
+from rescore.evidence import CandidateTable
+from rescore.evidence_model import load_models, save_models, with_difference
 from rescore.formats.coco import read_dataset, read_detections, write_detections, write_rescored
 from rescore.frames import DataSet
 from rescore.fuse import fuse
@@ -59,25 +62,38 @@ class RunFolder:
         """Its candidates on a split."""
         return self.root / "detections" / f"{name}_{split}.json"
 
-    def validation_evidence(self, name: str) -> Path:
-        """Its candidates on the validation set with depth evidence."""
-        return self.root / "rescored" / f"{name}_validation_evidence.json"
+    def evidence_table(self, name: str, split: str) -> Path:
+        """Its candidates on a split with depth evidence, before w; those of the test set lie beside their
+        reconstructions."""
+        if split == "test":
+            return self.evidence(name) / EVIDENCE_TABLE
+        return self.root / "rescored" / f"{name}_{split}_evidence.json"
 
     def evidence(self, name: str) -> Path:
         """Reconstructions of its candidates on the test set, a file a frame."""
         return self.root / "evidence" / name
 
-    def tuned(self, name: str) -> Path:
-        """Its weight w with the curve it was chosen from."""
-        return self.root / "tuned" / f"{name}.json"
+    def evidence_model(self, name: str) -> Path:
+        """The models that turn its candidates' depth cues into D."""
+        return self.root / "models" / f"{name}.evidence.json"
 
-    def rescored(self, name: str) -> Path:
-        """Its rescored candidates on the test set."""
-        return self.root / "rescored" / f"{name}_test.json"
+    def tuned(self, name: str, mode: str) -> Path:
+        """Its weight w in a mode with the curve it was chosen from."""
+        return self.root / "tuned" / f"{name}{_suffix(mode)}.json"
+
+    def rescored(self, name: str, mode: str) -> Path:
+        """Its candidates on the test set, rescored in a mode."""
+        return self.root / "rescored" / f"{name}_test{_suffix(mode)}.json"
+
+
+def _suffix(mode: str) -> str:
+    return "" if mode == Registration.PAPER else f"_{mode}"
 
 
 EVIDENCE_TABLE = "candidates.json"
 """In a folder of evidence: the candidates with the outcome of eq. 6, before w."""
+FITTED_ON = ("train", "calibration")
+"""Splits that the models of depth evidence are fitted to."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +115,14 @@ class Run:
         self.learn()
         for kind in self.config.detectors:
             self.train(kind)
-            self.detect(kind, "validation")
-            self.detect(kind, "test")
-            self.tune(kind)
-            self.apply(kind)
+            for split in (*self._fitted_on(), "validation", "test"):
+                self.detect(kind, split)
+                self.find_evidence(kind, split)
+            if self._learned:
+                self.fit_evidence(kind)
+            for mode in self.config.registrations:
+                self.tune(kind, mode)
+                self.apply(kind, mode)
         metrics = self.evaluate()
         self.write_report()
         return metrics
@@ -198,66 +218,95 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def tune(self, kind: DetectorKind) -> None:
-        """The weight of one detector, from the validation split."""
-        evidence = self.folder.validation_evidence(kind)
-        stage = self._evidence_stage(kind, "validation", evidence)
-
-        def find(out: Path) -> None:
-            self._find_evidence(kind, "validation", out, None)
-
-        self.report(run_stage(self.folder.root, stage, find))
+    def find_evidence(self, kind: DetectorKind, split: str) -> None:
+        """What depth says of the candidates of one detector on one split, in all modes, before w."""
+        is_test = split == "test"
+        output = self.folder.evidence(kind) if is_test else self.folder.evidence_table(kind, split)
         stage = Stage(
-            f"tune_{kind}",
-            part_as_json(self.config.tune),
-            (evidence, self.folder.data / "annotations.json"),
-            (self.folder.tuned(kind),),
-            ("rescore.tune",),
+            f"evidence_{kind}_{split}",
+            part_as_json(self.config.rescore),
+            (self.folder.detections(kind, split), self.folder.class_model, self.folder.data),
+            (output,),
+            ("rescore.pipeline", "rescore.formats.coco"),
+        )
+
+        def work(out: Path) -> None:
+            table = out / EVIDENCE_TABLE if is_test else out
+            self._find_evidence(kind, split, table, out if is_test else None)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def fit_evidence(self, kind: DetectorKind) -> None:
+        """The models of depth evidence, from the splits "train" and "calibration"."""
+        tables = tuple(self.folder.evidence_table(kind, split) for split in FITTED_ON)
+        stage = Stage(
+            f"fit_evidence_{kind}",
+            part_as_json(self.config.evidence),
+            (*tables, self.folder.data / "annotations.json"),
+            (self.folder.evidence_model(kind),),
+            ("rescore.evidence_model", "rescore.formats.coco"),
         )
 
         def work(out: Path) -> None:
             data = self._data()
-            table = read_detections(evidence, data.split("validation")).table
-            write_json(out, steps.tuning_as_json(steps.tune(kind, table, data, self.config.tune)))
+            parts = [read_detections(t, data.split(s)).table for t, s in zip(tables, FITTED_ON, strict=True)]
+            table = CandidateTable.concatenate(parts)
+            save_models(out, steps.fit_evidence(table, data, self.config.evidence))
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def apply(self, kind: DetectorKind) -> None:
-        """The rescored candidates of one detector on the test split."""
-        evidence = self.folder.evidence(kind)
-
-        def find(out: Path) -> None:
-            self._find_evidence(kind, "test", out / EVIDENCE_TABLE, out)
-
-        self.report(run_stage(self.folder.root, self._evidence_stage(kind, "test", evidence), find))
+    def tune(self, kind: DetectorKind, mode: Registration) -> None:
+        """The weight of one detector in one mode, from the validation split."""
         stage = Stage(
-            f"apply_{kind}",
-            None,
-            (evidence / EVIDENCE_TABLE, self.folder.tuned(kind), self.folder.data / "annotations.json"),
-            (self.folder.rescored(kind),),
-            ("rescore.fuse", "rescore.formats.coco"),
+            f"tune_{kind}_{mode}",
+            part_as_json(self.config.tune),
+            (*self._evidence(kind, "validation", mode), self.folder.data / "annotations.json"),
+            (self.folder.tuned(kind, mode),),
+            ("rescore.tune", "rescore.evidence_model"),
         )
 
         def work(out: Path) -> None:
-            data = self._data().split("test")
-            table = read_detections(evidence / EVIDENCE_TABLE, data).table
-            w = steps.load_tuning(self.folder.tuned(kind)).w
+            data = self._data()
+            table = self._table(kind, "validation", mode, data)
+            write_json(out, steps.tuning_as_json(steps.tune(kind, table, data, self.config.tune, mode)))
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def apply(self, kind: DetectorKind, mode: Registration) -> None:
+        """The rescored candidates of one detector in one mode on the test split."""
+        stage = Stage(
+            f"apply_{kind}_{mode}",
+            None,
+            (
+                *self._evidence(kind, "test", mode),
+                self.folder.tuned(kind, mode),
+                self.folder.data / "annotations.json",
+            ),
+            (self.folder.rescored(kind, mode),),
+            ("rescore.fuse", "rescore.evidence_model", "rescore.formats.coco"),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data()
+            table = self._table(kind, "test", mode, data)
+            w = steps.load_tuning(self.folder.tuned(kind, mode)).w
             posterior = fuse(table.likelihood, table.depth_difference, w)
-            write_rescored(out, kind, table, posterior, w=w, data=data)
+            write_rescored(out, kind, table, posterior, w=w, data=data, registration=mode)
 
         self.report(run_stage(self.folder.root, stage, work))
 
     def evaluate(self) -> dict[str, Any]:
         """The match table and the figures."""
-        root, kinds = self.folder.root, self.config.detectors
+        root = self.folder.root
+        pairs = [(k, m) for k in self.config.detectors for m in self.config.registrations]
         outputs = tuple(root / name for name in ("config.json", "candidates.parquet", "metrics.json"))
         stage = Stage(
             "evaluate",
             [self.config.as_json(), self.seed],
             (
                 self.folder.data,
-                *(self.folder.rescored(k) for k in kinds),
-                *(self.folder.tuned(k) for k in kinds),
+                *(self.folder.rescored(k, m) for k, m in pairs),
+                *(self.folder.tuned(k, m) for k, m in pairs),
             ),
             outputs,
             ("rescore.evaluate", "rescore.formats.coco"),
@@ -265,8 +314,8 @@ class Run:
 
         def work() -> None:
             data = self._data().split("test")
-            files = [read_detections(self.folder.rescored(k), data) for k in kinds]
-            tunings = {str(k): steps.load_tuning(self.folder.tuned(k)) for k in kinds}
+            files = [read_detections(self.folder.rescored(k, m), data) for k, m in pairs]
+            tunings = {(str(k), m): steps.load_tuning(self.folder.tuned(k, m)) for k, m in pairs}
             write_run_config(
                 root, "reproduce", self.config.as_json(), self.seed, stereo=self.config.synth.sgbm
             )
@@ -292,14 +341,23 @@ class Run:
             run_stage_in_place(root, stage, lambda: _ignore(write_recording(root, self.folder.recording)))
         )
 
-    def _evidence_stage(self, kind: DetectorKind, split: str, output: Path) -> Stage:
-        return Stage(
-            f"evidence_{kind}_{split}",
-            part_as_json(self.config.rescore),
-            (self.folder.detections(kind, split), self.folder.class_model, self.folder.data),
-            (output,),
-            ("rescore.pipeline", "rescore.formats.coco"),
-        )
+    @property
+    def _learned(self) -> bool:
+        return any(mode in LEARNED for mode in self.config.registrations)
+
+    def _fitted_on(self) -> tuple[str, ...]:
+        return FITTED_ON if self._learned else ()
+
+    def _evidence(self, kind: DetectorKind, split: str, mode: Registration) -> tuple[Path, ...]:
+        """The files that decide D of a mode."""
+        table = self.folder.evidence_table(kind, split)
+        return (table, self.folder.evidence_model(kind)) if mode in LEARNED else (table,)
+
+    def _table(self, kind: DetectorKind, split: str, mode: Registration, data: DataSet) -> CandidateTable:
+        """The candidates of a split with D of a mode."""
+        table = read_detections(self.folder.evidence_table(kind, split), data.split(split)).table
+        models = load_models(self.folder.evidence_model(kind)) if mode in LEARNED else {}
+        return with_difference(table, models.get(mode))
 
     def _find_evidence(self, kind: DetectorKind, split: str, out: Path, npz_dir: Path | None) -> None:
         data = self._data().split(split)

@@ -17,10 +17,12 @@ from recon.primitives import PrimitiveLibrary
 from recon.stereo import SgbmConfig, disparities_to_reach
 from rescore.calibration import PlattScaling, fit_platt, label_candidates
 from rescore.candidates import Candidates
+from rescore.cues import Registration
 from rescore.detectors.base import Detections, Detector
 from rescore.detectors.boosted import BoostedConfig, train_boosted
 from rescore.detectors.hog_svm import HogConfig, train_hog
 from rescore.evidence import CandidateTable
+from rescore.evidence_model import EvidenceConfig, EvidenceModel, fit_modes
 from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
 from rescore.pipeline import CameraChoice, RescoreConfig, evidence_of_frames
 from rescore.progress import track
@@ -110,9 +112,23 @@ def find_evidence(
     )
 
 
-def tune(detector: str, table: CandidateTable, data: DataSet, config: TuneConfig) -> Tuning:
-    """The weight w for a detector from candidates with evidence, on the split "validation" alone."""
-    return tune_weight(detector, table, Splits.of(data).validation_set, config)
+def fit_evidence(
+    table: CandidateTable, data: DataSet, config: EvidenceConfig
+) -> dict[Registration, EvidenceModel]:
+    """Models of depth evidence from candidates with cues on the splits "train" and "calibration"."""
+    return fit_modes(table, Splits.of(data).fitting_set, config)
+
+
+def tune(
+    detector: str,
+    table: CandidateTable,
+    data: DataSet,
+    config: TuneConfig,
+    registration: Registration = Registration.PAPER,
+) -> Tuning:
+    """The weight w for a detector from candidates with D of a mode, on the split "validation" alone."""
+    tuning = tune_weight(detector, table, Splits.of(data).validation_set, config)
+    return replace(tuning, registration=registration)
 
 
 def automatic_stereo(data: DataSet) -> SgbmConfig:
@@ -151,6 +167,7 @@ def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
     """The choice of w with its curve, as JSON values; an undefined objective is null."""
     return {
         "detector": tuning.detector,
+        "registration": tuning.registration.value,
         "w": tuning.w,
         "objective_name": tuning.objective.value,
         "w_grid": tuning.grid.tolist(),
@@ -176,6 +193,7 @@ def load_tuning(path: Path) -> Tuning:
             value=np.array(value["objective"], dtype=float),
             n_images=int(value["n_images"]),
             n_cars=int(value["n_cars"]),
+            registration=Registration(value.get("registration", Registration.PAPER)),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise RescoreError(

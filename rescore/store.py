@@ -194,8 +194,16 @@ CANDIDATE_COLUMNS = {
     "annotation_id_paper": pa.int64(),
     "kind": pa.string(),
 }
-"""Columns of candidates.parquet: a row a candidate. A later way of rescoring adds ``posterior_<mode>``,
-``outcome_<mode>`` and ``annotation_id_<mode>``."""
+"""Columns of candidates.parquet that are always there: a row a candidate."""
+
+_ADDED_COLUMNS = {
+    **dict.fromkeys(("cue", "difference", "posterior", "w"), pa.float64()),
+    **dict.fromkeys(("status", "outcome"), pa.string()),
+    "annotation_id": pa.int64(),
+}
+"""Kind of further columns by what their name begins with: ``cue_<name>`` of each part of the evidence;
+``difference_<mode>`` (D), ``posterior_<mode>``, ``w_<mode>``, ``status_<mode>``, ``outcome_<mode>`` and
+``annotation_id_<mode>`` of each mode but that of the paper."""
 
 
 def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
@@ -204,9 +212,14 @@ def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
     Raises:
         ValueError: a column of ``CANDIDATE_COLUMNS`` is missing, or one is unknown.
     """
-    if set(columns) != set(CANDIDATE_COLUMNS):
-        raise ValueError(f"candidates: columns differ: {sorted(set(columns) ^ set(CANDIDATE_COLUMNS))}")
-    arrays = {name: pa.array(columns[name], type=kind) for name, kind in CANDIDATE_COLUMNS.items()}
+    kinds = dict(CANDIDATE_COLUMNS)
+    for name in columns:
+        for start, kind in _ADDED_COLUMNS.items():
+            if name.startswith(f"{start}_"):
+                kinds.setdefault(name, kind)
+    if set(columns) != set(kinds):
+        raise ValueError(f"candidates: columns differ: {sorted(set(columns) ^ set(kinds))}")
+    arrays = {name: pa.array(columns[name], type=kind) for name, kind in kinds.items()}
     with atomic_path(path) as beside:
         pq.write_table(pa.table(arrays), beside, compression="zstd")
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.cues import Registration
 from rescore.evidence import CandidateTable
 from rescore.frames import ValidationSet
 from rescore.fuse import fuse
@@ -58,6 +59,8 @@ class Tuning:
     n_images: int
     """Size of the validation set."""
     n_cars: int
+    registration: Registration = Registration.PAPER
+    """Mode that D comes from."""
 
 
 def tune_weight(

@@ -25,7 +25,16 @@ from rescore.commands.base import (
     say,
 )
 
+RegistrationMode = Annotated[
+    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
+]
+EvidenceModelFile = Annotated[
+    Path | None, typer.Option("--evidence-model", help="What `rescore fit-evidence` wrote; not for paper.")
+]
+
 if TYPE_CHECKING:
+    from rescore.cues import Registration
+    from rescore.evidence_model import EvidenceModel
     from rescore.formats.coco import DetectionFile
     from rescore.frames import DataSet
     from rescore.stages import Done
@@ -117,12 +126,60 @@ def detect(
     say(f"{len(table)} detections in {len(data.frames)} frames: {out}")
 
 
+@app.command(name="fit-evidence")
+def fit_evidence(
+    dataset: Dataset,
+    detections: Annotated[
+        list[Path], typer.Argument(help="Detections of one detector on the splits train and calibration.")
+    ],
+    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
+    out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
+    preset: Preset = "paper",
+    config: Changes = None,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Calibrate D of the modes guarded and metric on the splits "train" and "calibration".
+
+    Example: [bold]rescore fit-evidence data/demo hog_calibration.json --model car.json --out hog.json[/bold]
+    """
+    from recon.class_model import ClassModel
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.evidence import CandidateTable
+    from rescore.evidence_model import save_models
+    from rescore.formats.coco import read_dataset
+    from rescore.frames import Splits
+    from rescore.store import write_provenance
+
+    settings = config_of(preset, config)
+    data = read_dataset(dataset, settings.class_name)
+    fitting = Splits.of(data).fitting_set.data
+    class_model = ClassModel.load(model)
+    rescoring = steps.with_stereo_for(settings.rescore, fitting, None)
+    tables = []
+    for path in detections:
+        file = _read_detections(path, fitting)
+        candidates = file.candidates(fitting)
+        tables.append(
+            steps.find_evidence(
+                fitting, candidates, class_model, rescoring, jobs=jobs, detector=file.detector
+            )
+        )
+    models = steps.fit_evidence(CandidateTable.concatenate(tables), data, settings.evidence)
+    save_models(out, models)
+    parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
+    write_provenance(out, "fit-evidence", parts, None)
+    say(f"depth evidence for {' and '.join(models)}: {out}")
+
+
 @app.command()
 def tune(
     dataset: Dataset,
     detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
     model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
     out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
+    registration: RegistrationMode = "paper",
+    evidence_model: EvidenceModelFile = None,
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
@@ -134,10 +191,12 @@ def tune(
     from recon.class_model import ClassModel
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.evidence_model import with_difference
     from rescore.formats.coco import read_dataset
     from rescore.frames import Splits
     from rescore.store import write_json, write_provenance
 
+    mode, learned = _mode(registration, evidence_model)
     settings = config_of(preset, config)
     data = read_dataset(dataset, settings.class_name)
     validation = Splits.of(data).validation
@@ -150,7 +209,7 @@ def tune(
         jobs=jobs,
         detector=file.detector,
     )
-    tuning = steps.tune(file.detector, table, data, settings.tune)
+    tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode)
     write_json(out, steps.tuning_as_json(tuning))
     write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, None)
     say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")
@@ -164,6 +223,8 @@ def apply(
     out: Annotated[Path, typer.Option(help="Rescored detections to write, COCO results JSON.")],
     tuned: Annotated[Path | None, typer.Option(help="Weight that `rescore tune` wrote.")] = None,
     w: Annotated[float | None, typer.Option(min=0, max=1, help="The weight itself, in its place.")] = None,
+    registration: RegistrationMode = "paper",
+    evidence_model: EvidenceModelFile = None,
     evidence: Annotated[
         Path | None, typer.Option(help="Folder for what led to each score: <folder>/<detector>/<image>.npz.")
     ] = None,
@@ -179,7 +240,7 @@ def apply(
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
-    """Rescore detections with stereo depth and a class model (eqs. 6 and 7).
+    """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
     A candidate that gets no depth evidence keeps its likelihood; its status says why.
 
@@ -188,13 +249,15 @@ def apply(
     from recon.class_model import ClassModel
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.evidence_model import with_difference
     from rescore.formats.coco import write_rescored
     from rescore.fuse import fuse
     from rescore.store import write_provenance
 
     if (tuned is None) == (w is None):
         raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
-    weight = w if tuned is None else steps.load_tuning(tuned).w
+    mode, learned = _mode(registration, evidence_model)
+    weight = w if tuned is None else _tuned_weight(tuned, mode)
     assert weight is not None
     settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
@@ -209,9 +272,11 @@ def apply(
         detector=file.detector,
         evidence_dir=None if evidence is None else evidence / file.detector,
     )
+    table = with_difference(table, learned)
     posterior = fuse(table.likelihood, table.depth_difference, weight)
-    write_rescored(out, file.detector, table, posterior, w=weight, data=data)
-    write_provenance(out, "apply", {"w": weight, "split": split, "rescore": part_as_json(rescoring)}, None)
+    write_rescored(out, file.detector, table, posterior, w=weight, data=data, registration=mode)
+    made_with = {"w": weight, "split": split, "registration": mode.value, "rescore": part_as_json(rescoring)}
+    write_provenance(out, "apply", made_with, None)
     say(f"{_reasons(table.status.tolist())}: {out}")
 
 
@@ -244,7 +309,7 @@ def evaluate(
 
     data = read_split(dataset, split)
     files = [_read_detections(path, data) for path in detections]
-    tunings = {t.detector: t for t in (steps.load_tuning(path) for path in tuned or [])}
+    tunings = {(t.detector, t.registration): t for t in (steps.load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
@@ -307,6 +372,42 @@ def _read_detections(path: Path, data: "DataSet") -> "DetectionFile":
             f"{path}: left out {file.n_beyond_max} detections beyond the {MAX_CANDIDATES} best of their image"
         )
     return file
+
+
+def _mode(registration: str, file: Path | None) -> "tuple[Registration, EvidenceModel | None]":
+    """The mode of a name, and its model where its D is calibrated."""
+    from rescore.cues import LEARNED, Registration
+    from rescore.evidence_model import load_models
+
+    if registration not in list(Registration):
+        known = ", ".join(Registration)
+        raise RescoreError(f"--registration: expected {known}, got {registration!r}; choose one of these")
+    mode = Registration(registration)
+    if mode not in LEARNED:
+        return mode, None
+    if file is None:
+        raise RescoreError(
+            f"--registration {mode}: expected --evidence-model, got none; `rescore fit-evidence` makes one"
+        )
+    models = load_models(file)
+    if mode not in models:
+        raise RescoreError(
+            f"{file}: expected a model for {mode}, got {', '.join(models)}; fit it on frames with calibrated "
+            "cameras"
+        )
+    return mode, models[mode]
+
+
+def _tuned_weight(file: Path, mode: "Registration") -> float:
+    from rescore import steps
+
+    tuning = steps.load_tuning(file)
+    if tuning.registration is not mode:
+        raise RescoreError(
+            f"{file}: expected a weight tuned for --registration {mode}, got one for {tuning.registration}; "
+            "tune again in this mode"
+        )
+    return tuning.w
 
 
 def _scaling_of(detector: Path) -> Path:

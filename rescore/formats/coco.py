@@ -14,6 +14,7 @@ from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.candidates import Candidates
+from rescore.cues import CUES, Registration
 from rescore.evidence import NOT_RESCORED, CandidateTable
 from rescore.formats.checked_json import read_checked
 from rescore.frames import SPLITS, DataSet, FrameRecord, Truth
@@ -93,6 +94,8 @@ class _Detection(BaseModel):
     status: str | None = None
     reason_detail: str | None = None
     w: FiniteFloat | None = None
+    registration: Registration | None = None
+    cues: dict[str, FiniteFloat] = {}
 
 
 _DATA_SET = TypeAdapter(_DataSet)
@@ -208,6 +211,8 @@ class DetectionFile:
     """The file's ``score`` where it was rescored, shape (n,); None where it was not."""
     w: float | None
     """Weight of eq. 7 that made the posterior."""
+    registration: Registration
+    """Mode that made the posterior; ``PAPER`` where the file does not say."""
     n_other_class: int
     """Detections left out because their category is another."""
     n_beyond_max: int
@@ -261,6 +266,7 @@ def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_
         table=_table(kept),
         posterior=np.array([d.score for d, _ in kept]) if rescored else None,
         w=weights.pop() if rescored and len(weights) == 1 else None,
+        registration=(kept[0][0].registration if kept else None) or Registration.PAPER,
         n_other_class=len(found) - len(ours),
         n_beyond_max=len(ours) - len(kept),
     )
@@ -325,6 +331,9 @@ def _table(kept: list[tuple[_Detection, int]]) -> CandidateTable:
         stereo_span=column("stereo_span"),
         status=np.array([d.status or NOT_RESCORED for d, _ in kept], dtype=object),
         reason_detail=np.array([d.reason_detail or "" for d, _ in kept], dtype=object),
+        cues=np.array([[d.cues.get(name, np.nan) for name in CUES] for d, _ in kept], dtype=float).reshape(
+            -1, len(CUES)
+        ),
     )
 
 
@@ -339,11 +348,19 @@ def write_detections(path: Path, detector: str, table: CandidateTable, data: Dat
 
 
 def write_rescored(
-    path: Path, detector: str, table: CandidateTable, posterior: FloatArray, *, w: float, data: DataSet
+    path: Path,
+    detector: str,
+    table: CandidateTable,
+    posterior: FloatArray,
+    *,
+    w: float,
+    data: DataSet,
+    registration: Registration = Registration.PAPER,
 ) -> None:
     """Write rescored detections: ``score`` is the posterior, and what led to it lies beside it.
 
-    Numbers of a candidate without depth evidence are null; its ``status`` says why.
+    Numbers of a candidate without depth evidence are null; its ``status`` says why. ``cues`` holds the parts
+    of the evidence that it has.
     """
     numbers = (
         "likelihood",
@@ -363,8 +380,13 @@ def write_rescored(
             | {"score": float(posterior[i]), "detector": detector, "detector_score": float(table.score[i])}
             | {name: None if np.isnan(v) else v for name, v in values.items()}
             | {"status": table.status[i], "reason_detail": table.reason_detail[i], "w": w}
+            | {"registration": registration.value, "cues": _known_cues(table.cues[i])}
         )
     _write_rows(path, rows)
+
+
+def _known_cues(cues: FloatArray) -> dict[str, float]:
+    return {name: float(v) for name, v in zip(CUES, cues, strict=True) if np.isfinite(v)}
 
 
 def _boxes(table: CandidateTable, data: DataSet) -> list[dict[str, object]]:

@@ -1,0 +1,103 @@
+"""The parts of the depth evidence of a candidate, kept for inspection, and the modes made of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import StereoCamera
+from recon.outcome import Failure
+from recon.reconstruct import Reconstruction
+from rescore.align_depth import predicted_region
+from rescore.frames import Frame
+from rescore.guarded import GUARDED, GuardedConfig, guarded_alignment
+from rescore.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
+
+FloatArray = NDArray[np.float64]
+
+CUES = (*GUARDED, *SURROUNDINGS, "depth_ratio")
+"""Columns of ``CandidateTable.cues``. ``depth_ratio`` is the median logarithm of measured over predicted
+depth: 0 where the thing stands where the ground line and the part planes put it."""
+
+
+class Registration(StrEnum):
+    """How predicted and measured depth are compared."""
+
+    PAPER = "paper"
+    """Eq. 6 as printed: free scale and offset, D is the root mean square of what is left."""
+    GUARDED = "guarded"
+    """The same two unknowns, the scale positive and bounded, a robust fit, judged against a flat surface.
+    Needs no calibration."""
+    METRIC = "metric"
+    """That, and what a calibrated camera tells: size, depth edges, ground contact, the planes' own depths."""
+
+    @property
+    def cues(self) -> tuple[str, ...]:
+        """The parts of the evidence; none for ``PAPER``, whose D has a formula."""
+        return {Registration.PAPER: (), Registration.GUARDED: GUARDED, Registration.METRIC: CUES}[self]
+
+
+LEARNED = tuple(r for r in Registration if r.cues)
+"""Modes whose D is calibrated."""
+
+
+@dataclass(frozen=True)
+class CueConfig:
+    """Settings of all parts of the evidence."""
+
+    guarded: GuardedConfig = field(default_factory=GuardedConfig)
+    surroundings: SurroundingsConfig = field(default_factory=SurroundingsConfig)
+    depth_ratio_limit: float = 2.0
+    """Logarithms of depth ratios are clipped to this, both ways."""
+
+
+def frame_cues(
+    frame: Frame,
+    xyxy_px: FloatArray,
+    instances: Sequence[Reconstruction | Failure],
+    azimuth_rad: float,
+    config: CueConfig,
+) -> FloatArray:
+    """The cues of the candidates of a frame, shape (n, k), columns ``CUES``; NaN where one cannot be had.
+
+    Args:
+        frame: picture, disparity, camera and ground. Without a camera only the guarded cues are had.
+        xyxy_px: boxes, shape (n, 4).
+        instances: what was reconstructed in each box; a failure leaves out what needs a prediction.
+        azimuth_rad: side from which the class is taken to be seen.
+        config: settings.
+    """
+    relief = np.full((len(xyxy_px), len(GUARDED)), np.nan)
+    around = np.full((len(xyxy_px), len(SURROUNDINGS)), np.nan)
+    ratio = np.full((len(xyxy_px), 1), np.nan)
+    if frame.camera is not None:
+        around = surroundings(
+            frame.disparity_px, xyxy_px, azimuth_rad, frame.camera, frame.ground, config.surroundings
+        )
+    for i, instance in enumerate(instances):
+        if isinstance(instance, Failure):
+            continue
+        fit = guarded_alignment(instance.depth, frame.disparity_px, xyxy_px[i], config.guarded)
+        if fit is None:
+            continue
+        relief[i] = fit.cues
+        if frame.camera is not None:
+            logarithm = _depth_ratio(instance, frame.disparity_px, xyxy_px[i], frame.camera)
+            ratio[i] = np.clip(logarithm, -config.depth_ratio_limit, config.depth_ratio_limit)
+    return np.hstack([relief, around, ratio])
+
+
+def _depth_ratio(
+    instance: Reconstruction,
+    disparity_px: NDArray[np.float32],
+    box_px: FloatArray,
+    camera: StereoCamera,
+) -> float:
+    """Median logarithm of measured over predicted depth, over the predicted region in the box."""
+    predicted = instance.depth
+    measured = disparity_px[predicted.window]
+    use = predicted_region(predicted, box_px) & np.isfinite(measured)
+    focal_baseline = camera.left.fx_px * camera.baseline_m
+    return float(np.median(np.log(focal_baseline / measured[use] / predicted.depth[use])))
