@@ -15,22 +15,20 @@ What is not finite in a resample:
   counts as the least possible one for the lower end and as the largest for the upper end. Both kinds are
   counted.
 
-How the ends are taken, for confidence c: a plain percentile interval runs from quantile (1 - c) / 2 of the
-resamples to (1 + c) / 2. With z the normal quantile of (1 + c) / 2, and z0 that of the share of resamples
-below the figure itself, ends at the quantiles Phi(s z0 - z) and Phi(s z0 + z) are that interval for s = 0 and
-Efron's bias-corrected one for s = 2. ``KINDS`` has the s of each kind of figure. Chosen by the coverage of 95
-% intervals on simulated sets (tests/rescore/interval_coverage.py), where images are correlated:
+How the ends are taken, for confidence c: let z be the normal quantile of (1 + c) / 2, and z0 that of the
+share of resamples below the figure itself. The ends are the quantiles Phi(s z0 - k z) and Phi(s z0 + k z) of
+the resamples: the plain percentile interval for s = 0, Efron's bias-corrected one for s = 2, and k = 1 in
+both. ``KINDS`` has s and k of each kind of figure, chosen by the coverage of intervals of 95 % on simulated
+sets of 50 to 250 images whose candidates are correlated (tests/rescore/interval_coverage.py):
 
+- Areas and average precisions are averages, whose resamples spread too little where images are few: k > 1.
 - Average precision takes the best precision beyond each recall, so it is too high in a small set, and more so
-  in a resample. s = 2 covers 94 to 95 % where s = 0 covers 91 to 93 %. In a difference that bias cancels: s =
-  0.
-- Areas and average precisions are averages, whose resamples spread too little with few images: z is widened
-  by Student's t and sqrt(n / (n - 1)) (Hesterberg 2015, "expanded percentile").
-- Readings of one staircase are covered well with s = 0, also near the recall ceiling, where s = 2 covers 85
-  %.
-- Of the difference of two readings, the resamples spread 10 to 15 % too much, since the steps do not cancel:
-  s = 0 covers 98 to 99 %, and s = 2, which shifts by a z0 that is itself uncertain, 92 to 93 %; s = 1.5
-  covers 94 to 96 %.
+  in a resample: s = 0 covers 90 to 92 %. The resamples show half of that bias only, hence the larger k.
+  In a difference the bias cancels.
+- Readings of one staircase are covered well by percentiles, also near the recall ceiling, where s = 2 covers
+  85 %.
+- Of the difference of two readings the resamples spread 10 to 15 % too much, since steps do not cancel. s = 0
+  covers 98 to 99 %; s = 2, which shifts by a z0 that is itself uncertain, 92 to 93 %; s = 1.5 lies between.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,7 +36,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.special import ndtr, ndtri
 
 from recon.errors import RescoreError
 from rescore.matching import MatchTable
@@ -54,20 +52,22 @@ class Kind:
     least: float
     """Smallest possible value."""
     most: float
-    shift: float
+    shift: float = 0.0
     """s of the module's docstring."""
-    widened: bool
-    """By Student's t."""
+    widening: float = 0.0
+    """k of the module's docstring is 1 + widening / sqrt(number of images)."""
 
 
 KINDS = {
-    "average": Kind(0, 1, 2.0, True),
-    "recall": Kind(0, 1, 0.0, False),
-    "fppi": Kind(0, np.inf, 0.0, False),
-    "average_difference": Kind(-1, 1, 0.0, True),
-    "recall_difference": Kind(-1, 1, 1.5, False),
-    "fppi_difference": Kind(-np.inf, np.inf, 1.5, False),
-    "reduction": Kind(0, np.inf, 1.5, False),
+    "auc": Kind(0, 1, shift=2.0, widening=0.4),
+    "average_precision": Kind(0, 1, shift=2.0, widening=1.1),
+    "recall": Kind(0, 1),
+    "fppi": Kind(0, np.inf),
+    "auc_difference": Kind(-1, 1, widening=0.4),
+    "average_precision_difference": Kind(-1, 1, widening=0.4),
+    "recall_difference": Kind(-1, 1, shift=1.5),
+    "fppi_difference": Kind(-np.inf, np.inf, shift=1.5),
+    "reduction": Kind(0, np.inf, shift=1.5),
 }
 
 
@@ -166,7 +166,7 @@ def bootstrap(
     rows = {name: weighted_figures(m, cars_of_image, weight, config.levels) for name, m in tables.items()}
     ends = _Ends(config, n_images)
     return Bootstrap(
-        {name: ends.figures(r, "average", "recall", "fppi") for name, r in rows.items()},
+        {name: ends.figures(r) for name, r in rows.items()},
         {(before, after): ends.comparison(rows[before], rows[after]) for before, after in pairs},
     )
 
@@ -183,8 +183,12 @@ def interval(figure: FloatArray, kind: Kind, confidence: float, n_images: int) -
     counts = int(undefined.sum()), int(np.isinf(sample).sum())
     if np.isnan(value):
         return Interval(value, np.nan, np.nan, *counts)
-    low = _quantile(np.where(undefined, kind.least, sample), _reach(-1, figure, kind, confidence, n_images))
-    high = _quantile(np.where(undefined, kind.most, sample), _reach(1, figure, kind, confidence, n_images))
+    # an equal or undefined resample lies half below; one is kept on each side, so that z0 is finite
+    below = ((sample < value) + ((sample == value) | undefined) / 2).mean()
+    z0 = ndtri(np.clip(below, 1 / len(sample), 1 - 1 / len(sample)))
+    reach = (1 + kind.widening / np.sqrt(n_images)) * ndtri((1 + confidence) / 2)
+    low = _quantile(np.where(undefined, kind.least, sample), float(ndtr(kind.shift * z0 - reach)))
+    high = _quantile(np.where(undefined, kind.most, sample), float(ndtr(kind.shift * z0 + reach)))
     return Interval(value, low, high, *counts)
 
 
@@ -192,19 +196,6 @@ def reduction_factor(before: FloatArray, after: FloatArray) -> FloatArray:
     """FPPI before / FPPI after, same shape; see the module's docstring for zeros and infinities."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where((before == 0) & (after == 0), 1.0, before / after)
-
-
-def _reach(side: int, figure: FloatArray, kind: Kind, confidence: float, n_images: int) -> float:
-    """The share of resamples below the lower (side -1) or upper (1) end."""
-    z = float(norm.ppf((1 + confidence) / 2))
-    if kind.widened:
-        z = float(t.ppf((1 + confidence) / 2, n_images - 1)) * np.sqrt(n_images / (n_images - 1))
-    value, sample = figure[0], figure[1:]
-    # an equal or undefined resample lies half below; a whole resample is kept on each side, so that z0 is
-    # finite
-    below = (np.sum(sample < value) + np.sum((sample == value) | np.isnan(sample)) / 2) / len(sample)
-    z0 = float(norm.ppf(np.clip(below, 1 / len(sample), 1 - 1 / len(sample))))
-    return float(norm.cdf(kind.shift * z0 + side * z))
 
 
 def _quantile(sample: FloatArray, share: float) -> float:
@@ -221,25 +212,30 @@ class _Ends:
     config: BootstrapConfig
     n_images: int
 
-    def figures(self, rows: FloatArray, average: str, recall: str, fppi: str) -> FigureIntervals:
+    def figures(self, rows: FloatArray, suffix: str = "") -> FigureIntervals:
+        """Of one table, or with suffix "_difference" of the difference of two."""
         levels = self.config.levels
-        first_fppi = 2 + len(levels.fppi)
+        recalls, fppis = rows[:, 2 : 2 + len(levels.fppi)], rows[:, 2 + len(levels.fppi) :]
         return FigureIntervals(
-            self._of(rows[:, 0], average),
-            self._of(rows[:, 1], average),
-            {v: self._of(rows[:, 2 + i], recall) for i, v in enumerate(levels.fppi)},
-            {v: self._of(rows[:, first_fppi + i], fppi) for i, v in enumerate(levels.recalls)},
+            self._of(rows[:, 0], "auc" + suffix),
+            self._of(rows[:, 1], "average_precision" + suffix),
+            self._of_each(levels.fppi, recalls, "recall" + suffix),
+            self._of_each(levels.recalls, fppis, "fppi" + suffix),
         )
 
     def comparison(self, before: FloatArray, after: FloatArray) -> Comparison:
+        """Of two tables."""
         with np.errstate(invalid="ignore"):
-            change = after - before
-        first_fppi = 2 + len(self.config.levels.fppi)
-        factor = reduction_factor(before[:, first_fppi:], after[:, first_fppi:])
+            difference = after - before
+        first = 2 + len(self.config.levels.fppi)
+        factor = reduction_factor(before[:, first:], after[:, first:])
         return Comparison(
-            self.figures(change, "average_difference", "recall_difference", "fppi_difference"),
-            {v: self._of(factor[:, i], "reduction") for i, v in enumerate(self.config.levels.recalls)},
+            self.figures(difference, "_difference"),
+            self._of_each(self.config.levels.recalls, factor, "reduction"),
         )
+
+    def _of_each(self, levels: tuple[float, ...], columns: FloatArray, kind: str) -> dict[float, Interval]:
+        return {level: self._of(c, kind) for level, c in zip(levels, columns.T, strict=True)}
 
     def _of(self, figure: FloatArray, kind: str) -> Interval:
         return interval(figure, KINDS[kind], self.config.confidence, self.n_images)

@@ -14,8 +14,8 @@ from rescore.bootstrap import Bootstrap, BootstrapConfig, Interval, bootstrap, r
 from rescore.weighted import Levels, weighted_figures
 
 PAIR = ("before", "after")
-TRUE_IMAGES = 300_000
-"""Size of the set that stands for the truth: its own error is below a fiftieth of that of 109 images."""
+TRUE_IMAGES = 200_000
+"""Size of the set that stands for the truth: its own error is a fortieth of that of 109 images."""
 
 
 def coverage(n_sets: int, n_images: int, n_resamples: int, seed: int) -> dict[str, float]:

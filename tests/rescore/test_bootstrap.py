@@ -9,6 +9,8 @@ from recon.errors import RescoreError
 from rescore.bootstrap import (
     KINDS,
     BootstrapConfig,
+    Interval,
+    Kind,
     bootstrap,
     draw_images,
     interval,
@@ -109,35 +111,33 @@ def test_reduction_factor_of_zeros_and_infinities() -> None:
 def test_percentile_interval_by_hand() -> None:
     # 199 resamples: the 5th of (199 + 1) from each end hold 95 %
     figure = np.concatenate([[1.0], np.random.default_rng(0).permutation(np.arange(1, 200)) / 100])
-    found = interval(figure, KINDS["fppi"], 0.95, 50)
+    found = interval(figure, KINDS["fppi"], 0.95, 100)
     assert (found.low, found.high) == (0.05, 1.95)
 
 
-def test_bias_shift_moves_the_interval_away_from_the_resamples_bias() -> None:
-    # resamples are 0.02 too high with a spread of 0.05, so the value is too: 0.5 - 0.02 -+ 1.96 * 0.05
+def test_shift_moves_the_interval_against_the_bias_of_the_resamples() -> None:
+    # resamples are 0.02 too high with a spread of 0.05, so the value is taken to be too: 0.5 - 0.02
     rng = np.random.default_rng(0)
     figure = np.concatenate([[0.5], 0.52 + 0.05 * rng.normal(size=40_000)])
-    found = interval(figure, KINDS["average"], 0.95, 10_000)
-    assert (found.low, found.high) == (
-        pytest.approx(0.48 - 0.098, abs=0.003),
-        pytest.approx(0.48 + 0.098, abs=0.003),
-    )
+    found = interval(figure, Kind(0, 1, shift=2), 0.95, 100)
+    assert found.low == pytest.approx(0.48 - 1.96 * 0.05, abs=0.003)
+    assert found.high == pytest.approx(0.48 + 1.96 * 0.05, abs=0.003)
+    widened = interval(figure, Kind(0, 1, shift=2, widening=1), 0.95, 100)
+    assert widened.low == pytest.approx(0.48 - 1.1 * 1.96 * 0.05, abs=0.003)
 
 
 def test_undefined_resamples_widen_both_ends() -> None:
-    sample = np.linspace(1, 2, 1000)
-    whole = interval(np.append(1.5, sample), KINDS["reduction"], 0.95, 50)
-    few = interval(
-        np.append(1.5, np.where(np.arange(1000) % 100 == 50, np.nan, sample)), KINDS["reduction"], 0.95, 50
-    )
-    many = interval(
-        np.append(1.5, np.where(np.arange(1000) % 20 == 10, np.nan, sample)), KINDS["reduction"], 0.95, 50
-    )
+    def found(value: float, undefined_every: int) -> Interval:
+        sample = np.linspace(1, 2, 1000)
+        sample[undefined_every // 2 :: undefined_every] = np.nan
+        return interval(np.append(value, sample), KINDS["reduction"], 0.95, 100)
+
+    whole, few, many = found(1.5, 2000), found(1.5, 100), found(1.5, 20)
+    assert (whole.n_undefined, few.n_undefined, many.n_undefined) == (0, 10, 50)
     assert few.low < whole.low < whole.high < few.high
-    assert (few.n_undefined, many.n_undefined) == (10, 50)
     assert (many.low, many.high) == (0, np.inf)
-    undefined = interval(np.append(np.nan, sample), KINDS["reduction"], 0.95, 50)
-    assert np.isnan([undefined.low, undefined.high]).all()
+    unknown = found(np.nan, 2000)
+    assert np.isnan([unknown.low, unknown.high]).all()
 
 
 def test_pairing_narrows_the_difference() -> None:
