@@ -10,10 +10,11 @@ What is not finite in a resample:
   infinity.
 - The reduction factor is FPPI before / FPPI after, nothing added: no false positive after is a factor of
   infinity, none before and none after is 1, a recall that is reached only after is infinity, only before 0.
-- Undefined is the area without hits or without false positives, everything without cars, and a comparison at
-  a recall that neither table reaches (infinity less infinity). Such a resample may hide any value, so it
-  counts as the least possible one for the lower end and as the largest for the upper end. Both kinds are
-  counted.
+- Undefined are the area without hits or without false positives, average precision and recall without cars,
+  and a comparison at a recall that neither table reaches (infinity less infinity). Such a resample may hide
+  any value, so it counts as the least possible one for the lower end and as the largest for the upper end.
+
+``Interval`` says how many resamples were infinite, and how many undefined.
 
 How the ends are taken, for confidence c: let z be the normal quantile of (1 + c) / 2, and z0 that of the
 share of resamples below the figure itself. The ends are the quantiles Phi(s z0 - k z) and Phi(s z0 + k z) of
