@@ -59,6 +59,8 @@ def match_table(run: Run, detector: str, mode: str) -> MatchTable:
     return MatchTable(
         n_images=int(run.metrics["n_images"]),
         n_cars=int(run.metrics["n_cars"]),
+        # images without candidates are not in the file: they come last here
+        image=np.unique(rows["image_id"], return_inverse=True)[1],
         ranking=ranking_of(raw if mode == "detector" else scores(run, detector, mode), raw),
         outcome=np.array([code[str(o)] for o in rows[f"outcome_{suffix}"]], dtype=np.int8),
         annotation_id=rows[f"annotation_id_{suffix}"].astype(np.int64),

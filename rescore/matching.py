@@ -70,6 +70,11 @@ class TruthTable:
         """Cars that are not to be ignored: the denominator of the true-positive rate."""
         return int((~self.ignore).sum())
 
+    @property
+    def cars_of_image(self) -> IntArray:
+        """Cars of each image that are not to be ignored, shape (n_images,)."""
+        return np.bincount(self.car_image[~self.ignore], minlength=self.n_images)
+
 
 @dataclass(frozen=True, eq=False)
 class MatchTable:
@@ -77,6 +82,8 @@ class MatchTable:
 
     n_images: int
     n_cars: int
+    image: IntArray
+    """Image of each candidate, counted from 0 to ``n_images`` - 1 in the order of the truth, shape (n,)."""
     ranking: FloatArray
     """What the candidates were ranked by, larger is better, shape (n,)."""
     outcome: NDArray[np.int8]
@@ -144,7 +151,7 @@ def greedy_match(
     )
     outcome[taken >= 0] = HIT
     annotation[taken >= 0] = truth.annotation_id[taken[taken >= 0]]
-    return MatchTable(truth.n_images, truth.n_cars, np.asarray(ranking, float), outcome, annotation)
+    return MatchTable(truth.n_images, truth.n_cars, image, np.asarray(ranking, float), outcome, annotation)
 
 
 def _take_cars(

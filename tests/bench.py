@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from coco_boxes import coco_average_precision, coco_sets, random_boxes
 from rich.console import Console
 from rich.table import Table
 
@@ -36,11 +37,14 @@ from recon.reconstruct import Reconstruction, reconstruct
 from recon.stereo import compute_disparity
 from recon.view_bins import ViewBins
 from rescore import steps
+from rescore.bootstrap import BootstrapConfig, bootstrap
 from rescore.candidates import Candidates
 from rescore.config import RunConfig, run_preset
 from rescore.detectors.hog_svm import HogDetector
 from rescore.formats.coco import read_dataset
 from rescore.frames import DataSet, load_frame, read_rgb
+from rescore.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
+from rescore.metrics import Summary, summarise
 from rescore.pipeline import depth_evidence
 from rescore.threads import one_thread
 
@@ -202,6 +206,43 @@ def car_sized_boxes(image_id: int, width_px: int, height_px: int, rng: np.random
     return Candidates(image_id, boxes, np.linspace(1, 0, 15), np.linspace(0.9, 0.1, 15))
 
 
+def evaluation() -> tuple[list[Row], list[Timed]]:
+    """Matching and all curves of 5,000 images of 15 candidates, against faster-coco-eval on the same boxes.
+
+    faster-coco-eval gets its data structures ready-made, one overlap and one range of sizes.
+    """
+    boxes = random_boxes(np.random.default_rng(0), 5000, 15, n_levels=1_000_000)
+    truth, found = coco_sets(boxes)
+
+    def ours() -> Summary:
+        return summarise(greedy_match(boxes.image_id, boxes.xyxy_px, boxes.score, boxes.truth))
+
+    row = paired(
+        "evaluate 5000 x 15 candidates / faster-coco-eval",
+        1.0,
+        iter([(ours, lambda: coco_average_precision(truth, found))]),
+    )
+    start = time.process_time()
+    ours()
+    what = "evaluate 5000 images of 15 candidates, all curves"
+    return [row], [Timed(what, time.process_time() - start, "processor", 1.0)]
+
+
+def resampling() -> list[Timed]:
+    """All intervals of two tables of 109 images of 15 candidates."""
+    rng = np.random.default_rng(0)
+    image = np.repeat(np.arange(109), 15)
+    outcome = np.where(rng.random(len(image)) < 0.07, HIT, FALSE_ALARM).astype(np.int8)
+    cars = np.bincount(image[outcome == HIT], minlength=109)
+    before, after = (
+        MatchTable(109, int(cars.sum()), image, rng.random(len(image)), outcome, image) for _ in range(2)
+    )
+    start = time.process_time()
+    bootstrap({"before": before, "after": after}, cars, [("before", "after")], rng, BootstrapConfig())
+    what = "2000 paired resamples of two tables of 1635 candidates, all figures"
+    return [Timed(what, time.process_time() - start, "processor", 2.0)]
+
+
 def side_model() -> ClassModel:
     """A car model of view bin 3."""
     views = labelled_views(object_class("car"), learning_cars(), ViewBins(), 96)
@@ -272,13 +313,30 @@ def measured(chosen: Sequence[str]) -> tuple[list[Row], list[Timed]]:
                 rows += detection(data, config)
             if "rescoring" in wanted:
                 rows.append(rescoring(data, config))
-    for name, work in (("reconstruction", reconstruction), ("learning", learning), ("generic", generic)):
+    if "evaluation" in wanted:
+        more_rows, more_times = evaluation()
+        rows, times = rows + more_rows, times + more_times
+    for name, work in (
+        ("bootstrap", resampling),
+        ("reconstruction", reconstruction),
+        ("learning", learning),
+        ("generic", generic),
+    ):
         if name in wanted:
             times += work()
     return rows, times
 
 
-ROWS = ("rendering", "detection", "rescoring", "reconstruction", "learning", "generic")
+ROWS = (
+    "rendering",
+    "detection",
+    "rescoring",
+    "evaluation",
+    "bootstrap",
+    "reconstruction",
+    "learning",
+    "generic",
+)
 
 
 def main() -> None:

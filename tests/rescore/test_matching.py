@@ -60,6 +60,7 @@ def test_ignore_regions_take_any_number_and_come_before_duplicates() -> None:
 def test_ignored_cars_do_not_count_and_every_image_does() -> None:
     table = truth([CAR, CAR], [False, True], n_images=5)
     assert (table.n_cars, table.n_images) == (1, 5)
+    assert table.cars_of_image.tolist() == [1, 0, 0, 0, 0]
 
 
 def test_no_candidates_and_no_cars() -> None:
@@ -109,6 +110,7 @@ def test_many_images_at_once_equal_a_loop_over_each(seed: int) -> None:
     boxes = np.concatenate([corner, corner + rng.uniform(6, 10, (40, 2))], axis=1)
     ranking = rng.integers(0, 10, 40).astype(float)
     match = greedy_match(image * 3, boxes, ranking, table)
+    assert match.image.tolist() == image.tolist()
     for i in range(n_images):
         rows, own = np.flatnonzero(image == i), car_image == i
         expected = plain_greedy(boxes[rows], ranking[rows], cars[own], table.ignore[own])

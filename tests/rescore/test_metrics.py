@@ -20,7 +20,12 @@ from rescore.metrics import (
 def table(ranking: list[float], outcome: list[int], n_images: int = 2, n_cars: int = 4) -> MatchTable:
     n = len(ranking)
     return MatchTable(
-        n_images, n_cars, np.array(ranking, float), np.array(outcome, np.int8), np.full(n, -1, np.int64)
+        n_images,
+        n_cars,
+        image=np.arange(n) % n_images,
+        ranking=np.array(ranking, float),
+        outcome=np.array(outcome, np.int8),
+        annotation_id=np.full(n, -1, np.int64),
     )
 
 
