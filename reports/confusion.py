@@ -79,8 +79,8 @@ def _page(studies: Mapping[str, tuple[dict[str, Confusion], str]], learned_shape
         f"Made by `{command}`.",
         f"{photos} rendered photographs of test shapes a row, azimuths spread over all {bins} bins, true\n"
         f"boxes; class models of {learned_shapes} training shapes. The true outline, that of the true mask,\n"
-        f"takes the place of the level set's. Chance is {1 / bins:.0%} for the right bin and {3 / bins:.0%} for\n"
-        "a bin within one of it. The right bin has its standard error.",
+        f"takes the place of the level set's. Chance is {1 / bins:.0%} for the right bin and {3 / bins:.0%}\n"
+        "for a bin within one of it. The right bin has its standard error.",
         _shares_table([(title, tables) for tables, title in studies.values()]),
         "Mistakes by more than one bin, the most frequent first:",
         "\n".join(
