@@ -27,6 +27,7 @@ from reports.mesh_files import (
 from reports.mesh_view import MeshView, turned_about
 from reports.object_mesh import PictureMesh, object_meshes
 from reports.popup import (
+    backdrop_distance_m,
     backdrop_mesh,
     ground_mesh,
     in_scene_axes,
@@ -221,7 +222,8 @@ def test_ground_out_of_the_picture_has_no_faces() -> None:
 
 def test_objects_are_filled_in(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     _, photo, found = side
-    empty = without_objects(photo.rgb, [found])
+    far = backdrop_distance_m([found], photo.ground)
+    empty = without_objects(photo, [found], far)
     outline = fill_polygon(found.picture.outline_px, *photo.rgb.shape[:2])
     away = ~np.asarray(cv2.dilate(outline.astype(np.uint8), np.ones((9, 9))), bool)
     np.testing.assert_array_equal(empty[away], photo.rgb[away])
