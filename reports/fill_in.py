@@ -57,8 +57,8 @@ def filled_from_beside(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> t
     filled = (chosen >= 0) & hidden
     made = _composed(light, chosen, known, shifts)
     # what the border tells about light and shade
-    known_too = border & (chosen >= 0)
-    made += _spread(np.where(known_too[..., None], light - made, 0), known_too, sigma / 2)
+    lit = border & known & (chosen >= 0)
+    made += _spread(np.where(lit[..., None], light - made, 0), lit, sigma / 2)
     out = np.where(filled[..., None], np.clip(np.round(made), 0, 255), rgb).astype(np.uint8)
     return out, hidden & ~filled
 

@@ -25,6 +25,8 @@ _INNER_POINTS = 32
 """Points along the longer side of a predicted part."""
 _MOSTLY = 0.6
 """Share of a predicted part that must be hidden, and outside the object's body, for it to be drawn."""
+_SLACK = 0.05
+"""A predicted part that lies behind the body by less than this share of the box's diagonal belongs to it."""
 _MAX_BRIDGE = 0.2
 """Parts that adjoin in the picture are joined over gaps up to this share of the box's diagonal."""
 
@@ -78,7 +80,7 @@ def object_meshes(
     if is_compact(found.part_labels > 0):
         back = back_side(*_corners(cells, planes, camera), depth, instance, camera)
         meshes.append(PictureMesh(back.xyz_m, back.faces, back.uv_px))
-        depth = _with_body(depth, back.depth_m)
+        depth = _with_body(depth, back.depth_m + np.float32(_SLACK * np.linalg.norm(instance.size_m)))
     else:
         twins = _mirrored_labels(instance, shown)
         own = np.where(np.isin(cells.label, list(twins)), cells.label, 0).astype(np.uint8)
