@@ -17,6 +17,8 @@ Mask = NDArray[np.bool_]
 Picture = NDArray[np.uint8]
 Shift = tuple[int, int]
 
+_MOST_PX = 640
+"""Larger pictures are filled in at this size: what is hidden needs no fine detail."""
 _LEVEL_PX = 2
 """Largest shift up or down."""
 _BORDER_PX = 12
@@ -45,6 +47,26 @@ def filled_from_beside(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> t
     Shifts are level, give or take a few pixels: what lies at one height of a wall, or in one row of the
     ground seen from above, looks alike.
     """
+    height, width = hidden.shape
+    scale = _MOST_PX / max(height, width)
+    if scale >= 1:
+        return _filled(rgb, hidden, seen, known)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+
+    def share(mask: Mask) -> Float32Array:
+        return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA))
+
+    small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+    # a coarse pixel is seen, or known, where all of it is
+    coarse = (share(hidden) > 0, share(seen) > 0.999, share(known) > 0.999)
+    made, missing = _filled(small, *coarse)
+    back = cv2.resize(made, (width, height), interpolation=cv2.INTER_LINEAR)
+    left = cv2.resize(missing.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    left &= hidden
+    return np.where((hidden & ~left)[..., None], back, rgb).astype(np.uint8), np.asarray(left)
+
+
+def _filled(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> tuple[Picture, Mask]:
     border = seen & _grown(hidden, _BORDER_PX)
     if not hidden.any() or not border.any():
         return rgb, hidden
