@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper published published-localization bench clean
+.PHONY: demo test setup paper published published-localization published-models bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -33,6 +33,11 @@ published-localization: setup
 	$(BIN)/rescore localize --out runs/localization --cars 20 --placements 200 --seed 0 --jobs $(JOBS)
 	$(BIN)/python -m reports.localization_page runs/localization reports/published/localization \
 	    "make published-localization"
+
+published-models: setup
+	$(BIN)/rescore study-models --out reports/published/models --jobs $(JOBS)
+	$(BIN)/rescore study-views --out reports/published/view_bins
+	$(BIN)/rescore gallery --out reports/published/reconstructions
 
 bench: setup
 	$(BIN)/python tests/bench.py

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets_synth.airplane_details import Airfoil, engine, gear_leg, lifting_surface, propeller, window_row
-from datasets_synth.families import latin_hypercube, standing_mesh
+from datasets_synth.families import draws_by_style, standing_mesh
 from datasets_synth.lofts import circle, loft, xyz
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.solids import MeshDraft
@@ -16,7 +16,6 @@ from datasets_synth.street import plain
 FloatArray = NDArray[np.float64]
 
 AIRPLANE_PARTS = ("fuselage", "left_wing", "right_wing", "tail_fin", "tailplane")
-STYLES = ("airliner", "business_jet", "turboprop", "light")
 SHAPES_PER_STYLE = 4
 
 _LABEL = {name: i + 1 for i, name in enumerate(AIRPLANE_PARTS)}
@@ -90,7 +89,7 @@ def airplane_shapes() -> tuple[AirplaneShape, ...]:
     """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         AirplaneShape(
-            shape_id=f"{style}_{i:02d}",
+            shape_id=shape_id,
             style=style,
             length=p["length"],
             radius=p["radius"] * p["length"],
@@ -105,8 +104,7 @@ def airplane_shapes() -> tuple[AirplaneShape, ...]:
             tail_height=p["tail_height"],
             clearance=p["clearance"],
         )
-        for number, style in enumerate(STYLES)
-        for i, p in enumerate(latin_hypercube(_RANGES[style], SHAPES_PER_STYLE, [20090423, number]))
+        for shape_id, style, p in draws_by_style(_RANGES, SHAPES_PER_STYLE, 20090423)
     )
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets_synth.families import latin_hypercube, standing_mesh
+from datasets_synth.families import draws_by_style, standing_mesh
 from datasets_synth.lofts import loft, superellipse, tube
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.solids import MeshDraft
@@ -15,7 +15,6 @@ from datasets_synth.street import surface
 FloatArray = NDArray[np.float64]
 
 BASKET_PARTS = ("front_side", "left_side", "rear_side", "right_side", "bottom", "handle")
-STYLES = ("round", "oval", "rectangular")
 SHAPES_PER_STYLE = 4
 
 _LABEL = {name: i + 1 for i, name in enumerate(BASKET_PARTS)}
@@ -71,7 +70,7 @@ def basket_shapes() -> tuple[BasketShape, ...]:
     """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         BasketShape(
-            shape_id=f"{style}_{i:02d}",
+            shape_id=shape_id,
             style=style,
             length=p["length"],
             width=p["length"] * p["aspect"],
@@ -84,8 +83,7 @@ def basket_shapes() -> tuple[BasketShape, ...]:
             handle_radius=p["handle_radius"],
             handle_power=p["handle_power"],
         )
-        for number, style in enumerate(STYLES)
-        for i, p in enumerate(latin_hypercube(_RANGES[style], SHAPES_PER_STYLE, [20090424, number]))
+        for shape_id, style, p in draws_by_style(_RANGES, SHAPES_PER_STYLE, 20090424)
     )
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets_synth.families import latin_hypercube, standing_mesh
+from datasets_synth.families import draws_by_style, standing_mesh
 from datasets_synth.lofts import circle, curve, loft, tube, xyz
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.solids import MeshDraft
@@ -15,7 +15,6 @@ from datasets_synth.street import plain
 FloatArray = NDArray[np.float64]
 
 BICYCLE_PARTS = ("front_wheel", "rear_wheel", "frame", "handlebar")
-STYLES = ("city", "road", "mountain", "step_through")
 SHAPES_PER_STYLE = 4
 
 _LABEL = {name: i + 1 for i, name in enumerate(BICYCLE_PARTS)}
@@ -77,7 +76,7 @@ def bicycle_shapes() -> tuple[BicycleShape, ...]:
     """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         BicycleShape(
-            shape_id=f"{style}_{i:02d}",
+            shape_id=shape_id,
             style=style,
             wheel_radius=p["wheel_radius"],
             tyre_radius=p["tyre_radius"],
@@ -92,8 +91,7 @@ def bicycle_shapes() -> tuple[BicycleShape, ...]:
             tube_radius=p["tube_radius"],
             spokes=int(p["spokes"]),
         )
-        for number, style in enumerate(STYLES)
-        for i, p in enumerate(latin_hypercube(_RANGES[style], SHAPES_PER_STYLE, [20090422, number]))
+        for shape_id, style, p in draws_by_style(_RANGES, SHAPES_PER_STYLE, 20090422)
     )
 
 

@@ -277,3 +277,14 @@ def _cap(lines: BodyLines, section: Floats, end_t: float) -> Floats:
     grid = np.stack([t + lines.end_shift(t, y, z), y, z], axis=-1)
     grid[:, -1] = section
     return grid
+
+
+def arch_radius(lines: BodyLines) -> float:
+    """Radius of the wheel arches in metres."""
+    gap = {"suv": 0.062, "pickup": 0.080, "coupe": 0.038}.get(lines.shape.body_type, 0.048)
+    return lines.shape.wheel_radius + gap
+
+
+def well_y(lines: BodyLines) -> float:
+    """Distance of the inner wall of the wheel wells from the middle plane."""
+    return 0.5 * lines.shape.width - 0.36

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets_synth.families import latin_hypercube, standing_mesh
+from datasets_synth.families import draws_by_style, standing_mesh
 from datasets_synth.lofts import curve, loft, rounded_edge, slab, superellipse, tube
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.solids import MeshDraft
@@ -22,7 +22,6 @@ CHAIR_PARTS = (
     "rear_left_leg",
     "rear_right_leg",
 )
-STYLES = ("slatted", "ladder", "shell", "padded")
 SHAPES_PER_STYLE = 4
 
 _LABEL = {name: i + 1 for i, name in enumerate(CHAIR_PARTS)}
@@ -88,7 +87,7 @@ def chair_shapes() -> tuple[ChairShape, ...]:
     """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         ChairShape(
-            shape_id=f"{style}_{i:02d}",
+            shape_id=shape_id,
             style=style,
             seat_z=p["seat_z"],
             seat_width=p["seat_width"],
@@ -102,8 +101,7 @@ def chair_shapes() -> tuple[ChairShape, ...]:
             splay_rad=float(np.deg2rad(p["splay"])),
             slats=int(p["slats"]),
         )
-        for number, style in enumerate(STYLES)
-        for i, p in enumerate(latin_hypercube(_RANGES[style], SHAPES_PER_STYLE, [20090421, number]))
+        for shape_id, style, p in draws_by_style(_RANGES, SHAPES_PER_STYLE, 20090421)
     )
 
 

@@ -1,6 +1,6 @@
 """What all families of object shapes share: how their lists of shapes are drawn, and how objects stand."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -24,6 +24,21 @@ def latin_hypercube(ranges: Ranges, count: int, seed: list[int]) -> list[dict[st
         for name, (low, high) in ranges.items()
     }
     return [{name: float(values[i]) for name, values in draws.items()} for i in range(count)]
+
+
+def draws_by_style(
+    ranges: Mapping[str, Ranges], per_style: int, seed: int
+) -> Iterator[tuple[str, str, dict[str, float]]]:
+    """Name of the shape, style and measures of `per_style` shapes of each style, style by style.
+
+    Args:
+        ranges: Of the measures of each style.
+        per_style: How many shapes of each.
+        seed: Of the family; each style has a generator of its own.
+    """
+    for number, (style, own) in enumerate(ranges.items()):
+        for i, measures in enumerate(latin_hypercube(own, per_style, [seed, number])):
+            yield f"{style}_{i:02d}", style, measures
 
 
 def standing_mesh(draft: MeshDraft) -> Mesh:

@@ -27,12 +27,11 @@ from recon.localize import (
     FitLocalization,
     PartsConfig,
     PartsLocalization,
-    UprightSurface,
     localize_by_fit,
     localize_by_parts,
-    single_plane,
 )
 from recon.outcome import Failure
+from recon.single_plane import UprightSurface, lower_edge, single_plane
 from recon.standing_box import StandingBox
 from rescore.localization import Score, score
 from rescore.table_segment import (
@@ -127,8 +126,17 @@ def localize_placement(
         region.ring_px,
         fit_region(rgb, region, table_class, config),
         localize_by_parts(rgb, region.ring_px, table_class.model, CAMERA, GROUND, config.parts),
-        single_plane(region.mask, CAMERA, GROUND),
+        surface_of_region(region),
     )
+
+
+def surface_of_region(region: TableRegion) -> UprightSurface | Failure:
+    """The upright surface over the lower edge of one thing on the table."""
+    line = lower_edge(region.mask)
+    if isinstance(line, Failure):
+        return line
+    surface = single_plane(region.ring_px, line, CAMERA, GROUND)
+    return surface if isinstance(surface, Failure) else surface.on_ground(GROUND)
 
 
 def fit_region(

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.gradients import smooth_gradient
 from recon.outlines import resample
 
 FloatArray = NDArray[np.float64]
@@ -37,9 +38,7 @@ class BorderEvidenceConfig:
 
 def edge_channels(lab: Float32Array, config: BorderEvidenceConfig) -> Float32Array:
     """Edge strength by direction of a colour window (h, w, 3), shape (h, w, directions), at least 0."""
-    smooth = cv2.GaussianBlur(lab, (0, 0), config.smooth_sigma_px)
-    dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
-    dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    dx, dy = smooth_gradient(lab, config.smooth_sigma_px)
     xx, yy, xy = (dx * dx).sum(axis=2), (dy * dy).sum(axis=2), (dx * dy).sum(axis=2)
     size = np.sqrt(xx + yy)
     # 1 where the gradients of all colours agree in direction

@@ -1,6 +1,6 @@
 """Pose and bounding box of an object on a known ground plane from its outline (section 5.1).
 
-Three ways: by the report's construction, by a joint fit of pose and shape, and by one upright plane.
+Two ways: by the report's construction, and by a joint fit of pose and shape.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,6 @@ from recon.view_bins import ViewBins
 from recon.view_selection import ViewSelectionConfig, best_view_bin
 
 FloatArray = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -47,50 +46,6 @@ class FitConfig:
     front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
-
-
-@dataclass(frozen=True, eq=False)
-class UprightSurface:
-    """One vertical surface, as in pop-ups of Hoiem et al.; it has no depth, so no box and no front."""
-
-    centroid_m: FloatArray
-    """Mean of its points in the ground frame, shape (3,)."""
-    yaw_rad: float
-    """Direction of its ground line, in [0, pi)."""
-
-
-def single_plane(mask: Mask, camera: PinholeCamera, ground: GroundPlane) -> UprightSurface | Failure:
-    """The vertical surface through the ground line of the whole region of a mask (h, w).
-
-    The ground line is fitted to the lowest pixel of each column.
-    """
-    columns = np.nonzero(mask.any(axis=0))[0]
-    if len(columns) < 2:
-        return Failure(Reason.NO_OUTLINE, f"a region of two columns or more expected, got {len(columns)}")
-    lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0) + 0.5
-    slope, offset = np.polyfit(columns.astype(float), lowest, 1)
-    ends = columns[[0, -1]].astype(float)
-    line_m = ground.intersect(camera.rays(np.stack([ends, slope * ends + offset], axis=1)))
-    if not np.isfinite(line_m).all():
-        return Failure(
-            Reason.ABOVE_HORIZON, "a ground line below the horizon expected, got one that crosses it"
-        )
-    along = line_m[1] - line_m[0]
-    normal = np.cross(along, ground.up)
-    v, u = np.nonzero(mask)
-    rays = camera.rays(np.stack([u, v], axis=1).astype(float))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = (line_m[0] @ normal) / (rays @ normal)
-    seen = depth > 0
-    if not seen.any():
-        return Failure(
-            Reason.PARTS_NOT_PLACED, "a surface in front of the camera expected, it is seen edge-on"
-        )
-    pose = cam_from_ground(ground)
-    centroid = (depth[seen, None] * rays[seen]).mean(axis=0)
-    direction = along @ pose[:3, :3]
-    yaw = float(np.arctan2(direction[1], direction[0])) % np.pi
-    return UprightSurface((centroid - pose[:3, 3]) @ pose[:3, :3], yaw)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outcome import Failure, Reason
 from recon.part_registration import PreparedView
+from recon.placing import feet
 from recon.primitives import lift
-from recon.reconstruct import Reconstruction, feet
+from recon.reconstruct import Reconstruction
 
 FloatArray = NDArray[np.float64]
 

@@ -1,19 +1,20 @@
 """Reconstruction of candidates (section 4): outline, parts, ground line, planes, predicted depth."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
+from recon.canonical_window import GridToImage, canonical_windows, grid_to_image, zero_level
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import RescoreError
-from recon.ground_line import GroundLine, GroundLineConfig, ground_line
+from recon.ground_line import GroundLineConfig, ground_line
 from recon.outcome import Failure, Reason
-from recon.outlines import fill_polygon, largest_outline
+from recon.outlines import fill_polygon
 from recon.part_registration import (
     CanonicalGrid,
     PreparedView,
@@ -22,14 +23,11 @@ from recon.part_registration import (
     prepare_view,
     register_parts,
 )
-from recon.predict_depth import PlacedParts, PlacingConfig, place_parts
+from recon.placing import feet, place_instance
+from recon.predict_depth import PlacingConfig
 from recon.segment import Float32Array, SegmentConfig, colour_evidence, edge_indicator, evolve
 
 FloatArray = NDArray[np.float64]
-
-
-_PIECE = 0.1
-"""Share of the object's area above which a separate region is a piece of it."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +168,7 @@ def reconstruct_outline(
     failure = check_box(box, view.grid, (camera.width_px, camera.height_px), config)
     if failure is not None:
         return (failure,) * len(turns_rad)
-    to_image = _grid_to_image(view.grid, box)
+    to_image = grid_to_image(view.grid, box)
     outline = (ring_px - to_image.shift) / to_image.scale
     parts = register_parts(outline, view, config.registration)
     if isinstance(parts, Failure):
@@ -194,7 +192,7 @@ def segment(
     start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
     region = colour_evidence(windows, start) if config.segment.region_weight else None
     phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
-    return tuple(zero_level(p, view.phi, config) for p in phi)
+    return tuple(zero_level(p, view.phi, config.min_outline_iou) for p in phi)
 
 
 def _from_outline(
@@ -212,7 +210,7 @@ def _from_outline(
     parts = register_parts(outline, view, config.registration)
     if isinstance(parts, Failure):
         return parts
-    to_image = _grid_to_image(view.grid, box_px)
+    to_image = grid_to_image(view.grid, box_px)
     turned = view_rotation(model, view_bin, box_px, camera, ground)
     return _instance(outline, parts, view, to_image, turned, model, camera, ground, config, ground_region)
 
@@ -221,7 +219,7 @@ def _instance(
     outline: FloatArray,
     parts: RegisteredParts,
     view: PreparedView,
-    to_image: "_GridToImage",
+    to_image: GridToImage,
     cam_from_object: FloatArray,
     model: ClassModel,
     camera: PinholeCamera,
@@ -240,7 +238,7 @@ def _instance(
     )
     if isinstance(line, Failure):
         return line
-    placed = _place(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
+    placed = place_instance(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
     if placed.placed_share < config.placing.min_placed:
         why = "; ".join(f"{model.part_names[k - 1]}: {text}" for k, text in placed.unplaced.items())
         return Failure(
@@ -289,13 +287,6 @@ def _about_z(angle_rad: float) -> FloatArray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def feet(model: ClassModel) -> dict[int, FloatArray]:
-    """Lowest outline point (3,) of each part that reaches the lowest tenth of the model, by label."""
-    low = {p.label: p.outline[np.argmin(p.outline[:, 2])] for p in model.parts}
-    limit = min(float(point[2]) for point in low.values()) + 0.1 * model.extents[2]
-    return {label: point for label, point in low.items() if point[2] <= limit}
-
-
 def check_box(
     box_px: FloatArray, grid: CanonicalGrid, picture_px: tuple[int, int], config: ReconstructConfig
 ) -> Failure | None:
@@ -325,88 +316,8 @@ def check_box(
     return None
 
 
-def canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
-    """Each box with its margin on the canonical grid in CIE Lab, shape (n, h, w, 3), borders repeated."""
-    scales, shifts = grid.image_from_grid(xyxy_px)
-    out = np.empty((len(xyxy_px), grid.height_px, grid.width_px, 3), np.float32)
-    for i, (scale, shift) in enumerate(zip(scales, shifts, strict=True)):
-        reach = np.array([grid.width_px, grid.height_px]) * scale
-        low = np.clip(np.floor(shift) - 8, 0, np.array(rgb.shape[1::-1]) - 1).astype(int)
-        high = np.clip(np.ceil(shift + reach) + 8, low + 1, rgb.shape[1::-1]).astype(int)
-        crop = rgb[low[1] : high[1], low[0] : high[0]]
-        if (scale > 1).any():
-            # shrinking needs a blur first, or edges alias; a box filter of one grid pixel is enough
-            blurred = cv2.blur(crop, (max(1, round(scale[0])), max(1, round(scale[1]))))
-            crop = np.asarray(blurred, np.uint8)
-        affine = np.array([[scale[0], 0, shift[0] - low[0]], [0, scale[1], shift[1] - low[1]]])
-        window = cv2.warpAffine(
-            crop,
-            affine,
-            (grid.width_px, grid.height_px),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        out[i] = cv2.cvtColor(window.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2Lab)
-    return out
-
-
-def zero_level(phi: Float32Array, start: Float32Array, config: ReconstructConfig) -> FloatArray | Failure:
-    """The outline of the largest region, to a quarter of a canonical pixel."""
-    fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
-    ring = largest_outline(_in_one_piece(fine < 0, start))
-    if ring is None:
-        return Failure(Reason.NO_OUTLINE, "an outline expected, the level set vanished")
-    outline = (ring + 0.5) / 4 - 0.5
-    inside, before = phi < 0, start < 0
-    iou = float((inside & before).sum() / max((inside | before).sum(), 1))
-    if iou < config.min_outline_iou:
-        return Failure(
-            Reason.NO_OUTLINE,
-            f"an outline that keeps {config.min_outline_iou:g} of its start (IoU) expected, got {iou:.2f}",
-        )
-    return outline
-
-
-def _in_one_piece(mask: NDArray[np.bool_], start: Float32Array) -> NDArray[np.bool_]:
-    """The mask (4 h, 4 w) with its larger regions joined where a thin limb was pinched off.
-
-    What joins them lies inside the start (h, w); nothing is added where one region has nearly all.
-    """
-    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    areas = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
-    if len(areas) < 2 or areas[1] < _PIECE * areas.sum():
-        return mask
-    inside = cv2.resize(start, mask.shape[::-1], interpolation=cv2.INTER_LINEAR) < 0
-    pieces = int((areas >= _PIECE * areas.sum()).sum())
-    for across in range(9, max(10, mask.shape[0] // 5), 8):
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
-        closed = mask | (inside & (cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0))
-        _, _, stats, _ = cv2.connectedComponentsWithStats(closed.astype(np.uint8))
-        large = int((stats[1:, cv2.CC_STAT_AREA] >= _PIECE * areas.sum()).sum())
-        if large < pieces:
-            mask, pieces = closed, large
-        if pieces < 2:
-            break
-    return mask
-
-
-class _GridToImage:
-    """Canonical to image coordinates for one box."""
-
-    def __init__(self, scale: FloatArray, shift: FloatArray) -> None:
-        self.scale, self.shift = scale, shift
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        return points * self.scale + self.shift
-
-
-def _grid_to_image(grid: CanonicalGrid, box_px: FloatArray) -> _GridToImage:
-    scale, shift = grid.image_from_grid(box_px[None])
-    return _GridToImage(scale[0], shift[0])
-
-
 def _part_labels(
-    parts: RegisteredParts, outline_px: FloatArray, to_image: _GridToImage, camera: PinholeCamera
+    parts: RegisteredParts, outline_px: FloatArray, to_image: GridToImage, camera: PinholeCamera
 ) -> tuple[NDArray[np.uint8], int, int]:
     """Labels of the pixels inside the outline, in the outline's window, and the window's place (x0, y0)."""
     size = np.array([camera.width_px, camera.height_px])
@@ -434,79 +345,3 @@ def fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[n
     label_of = np.zeros(int(nearest.max()) + 1, np.uint8)
     label_of[nearest[known]] = labels[known]
     return np.where(inside, label_of[nearest], 0).astype(np.uint8)
-
-
-def _place(
-    labels: NDArray[np.uint8],
-    x0_px: int,
-    y0_px: int,
-    line: GroundLine,
-    cam_from_object: FloatArray,
-    model: ClassModel,
-    camera: PinholeCamera,
-    config: PlacingConfig,
-) -> PlacedParts:
-    """Part planes and depth of one instance, within the depth limits of an object of this size."""
-    v, u = np.mgrid[y0_px : y0_px + labels.shape[0], x0_px : x0_px + labels.shape[1]]
-    rays = camera.rays(np.stack([u, v], axis=-1).astype(float))
-    normals = {p.label: cam_from_object @ p.plane[:3] for p in model.parts}
-    depth = float(np.mean([p[2] for p in line.points_m.values()]))
-    scale = _metres_per_unit(labels, depth, cam_from_object, model, camera)
-    # the object's size: the diagonal of the model's extents
-    reach = config.max_depth_range * scale * float(np.linalg.norm(model.extents))
-    limits = (max(depth - reach, 1e-3), depth + reach)
-    placed = place_parts(labels, rays, normals, line.points_m, limits, config)
-    if placed.placed_share >= config.min_placed:
-        return placed
-    rest = {k: n for k, n in normals.items() if k not in placed.planes}
-    stand_in = _stand_in(labels, rays, rest, line.points_m, scale, cam_from_object, model, config)
-    on_ground = {k: p for k, p in line.points_m.items() if k in placed.planes}
-    again = place_parts(labels, rays, normals, on_ground | stand_in, limits, config)
-    if again.placed_share <= placed.placed_share:
-        return placed
-    # why the parts on the ground have no plane was found in the first round
-    reasons = again.unplaced | {k: why for k, why in placed.unplaced.items() if k in line.points_m}
-    return replace(again, unplaced={k: v for k, v in reasons.items() if k not in again.planes})
-
-
-def _stand_in(
-    labels: NDArray[np.uint8],
-    rays: FloatArray,
-    normals: Mapping[int, FloatArray],
-    points_m: Mapping[int, FloatArray],
-    metres_per_unit: float,
-    cam_from_object: FloatArray,
-    model: ClassModel,
-    config: PlacingConfig,
-) -> dict[int, FloatArray]:
-    """A known point of one part for a view that shows the parts on the ground edge-on, as a car's front.
-
-    It belongs to the part that shows the most area to the camera and is not edge-on itself, and lies as far
-    from the ground contacts as in the class model.
-    """
-    shown = {}
-    for k in (k for k in normals if k not in points_m and (labels == k).any()):
-        own = rays[labels == k]
-        sine = np.abs(own @ normals[k]) / np.linalg.norm(own, axis=1)
-        if sine.mean() >= np.sin(config.min_angle_rad):
-            shown[k] = float(sine.sum())
-    if not shown:
-        return {}
-    label = max(shown, key=lambda k: shown[k])
-    foot, centroid = feet(model), model.part(label).centroid
-    steps = [p + metres_per_unit * cam_from_object @ (centroid - foot[k]) for k, p in points_m.items()]
-    return {label: np.mean(steps, axis=0)}
-
-
-def _metres_per_unit(
-    labels: NDArray[np.uint8],
-    depth_m: float,
-    cam_from_object: FloatArray,
-    model: ClassModel,
-    camera: PinholeCamera,
-) -> float:
-    """Metres of a unit of the model, from the width of the object in the picture at the depth of its feet."""
-    across: Sequence[FloatArray] = [p.outline @ cam_from_object[0] for p in model.parts]
-    columns = np.nonzero(labels.any(axis=0))[0]
-    width_m = (columns[-1] - columns[0] + 1) * depth_m / camera.fx_px
-    return float(width_m / np.ptp(np.concatenate(across)))

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from recon.gradients import smooth_gradient
+
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
@@ -64,9 +66,7 @@ def edge_indicator(lab: Float32Array, config: SegmentConfig) -> Float32Array:
     """g = 1 / (1 + |grad I|^2 / K^2) of colour windows (n, h, w, c), shape (n, h, w), in (0, 1]."""
     energy = np.empty(lab.shape[:3], np.float32)
     for i, window in enumerate(lab):
-        smooth = cv2.GaussianBlur(window, (0, 0), config.smooth_sigma_px)
-        dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
-        dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+        dx, dy = smooth_gradient(window, config.smooth_sigma_px)
         energy[i] = (dx * dx + dy * dy).reshape(*lab.shape[1:3], -1).sum(axis=2)
     half = config.edge_scale**2 * energy.mean(axis=(1, 2), keepdims=True)
     # the floor is far below one grey level a pixel, so that a blank window has no edges

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outcome import Failure, Reason
 from recon.outlines import fill_polygon
+from recon.standing_box import cam_from_ground
 
 FloatArray = NDArray[np.float64]
 
@@ -24,6 +25,35 @@ class SinglePlane:
     """Area centroid of the outline on the plane, shape (3,)."""
     yaw_rad: float
     """Direction of the surface on the ground about the up axis, from the camera's right, in [-pi/2, pi/2)."""
+
+    def on_ground(self, ground: GroundPlane) -> "UprightSurface":
+        """Where it stands, in the ground frame."""
+        pose = cam_from_ground(ground)
+        return UprightSurface((self.centroid_m - pose[:3, 3]) @ pose[:3, :3], self.yaw_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class UprightSurface:
+    """Place and direction of a vertical surface in the ground frame; it has no box and no front."""
+
+    centroid_m: FloatArray
+    """Shape (3,)."""
+    yaw_rad: float
+    """Direction of its ground line, in [-pi/2, pi/2)."""
+
+
+def lower_edge(mask: NDArray[np.bool_]) -> FloatArray | Failure:
+    """The ground line (2, 2) of a region (h, w), pixel centres, fitted to each column's lowest pixel.
+
+    It ends in the first and last column of the region.
+    """
+    columns = np.nonzero(mask.any(axis=0))[0]
+    if len(columns) < 2:
+        return Failure(Reason.NO_OUTLINE, f"a region of two columns or more expected, got {len(columns)}")
+    lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0) + 0.5
+    slope, offset = np.polyfit(columns.astype(float), lowest, 1)
+    ends = columns[[0, -1]].astype(float)
+    return np.stack([ends, slope * ends + offset], axis=1)
 
 
 def single_plane(

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.border_evidence import BorderEvidenceConfig, agreement, border_channels, edge_channels
+from recon.canonical_window import canonical_windows, zero_level
 from recon.class_model import ClassModel
 from recon.outcome import Failure, Reason
 from recon.part_registration import PreparedView, canonical_grid, prepare_view, register_parts
-from recon.reconstruct import ReconstructConfig, canonical_windows, check_box, zero_level
+from recon.reconstruct import ReconstructConfig, check_box
 from recon.segment import edge_indicator, evolve
 
 FloatArray = NDArray[np.float64]
@@ -165,7 +166,7 @@ def _segment_views(
         edge = np.broadcast_to(edge_indicator(window, config.segment), start.shape)
         phi = evolve(start, edge, config.segment)
         for b, after in zip(members, phi, strict=True):
-            found[b] = zero_level(after, views[b].phi, config)
+            found[b] = zero_level(after, views[b].phi, config.min_outline_iou)
     return found
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
@@ -12,6 +13,7 @@ from recon.depth_map import DepthMap
 from recon.instance import NEAR_M, Instance3D, InstancePart
 from recon.outlines import fill_polygon
 from recon.reconstruct import Reconstruction, fill_gaps
+from reports.back_side import back_side, is_compact, mirror
 from reports.joined_planes import JoinedPlanes, joined_planes
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +23,10 @@ _MAX_CELLS = 60_000
 """Cells of the picture that an object is cut into at most; one cell a pixel where it has fewer."""
 _INNER_POINTS = 32
 """Points along the longer side of a predicted part."""
+_MOSTLY = 0.6
+"""Share of a predicted part that must be hidden, and outside the object's body, for it to be drawn."""
+_SLACK = 0.05
+"""A predicted part that lies behind the body by less than this share of the box's diagonal belongs to it."""
 _MAX_BRIDGE = 0.2
 """Parts that adjoin in the picture are joined over gaps up to this share of the box's diagonal."""
 
@@ -58,32 +64,60 @@ def object_meshes(
     camera: PinholeCamera,
     occluded: NDArray[np.bool_] | None = None,
 ) -> tuple[PictureMesh, ...]:
-    """Meshes of an object in the camera frame: what the picture shows, its mirror image, and hidden parts.
+    """Meshes of an object in the camera frame: what the picture shows, and what it hides.
 
-    Every pixel of the object stands on the plane of its part, after planes that adjoin have been joined. A
-    hidden part whose name has "left" for "right" (or the reverse) of a part in the picture gets that part's
-    pixels, mirrored; the others have the median colour of the object. Hidden is what lies behind the object
-    or behind ``occluded`` pixels (h, w), where something else stands before it.
+    Every pixel of the object stands on the plane of its part, after planes that adjoin have been joined.
+    A compact object is closed by its back (``back_side``). Of others, a hidden part whose name has "left" for
+    "right" (or the reverse) of a part in the picture gets that part's pixels, mirrored. Other hidden parts
+    have the median colour of the object. Hidden is what lies behind the object or behind ``occluded`` pixels
+    (h, w), where something else stands before it.
     """
-    pixels = found.part_labels
     planes = joined_planes(found, instance, camera)
     cells = _cells_of(found, sorted(planes.inverse_depth))
-    twins = _mirrored_labels(instance, set(planes.inverse_depth))
+    depth = _shown_depth(found, planes, camera)
+    shown = set(planes.inverse_depth)
     meshes = [picture_mesh(cells, planes, instance, camera)]
-    hidden = []
-    if twins:
+    if is_compact(found.part_labels > 0):
+        back = back_side(*_corners(cells, planes, camera), depth, instance, camera)
+        meshes.append(PictureMesh(back.xyz_m, back.faces, back.uv_px))
+        depth = _with_body(depth, back.depth_m + np.float32(_SLACK * np.linalg.norm(instance.size_m)))
+    else:
+        twins = _mirrored_labels(instance, shown)
         own = np.where(np.isin(cells.label, list(twins)), cells.label, 0).astype(np.uint8)
         side = picture_mesh(replace(cells, label=own), planes, instance, camera)
-        hidden.append(side.moved(_mirror(instance)))
-    colour = np.median(rgb[found.depth.window][pixels > 0], axis=0).astype(int)
-    red, green, blue = colour.tolist()
-    shown = {*planes.inverse_depth, *twins.values()}
+        meshes.append(_out_of_sight(side.moved(mirror(instance)), depth, camera, occluded))
+        shown |= set(twins.values())
+    colour = np.median(rgb[found.depth.window][found.part_labels > 0], axis=0).astype(int)
     for part in (p for p in instance.parts if p.label not in shown):
         points, faces = _polygon(part, _INNER_POINTS)
-        hidden.append(PictureMesh(points, faces, None, (red, green, blue)))
-    depth = _shown_depth(found, planes, camera)
-    meshes += [_out_of_sight(mesh, depth, camera, occluded) for mesh in hidden]
+        whole = PictureMesh(points, faces, None, tuple(colour.tolist()))
+        hidden = _out_of_sight(whole, depth, camera, occluded)
+        # a part half of which would be seen is not where the class model has it, or belongs to the body
+        if len(hidden.faces) > _MOSTLY * len(faces):
+            meshes.append(hidden)
     return tuple(m for m in meshes if len(m.faces))
+
+
+def _with_body(depth: DepthMap, back_m: NDArray[np.float32]) -> DepthMap:
+    """The depth of the back of an object's body, given at corners of cells, and of the front elsewhere."""
+    height, width = depth.depth.shape
+    body = cv2.resize(back_m, (width, height), interpolation=cv2.INTER_NEAREST)
+    out = np.where(np.isfinite(depth.depth), np.fmax(depth.depth, body), np.nan)
+    return replace(depth, depth=out.astype(np.float32))
+
+
+def _corners(cells: "_Cells", planes: JoinedPlanes, camera: PinholeCamera) -> tuple[FloatArray, FloatArray]:
+    """Corners of the cells in the picture (h + 1, w + 1, 2), and the farthest z-depth there, else NaN."""
+    h, w = cells.label.shape
+    u, v = np.meshgrid(np.arange(w + 1.0), np.arange(h + 1.0))
+    uv = np.stack([u, v], axis=-1) * cells.step_px + [cells.x0_px, cells.y0_px]
+    around = np.pad(cells.label, 1)
+    touching = np.stack([around[:-1, :-1], around[:-1, 1:], around[1:, :-1], around[1:, 1:]])
+    front = np.full((h + 1, w + 1), np.nan)
+    for label in planes.inverse_depth:
+        own = (touching == label).any(axis=0)
+        front[own] = np.fmax(front[own], planes.depth_along(label, camera.rays(uv[own])))
+    return uv, front
 
 
 def _shown_depth(found: Reconstruction, planes: JoinedPlanes, camera: PinholeCamera) -> DepthMap:
@@ -202,12 +236,6 @@ def _mirrored_labels(instance: Instance3D, shown: set[int]) -> dict[int, int]:
         if label in shown and swapped != name and other is not None and other not in shown:
             out[label] = other
     return out
-
-
-def _mirror(instance: Instance3D) -> FloatArray:
-    """Reflection (4, 4) of the camera frame in the object's upright middle plane."""
-    flip = np.diag([1.0, -1.0, 1.0, 1.0])
-    return np.asarray(instance.cam_from_object @ flip @ np.linalg.inv(instance.cam_from_object))
 
 
 def _polygon(part: InstancePart, inner: int) -> tuple[FloatArray, IntArray]:

@@ -1,6 +1,7 @@
 """3D pop-up scenes of one picture (section 7): objects that stand on the ground, a backdrop, a turntable."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from PIL import Image
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outlines import fill_polygon
+from reports.fill_in import filled_from_beside
 from reports.mesh_files import gltf_from_camera
 from reports.mesh_view import MeshView, turned_about
 from reports.object_mesh import PictureMesh, object_meshes
@@ -26,6 +28,10 @@ _COLUMN_STEP_PX = 16.0
 not, and the finer step keeps the error far below half a pixel."""
 _RIM = 0.08
 """Width of what is filled in around objects, in roots of their area."""
+_BLUR_PX = 1.5
+"""Width of the rim inside an outline which the blur of the camera mixes with the background."""
+_PLAN_PX = 600
+"""Longer side of the plan on which the ground is filled in."""
 _VIEW_WIDTH_PX = 480
 _FRAMES = 24
 _SWING_RAD = float(np.deg2rad(35.0))
@@ -44,8 +50,8 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
         meshes = object_meshes(texture, one.picture, one.instance, photo.camera, one.occluded)
         names = [f"{one.instance.class_name}_{i + 1}_{k}" for k in range(len(meshes))]
         layers += [(name, mesh, texture) for name, mesh in zip(names, meshes, strict=True)]
-    empty = without_objects(photo.rgb, objects)
     far = backdrop_distance_m(objects, photo.ground)
+    empty = without_objects(photo, objects, far)
     layers += [
         (name, mesh, empty)
         for name, mesh in (
@@ -57,24 +63,110 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
     return layers
 
 
-def without_objects(rgb: NDArray[np.uint8], objects: Sequence[FoundObject]) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) with the pixels of objects, and of what hides them, filled in from around."""
-    height, width = rgb.shape[:2]
-    hidden = np.zeros((height, width), bool)
+def without_objects(photo: Photo, objects: Sequence[FoundObject], far_m: float) -> NDArray[np.uint8]:
+    """The picture (h, w, 3) with the pixels of objects, and of what hides them, filled in from beside them.
+
+    The ground up to ``far_m`` is filled in as seen from above, the backdrop as seen from the camera. Nothing
+    is taken from the boxes of the objects: there may be limbs that an outline has lost.
+    """
+    rgb, camera, ground = photo.rgb, photo.camera, photo.ground
+    shape = rgb.shape[:2]
+    hidden, boxes = _hidden(shape, objects)
+    fold = int(np.ceil(np.clip(_fold_row(camera, ground, far_m), 0, camera.height_px)))
+    out, left = rgb.copy(), hidden.copy()
+    out[:fold], left[:fold] = filled_from_beside(rgb[:fold], hidden[:fold], ~hidden[:fold], ~boxes[:fold])
+    plan = ground_plan(camera, ground, fold, far_m)
+    if plan is not None and hidden[fold:].any():
+        unknown = plan.warp(hidden.astype(np.uint8)) > 0
+        seen, known = ((plan.warp(255 * m.astype(np.uint8)) > 254) & ~unknown for m in (~hidden, ~boxes))
+        from_above, missing = filled_from_beside(plan.warp(rgb), unknown, seen, known)
+        own = hidden & (np.arange(shape[0]) >= fold)[:, None]
+        out = np.where(own[..., None], plan.unwarp(from_above, shape), out)
+        left[fold:] &= plan.unwarp(missing.astype(np.uint8), shape)[fold:] > 0
+    return _filled_in(out, left) if left.any() else out
+
+
+def _hidden(
+    shape: tuple[int, int], objects: Sequence[FoundObject]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Pixels (h, w) of objects and what hides them, and their boxes (h, w), both with a margin."""
+    hidden, boxes = np.zeros(shape, bool), np.zeros(shape, bool)
     for one in objects:
-        hidden |= fill_polygon(one.picture.outline_px, height, width)
+        own = fill_polygon(one.picture.outline_px, *shape)
         if one.occluded is not None:
-            hidden |= one.occluded
+            own |= one.occluded
+        hidden |= own
+        # the outline may have lost a limb that the one it started from has
+        points = np.concatenate([np.argwhere(own)[:, ::-1], one.picture.initial_outline_px])
+        (left, top), (right, bottom) = np.maximum(points.min(axis=0), 0), points.max(axis=0) + 1
+        boxes[int(top) : int(bottom), int(left) : int(right)] = True
     # a rim which the blur of the camera mixes with the object, and for what the outline misses
     across = max(7, round(_RIM * float(np.sqrt(hidden.sum() / max(len(objects), 1)))))
-    return _filled_in(rgb, cv2.dilate(hidden.astype(np.uint8), np.ones((across, across), np.uint8)) > 0)
+    square = np.ones((across, across), np.uint8)
+    grown = [cv2.dilate(mask.astype(np.uint8), square) > 0 for mask in (hidden, boxes)]
+    return np.asarray(grown[0]), np.asarray(grown[1])
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPlan:
+    """The ground before the camera seen from above, as a picture."""
+
+    plan_from_picture: FloatArray
+    """Homography (3, 3) of pixel centres."""
+    size_px: tuple[int, int]
+    """Width and height."""
+
+    def warp(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """A picture (h, w) or (h, w, 3) seen from above; 0 beyond its border."""
+        return np.asarray(cv2.warpPerspective(picture, self.plan_from_picture, self.size_px), np.uint8)
+
+    def unwarp(self, plan: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uint8]:
+        """What a camera sees of a plan, in a picture of a shape (h, w)."""
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        picture = cv2.warpPerspective(
+            plan, self.plan_from_picture, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(picture, np.uint8)
+
+
+def ground_plan(camera: PinholeCamera, ground: GroundPlane, fold: int, far_m: float) -> GroundPlan | None:
+    """The plan of the ground between an image row and the lower edge; None where no ground is in between."""
+    if fold > camera.height_px - 2:
+        return None
+    right, last = camera.width_px - 1.0, camera.height_px - 1.0
+    corners = np.array([[0.0, fold], [right, fold], [right, last], [0.0, last]])
+    points = ground.intersect(camera.rays(corners))
+    if not np.isfinite(points).all():
+        return None
+    own = np.stack([points[:, 0], -points @ _forward(ground)], axis=1)
+    low, high = own.min(axis=0), own.max(axis=0)
+    # a pixel of the picture in the middle of the ground, but no more than a plan of this size
+    scale = min(camera.fx_px / (0.6 * far_m), _PLAN_PX / float((high - low).max()))
+    width, height = np.maximum(np.ceil((high - low) * scale), 2).astype(int).tolist()
+    flat = ((own - low) * scale).astype(np.float32)
+    above = cv2.getPerspectiveTransform(corners.astype(np.float32), flat)
+    return GroundPlan(np.asarray(above, float), (width, height))
 
 
 def object_texture(rgb: NDArray[np.uint8], one: FoundObject) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) that an object carries: what hides it is filled in from around."""
-    if one.occluded is None:
-        return rgb
-    return _filled_in(rgb, cv2.dilate(one.occluded.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+    """The picture (h, w, 3) that an object carries: what hides it is filled in from around.
+
+    Outside the outline, and in the rim which the blur of the camera mixes with the background, it has the
+    colours of the nearest pixels inside.
+    """
+    if one.occluded is not None:
+        rgb = _filled_in(rgb, cv2.dilate(one.occluded.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+    inside = fill_polygon(one.picture.outline_px, *rgb.shape[:2])
+    deep = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # the middle of thin limbs counts as inside
+    ridge = (deep > 0) & (deep >= cv2.dilate(deep, np.ones((3, 3), np.uint8)))
+    good = (deep > _BLUR_PX) | ridge
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~good).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    colour = np.zeros((int(nearest.max()) + 1, 3), np.uint8)
+    colour[nearest[good]] = rgb[good]
+    return np.where(good[..., None], rgb, colour[nearest])
 
 
 def _filled_in(rgb: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> NDArray[np.uint8]:

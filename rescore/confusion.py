@@ -87,8 +87,7 @@ def load_confusions(path: Path) -> tuple[dict[str, Confusion], str]:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise RescoreError(
-            f"{path}: expected format {FORMAT!r}, got {found!r}; "
-            "write it with python -m datasets_synth.view_confusion"
+            f"{path}: expected format {FORMAT!r}, got {found!r}; write it with rescore study-views"
         )
     try:
         tables = {

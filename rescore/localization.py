@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from recon.localize import UprightSurface
 from recon.outcome import Failure, Reason
+from recon.single_plane import UprightSurface
 from recon.standing_box import StandingBox, angle_between, volume_overlap
 
 METHODS = ("3dp", "3dp_report", "single_plane")

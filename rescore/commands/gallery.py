@@ -97,7 +97,8 @@ def gallery(
         keep(file, popup_sheet(members), _caption([m for m in members if not isinstance(m.found, Failure)]))
     basket = _basket(learned_model("basket", models), seed)
     keep("basket", popup_sheet([basket[0]]), f"{_caption([basket[0]])}. {basket[1]}")
-    _write_readme(out / "README.md", seed, shown, list(exhibits.values()), known)
+    command = f"rescore gallery --out {out} --seed {seed} --bins {bins}"
+    _write_readme(out / "README.md", command, shown, list(exhibits.values()), known)
     say(f"gallery: {out / 'README.md'}")
 
 
@@ -153,7 +154,7 @@ def _caption(exhibits: "list[Exhibit]") -> str:
 
 def _write_readme(
     path: Path,
-    seed: int,
+    command: str,
     shown: "list[tuple[str, str]]",
     exhibits: "list[Exhibit]",
     known: dict[str, list[Measured]],
@@ -166,11 +167,13 @@ def _write_readme(
     lines = [
         "# 3D from single photographs",
         "",
-        f"Made by `rescore gallery --out DIR --seed {seed}`. Photographs are rendered, of test shapes; the",
-        "class models were learned from part-labelled views of six other shapes. The box and the view bin",
-        "are given from the truth, and so are camera and ground. View bins count 30 degrees each,",
-        "counter-clockwise: 0 shows the front, 3 the left side. SSIM compares the pop-up, seen from the",
-        "photograph's own camera, with the photograph inside the outline that was found.",
+        f"Made by `{command}`.",
+        "",
+        "Photographs are rendered, of test shapes; the class models were learned from part-labelled views",
+        "of six other shapes. The box and the view bin are given from the truth, and so are camera and",
+        "ground. View bins count 30 degrees each, counter-clockwise: 0 shows the front, 3 the left side.",
+        "SSIM compares the pop-up, seen from the photograph's own camera, with the photograph inside the",
+        "outline that was found.",
         "",
         "`steps_*`: photograph, outline, parts, the object from another side (figure 5 of the report).",
         "`popup_*` and `basket`: photograph, then the pop-up turned by 30 degrees to either side (figures 10",

@@ -1,4 +1,4 @@
-"""The commands of class models: learn-primitives, learn, study-models."""
+"""The commands of class models: learn-primitives, learn, study-models, study-views."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Changes, Jobs, Preset, app, config_of, say
+from rescore.commands.base import ALL_PROCESSORS, Changes, Jobs, Preset, Seed, app, config_of, say
 
 if TYPE_CHECKING:
     from recon.part_views import PartViews
@@ -127,6 +127,40 @@ def study_models(
 
     page = write_study(study(jobs=jobs), out, f"rescore study-models --out {out}")
     say(f"class models: {page}")
+
+
+VIEW_STUDIES = {"car": ("car", 20), "car_5_degrees": ("car", 5), "chair": ("chair", 20)}
+"""Class and elevation in degrees of each table of ``study-views``."""
+
+
+@app.command("study-views")
+def study_views(
+    out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.")],
+    photos: Annotated[int, typer.Option(min=1, help="Photographs of each class and elevation.")] = 72,
+    seed: Seed = 0,
+) -> None:
+    """How often the class model chooses the right view bin on rendered photographs of test shapes.
+
+    Writes the tables and pictures of reports/published/view_bins: cars from 20 and 5 degrees, chairs from 20.
+
+    Example: [bold]rescore study-views --out runs/view_bins[/bold]
+    """
+    import numpy as np
+
+    from datasets_synth.object_classes import object_class
+    from datasets_synth.view_confusion import LEARNED_SHAPES, learned_for_views, view_confusion
+    from reports.confusion import write_view_study
+    from rescore.confusion import save_confusions
+
+    for name, (class_name, elevation_deg) in VIEW_STUDIES.items():
+        title = f"{class_name}, {elevation_deg} degrees"
+        say(f"{title}: learning the class model, {photos} photographs")
+        shown = object_class(class_name)
+        model = learned_for_views(shown, float(np.deg2rad(elevation_deg)))
+        tables = view_confusion(shown, model, photos, np.random.default_rng(seed))
+        save_confusions(out / f"{name}.json", tables, title)
+    command = f"rescore study-views --out {out} --photos {photos} --seed {seed}"
+    say(f"view bins: {write_view_study(out, list(VIEW_STUDIES), LEARNED_SHAPES, command)}")
 
 
 def _bins(elevation_deg: float | None) -> "ViewBins":

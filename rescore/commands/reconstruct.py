@@ -58,19 +58,20 @@ def reconstruct(
     from reports.instance_overlay import instance_overlay
     from reports.mesh_files import gltf_from_object, write_glb, write_ply
     from reports.object_mesh import object_meshes
-    from reports.popup import write_png
+    from reports.popup import object_texture, write_png
     from rescore.single_picture import instance_json, load_class, open_photo
     from rescore.store import write_json
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
     found = _found(photo, box, view_bin, classes)
-    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.camera)
+    texture = object_texture(photo.rgb, found)
+    meshes = object_meshes(texture, found.picture, found.instance, photo.camera)
     turn = gltf_from_object(found.instance)
     moved = [mesh.moved(turn) for mesh in meshes]
     write_json(out / "instance.json", instance_json(found.instance))
-    write_glb(out / "object.glb", [(f"{class_name}_{k}", m, photo.rgb) for k, m in enumerate(moved)])
-    write_ply(out / "object.ply", moved, photo.rgb)
+    write_glb(out / "object.glb", [(f"{class_name}_{k}", m, texture) for k, m in enumerate(moved)])
+    write_ply(out / "object.ply", moved, texture)
     write_png(out / "overlay.png", instance_overlay(photo.rgb, found.picture, found.instance, photo.camera))
     typer.echo(_table(found.instance))
     say(f"3D object: {out / 'object.glb'}")

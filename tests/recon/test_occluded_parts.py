@@ -21,7 +21,8 @@ from recon.occluded_parts import (
 )
 from recon.outcome import Failure, Reason
 from recon.part_registration import PreparedView, RegistrationConfig, prepare_view
-from recon.reconstruct import Reconstruction, feet
+from recon.placing import feet
+from recon.reconstruct import Reconstruction
 from recon.view_bins import ViewBins, rotation
 
 BINS = ViewBins(12, np.deg2rad(5))

@@ -10,6 +10,7 @@ from exact_primitives import exact_library
 from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera, default_camera
+from recon.canonical_window import _in_one_piece
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model
@@ -19,7 +20,6 @@ from recon.predict_depth import PlacingConfig
 from recon.reconstruct import (
     ReconstructConfig,
     Reconstruction,
-    _in_one_piece,
     reconstruct,
     view_rotation,
 )

@@ -8,7 +8,7 @@ from exact_primitives import exact_library
 from recon.camera import GroundPlane, PinholeCamera
 from recon.errors import RescoreError
 from recon.joint_fit import JointFitConfig, OutlineFit, joint_fits
-from recon.localize import FitConfig, FitLocalization, localize_by_fit, single_plane
+from recon.localize import FitConfig, FitLocalization, localize_by_fit
 from recon.outcome import Failure, Reason
 from recon.outline_edges import OutlinePoints, outline_points
 from recon.outlines import fill_polygon, largest_outline
@@ -137,24 +137,6 @@ def test_fit_from_a_picture() -> None:
     assert isinstance(found, FitLocalization)
     assert volume_overlap(found.box, truth) > 0.9
     assert found.fit.parts_m(space(), 1.0).shape[1:] == (40, 3)
-
-
-def test_single_plane_through_an_upright_wall() -> None:
-    # a wall from (-2, 20) to (2, 21), 2 m high: its ground line is the lower edge of its mask
-    ends = np.array([[-2.0, 20.0], [2.0, 21.0]])
-    wall = np.array([[*ends[0], 0], [*ends[1], 0], [*ends[1], 2], [*ends[0], 2]])
-    pose = cam_from_ground(GROUND)
-    mask = fill_polygon(CAMERA.project(wall @ pose[:3, :3].T + pose[:3, 3]), 600, 800)
-    surface = single_plane(mask, CAMERA, GROUND)
-    assert not isinstance(surface, Failure)
-    assert surface.yaw_rad == pytest.approx(np.arctan2(1, 4), abs=0.02)
-    assert np.allclose(surface.centroid_m, [0, 20.5, 1.0], atol=0.05)
-    nothing = single_plane(np.zeros((600, 800), bool), CAMERA, GROUND)
-    assert isinstance(nothing, Failure)
-    assert nothing.reason is Reason.NO_OUTLINE
-    high = single_plane(mask, CAMERA, GroundPlane(1.0, float(np.deg2rad(-40))))
-    assert isinstance(high, Failure)
-    assert high.reason is Reason.ABOVE_HORIZON
 
 
 def test_too_few_instances() -> None:

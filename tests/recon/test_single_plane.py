@@ -5,7 +5,9 @@ import pytest
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outcome import Failure, Reason
-from recon.single_plane import SinglePlane, single_plane
+from recon.outlines import fill_polygon, largest_outline
+from recon.single_plane import SinglePlane, lower_edge, single_plane
+from recon.standing_box import cam_from_ground
 
 CAMERA = PinholeCamera(400.0, 400.0, 199.5, 149.5, 400, 300)
 GROUND = GroundPlane(1.5, 0.1)
@@ -58,3 +60,25 @@ def test_a_line_along_the_ray_shows_no_surface() -> None:
     failure = single_plane(outline, np.array([[199.5, 200.0], [199.5, 290.0]]), CAMERA, GROUND)
     assert isinstance(failure, Failure)
     assert failure.reason is Reason.PARTS_NOT_PLACED
+
+
+def test_a_wall_comes_back_from_its_mask() -> None:
+    # from (-2, 8) to (2, 9), 1.2 m high: its ground line is the lower edge of its mask
+    ends = np.array([[-2.0, 8.0], [2.0, 9.0]])
+    wall = np.array([[*ends[0], 0], [*ends[1], 0], [*ends[1], 1.2], [*ends[0], 1.2]])
+    pose = cam_from_ground(GROUND)
+    mask = fill_polygon(CAMERA.project(wall @ pose[:3, :3].T + pose[:3, 3]), 300, 400)
+    line, ring = lower_edge(mask), largest_outline(mask)
+    assert not isinstance(line, Failure)
+    assert ring is not None
+    found = single_plane(ring, line, CAMERA, GROUND)
+    assert isinstance(found, SinglePlane)
+    surface = found.on_ground(GROUND)
+    assert surface.yaw_rad == pytest.approx(np.arctan2(1, 4), abs=0.02)
+    np.testing.assert_allclose(surface.centroid_m, [0, 8.5, 0.6], atol=0.05)
+
+
+def test_a_region_without_columns_has_no_lower_edge() -> None:
+    nothing = lower_edge(np.zeros((30, 40), bool))
+    assert isinstance(nothing, Failure)
+    assert nothing.reason is Reason.NO_OUTLINE

@@ -27,6 +27,7 @@ from reports.mesh_files import (
 from reports.mesh_view import MeshView, turned_about
 from reports.object_mesh import PictureMesh, object_meshes
 from reports.popup import (
+    backdrop_distance_m,
     backdrop_mesh,
     ground_mesh,
     in_scene_axes,
@@ -77,10 +78,11 @@ def test_cars_from_all_around(model: ClassModel, view_bin: int) -> None:
     photo, found = found_in(car, view_bin, model)
     instance = found.instance
     centre = car.cam_from_object @ np.array([0, 0, car.size_m[2] / 2, 1])
-    assert np.linalg.norm(instance.centroid_m - centre[:3]) < 0.6
+    assert np.linalg.norm(instance.centroid_m - centre[:3]) < 0.55
     # an outline from the front takes in the mirrors, which the size of a car leaves out
-    np.testing.assert_allclose(instance.size_m[1], car.size_m[1], rtol=0.35 if view_bin == 0 else 0.25)
-    np.testing.assert_allclose(instance.size_m[2], car.size_m[2], rtol=0.25)
+    widest = 1.32 if view_bin == 0 else 1.05
+    assert 0.95 < instance.size_m[1] / car.size_m[1] < widest
+    np.testing.assert_allclose(instance.size_m[2], car.size_m[2], rtol=0.2)
     assert instance.cam_from_object[:3, 0] @ car.cam_from_object[:3, 0] > np.cos(np.deg2rad(6))
     # the box stands on the ground
     np.testing.assert_allclose(instance.corners_m[::2] @ car.ground.up, -car.ground.height_m, atol=1e-9)
@@ -94,7 +96,7 @@ def test_the_side_of_a_car(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     depth = instance.depth(photo.camera, np.eye(4)).depth
     both = np.isfinite(depth) & car.mask
     assert both.sum() > 0.8 * car.mask.sum()
-    assert np.median(np.abs(depth[both] - car.depth_m[both])) < 0.8
+    assert np.median(np.abs(depth[both] - car.depth_m[both])) < 0.1
     names = {p.name: p.seen for p in instance.parts}
     assert names["left_body"]
     assert not names["right_body"]
@@ -119,13 +121,14 @@ def test_picture_meshes_cast_the_picture(side: tuple[CarPicture, Photo, FoundObj
     middles = shown.xyz_m[shown.faces].mean(axis=1), shown.uv_px[shown.faces].mean(axis=1)
     flat = np.ptp(shown.xyz_m[shown.faces][..., 2], axis=1) < 0.3
     assert np.abs(photo.camera.project(middles[0]) - middles[1])[flat].max() < 0.5
-    # the mirror image: as many triangles as are left of it, at the mirrored place
+    # the back is on the other side, where the mirror image of what is seen would be
     back = np.linalg.inv(found.instance.cam_from_object)
     y = [(m.xyz_m[m.faces.ravel()] @ back[:3, :3].T + back[:3, 3])[:, 1] for m in meshes[:1]]
     mirrored = [m for m in meshes[1:] if m.uv_px is not None and len(m.faces) > 1000]
     assert mirrored
     far = (mirrored[-1].xyz_m[mirrored[-1].faces.ravel()] @ back[:3, :3].T + back[:3, 3])[:, 1]
-    assert np.median(far) == pytest.approx(-np.median(y[0]), abs=0.25)
+    # it goes on by the slack that pose and planes are given, 4 % of the diagonal of 5 m
+    assert -0.2 < np.median(far) + np.median(y[0]) < 0.05
     assert np.median(y[0]) > 0.5
 
 
@@ -153,10 +156,15 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
     assert abs(low[1]) < 0.25
     length, width, height = found.instance.size_m
     np.testing.assert_allclose((high - low)[[2, 1]], [length, height], rtol=0.25)
-    # the sides lie inside the box, which bulging parts of other cars make wider
-    assert 0.6 * width < (high - low)[0] < 1.25 * width
+    # the sides lie inside the box, of which the roof is the widest part
+    assert 0.85 * width < (high - low)[0] < width
     first = scene.geometry["car_0"]
-    np.testing.assert_allclose(np.sort(first.vertices[:, 0])[len(first.vertices) // 2], 0.7, atol=0.3)
+    # the side that the picture shows is where it is in truth
+    rows, cols = np.nonzero(car.mask & np.isfinite(car.depth_m))
+    rays = photo.camera.rays(np.stack([cols, rows], axis=1).astype(float))
+    true = rays * car.depth_m[rows, cols][:, None]
+    x_m = (true @ turn[:3, :3].T + turn[:3, 3])[:, 0]
+    np.testing.assert_allclose(np.median(first.vertices[:, 0]), np.median(x_m), atol=0.05)
     # the texture at a vertex is the photograph where the vertex comes from (v goes up in trimesh)
     texture = np.asarray(first.visual.material.baseColorTexture.convert("RGB"))
     uv = first.visual.uv * [1, -1] + [0, 1]
@@ -221,7 +229,8 @@ def test_ground_out_of_the_picture_has_no_faces() -> None:
 
 def test_objects_are_filled_in(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     _, photo, found = side
-    empty = without_objects(photo.rgb, [found])
+    far = backdrop_distance_m([found], photo.ground)
+    empty = without_objects(photo, [found], far)
     outline = fill_polygon(found.picture.outline_px, *photo.rgb.shape[:2])
     away = ~np.asarray(cv2.dilate(outline.astype(np.uint8), np.ones((9, 9))), bool)
     np.testing.assert_array_equal(empty[away], photo.rgb[away])

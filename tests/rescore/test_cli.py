@@ -22,6 +22,7 @@ COMMANDS = (
     "learn-ground",
     "learn-primitives",
     "study-models",
+    "study-views",
     "localize",
     "tune",
     "apply",

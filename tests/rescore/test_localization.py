@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from recon.localize import UprightSurface
 from recon.outcome import Failure, Reason
+from recon.single_plane import UprightSurface
 from recon.standing_box import StandingBox
 from rescore.localization import METHODS, Score, as_row, from_row, markdown_table, score, summary
 from rescore.table_segment import EmptyTable, TableSegmentConfig, linear_from_srgb, segment_table
