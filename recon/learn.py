@@ -126,9 +126,10 @@ class _ClassPhase:
         )
         first = solve_structure(self.seen.centroid, self.seen.rotation)
         self.share = self.seen.shown_share(first.scale)
-        # squared: a part that turns away or is half hidden hardly counts, for the middle of what is seen of
-        # it is not its own; a higher power leaves nothing that says how wide a thin object is
-        self.structure: Structure = solve_structure(self.seen.centroid, self.seen.rotation, self.share**2)
+        # the root: parts that turn away count less, but without them nothing says how wide the object is
+        self.structure: Structure = solve_structure(
+            self.seen.centroid, self.seen.rotation, np.sqrt(self.share)
+        )
         self.library = primitive_library(config.bins) if library is None else library
         if self.library.bins != config.bins:
             raise RescoreError(

@@ -77,7 +77,8 @@ def test_a_mirrored_picture_of_a_symmetric_object_mirrors_the_costs() -> None:
     assert mirrored.view_bin == 10
     swapped = -np.arange(12) % 12
     np.testing.assert_array_equal(np.isnan(mirrored.cost), np.isnan(plain.cost[swapped]))
-    np.testing.assert_allclose(mirrored.cost, plain.cost[swapped], atol=0.7)
+    # the level set ends where rounding leads it, which differs from processor to processor
+    np.testing.assert_allclose(mirrored.cost, plain.cost[swapped], rtol=0.1)
 
 
 def test_bins_tried_together_are_as_each_alone() -> None:
