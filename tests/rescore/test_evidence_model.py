@@ -1,0 +1,178 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import logit
+
+from recon.errors import RescoreError
+from recon.outcome import Reason
+from rescore.candidates import Candidates
+from rescore.cues import CUES, LEARNED, Registration
+from rescore.evidence import OK, CandidateTable
+from rescore.evidence_model import (
+    EvidenceConfig,
+    EvidenceModel,
+    fit_evidence,
+    fit_modes,
+    load_models,
+    save_models,
+    with_difference,
+)
+from rescore.frames import DataSet, FittingSet, FrameRecord, Splits, Truth
+
+CONFIG = EvidenceConfig()
+
+
+def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Cues of candidates of which a quarter are cars: width says something, the others say nothing."""
+    is_car = np.arange(n) % 4 == 0
+    cues = rng.normal(size=(n, len(CUES)))
+    cues[:, CUES.index("width")] = np.where(is_car, rng.normal(0, 0.1, n), rng.normal(0, 1, n))
+    return cues, is_car
+
+
+def test_cues_of_modes() -> None:
+    assert Registration.PAPER not in LEARNED
+    assert set(Registration.GUARDED.cues) < set(Registration.METRIC.cues) == set(CUES)
+
+
+def test_d_is_a_calibrated_probability() -> None:
+    cues, is_car = drawn(4000, np.random.default_rng(0))
+    model = fit_evidence(cues[:2000], is_car[:2000], Registration.METRIC, CONFIG)
+    probability = 1 - model.difference(cues[2000:])
+    assert ((probability > 0) & (probability < 1)).all()
+    # in the mean, and among those that it calls likely
+    assert probability.mean() == pytest.approx(0.25, abs=0.03)
+    likely = probability > 0.5
+    assert likely.sum() > 100
+    assert is_car[2000:][likely].mean() == pytest.approx(probability[likely].mean(), abs=0.08)
+
+
+def test_a_cue_can_speak_against_both_ends() -> None:
+    cues, is_car = drawn(4000, np.random.default_rng(1))
+    model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
+    at = np.zeros((3, len(CUES)))
+    at[:, CUES.index("width")] = -1.5, 0, 1.5
+    said = model.contributions(at)[:, CUES.index("width")]
+    assert said[1] > 0.5 > said[0]
+    assert said[1] > said[2] + 1
+    # log odds are the sum of what the cues say
+    np.testing.assert_allclose(
+        logit(1 - model.difference(at)), model.bias + model.contributions(at).sum(axis=1), atol=1e-9
+    )
+
+
+def test_missing_cues_say_nothing_and_too_many_leave_no_evidence() -> None:
+    cues, is_car = drawn(400, np.random.default_rng(2))
+    model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
+    one = cues[:1].copy()
+    one[0, CUES.index("near")] = np.nan
+    assert model.contributions(one)[0, CUES.index("near")] == 0
+    assert np.isfinite(model.difference(one)).all()
+    one[0, 3:] = np.nan
+    assert np.isnan(model.difference(one)).all()
+    # guarded needs its own cues alone
+    guarded = fit_evidence(cues, is_car, Registration.GUARDED, CONFIG)
+    assert np.isnan(guarded.difference(one)).sum() == 0
+    one[0, :4] = np.nan
+    assert np.isnan(guarded.difference(one)).all()
+
+
+def test_a_cue_that_nobody_has_does_no_harm() -> None:
+    cues, is_car = drawn(400, np.random.default_rng(3))
+    cues[:, CUES.index("foot")] = np.nan
+    model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
+    assert np.isfinite(model.difference(cues)).all()
+
+
+def test_too_few_cars() -> None:
+    cues, _ = drawn(100, np.random.default_rng(4))
+    few = np.arange(100) < CONFIG.min_cars - 1
+    with pytest.raises(RescoreError, match="expected at least 10 cars"):
+        fit_evidence(cues, few, Registration.METRIC, CONFIG)
+    with pytest.raises(RescoreError, match="got 100 cars of 100"):
+        fit_evidence(cues, np.ones(100, bool), Registration.METRIC, CONFIG)
+
+
+def test_round_trip_and_bad_files(tmp_path: Path) -> None:
+    cues, is_car = drawn(400, np.random.default_rng(5))
+    models = {mode: fit_evidence(cues, is_car, mode, CONFIG) for mode in LEARNED}
+    path = tmp_path / "evidence.json"
+    save_models(path, models)
+    again = load_models(path)
+    assert set(again) == set(models)
+    for mode, model in models.items():
+        np.testing.assert_array_equal(again[mode].difference(cues), model.difference(cues))
+    value = json.loads(path.read_text())
+    del value["modes"]["metric"]["cues"]["width"]
+    path.write_text(json.dumps(value))
+    with pytest.raises(RescoreError, match="fit-evidence"):
+        load_models(path)
+    path.write_text('{"format": "something"}')
+    with pytest.raises(RescoreError, match="fit-evidence"):
+        load_models(path)
+
+
+def table_of(cues: np.ndarray, image_id: int = 1) -> CandidateTable:
+    n = len(cues)
+    boxes = np.stack([np.array([20.0 * i, 0, 20.0 * i + 10, 10]) for i in range(n)])
+    score = np.linspace(1, 0.1, n)
+    table = CandidateTable.of_candidates([Candidates(image_id, boxes, score, score)])
+    return replace(table, cues=cues, status=np.array([OK] * n, dtype=object))
+
+
+def test_with_difference_says_why_there_is_none() -> None:
+    cues, is_car = drawn(400, np.random.default_rng(6))
+    metric = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
+    some = cues[:3].copy()
+    some[1, :] = np.nan
+    some[2, :] = np.nan
+    some[2, CUES.index("measured")] = 0
+    table = table_of(some)
+    assert with_difference(table, None) is table
+    judged = with_difference(table, metric)
+    assert judged.status.tolist() == [OK, Reason.NO_CALIBRATION.value, Reason.NO_STEREO.value]
+    assert np.isfinite(judged.depth_difference).tolist() == [True, False, False]
+    assert judged.reason_detail[0] == ""
+    assert "calibrated camera" in judged.reason_detail[1]
+    guarded = fit_evidence(cues, is_car, Registration.GUARDED, CONFIG)
+    failed = replace(table, status=np.array([OK, "no_outline", "no_outline"], dtype=object))
+    judged = with_difference(failed, guarded)
+    assert judged.status.tolist() == [OK, "no_outline", "no_outline"]
+
+
+def data_set(splits: dict[str, int], n: int) -> DataSet:
+    frames, truth = [], {}
+    for split, image_id in splits.items():
+        frames.append(FrameRecord(image_id, Path(f"{image_id}.png"), None, None, split, 640, 480, None, None))
+        boxes = np.stack([np.array([20.0 * i, 0, 20.0 * i + 10, 10]) for i in range(0, n, 4)])
+        m = len(boxes)
+        truth[image_id] = Truth(
+            np.arange(m) + 1000 * image_id, boxes, np.zeros(m, bool), np.ones(m), ("",) * m
+        )
+    return DataSet(Path(), 1, "car", tuple(frames), truth)
+
+
+def test_only_training_and_calibration_frames_fit() -> None:
+    cues, is_car = drawn(100, np.random.default_rng(7))
+    data = data_set({"train": 1, "calibration": 2, "validation": 3, "test": 4}, 100)
+    fitting = Splits.of(data).fitting_set
+    assert {f.split for f in fitting.data.frames} == {"train", "calibration"}
+    models = fit_modes(table_of(cues, 2), fitting, CONFIG)
+    same = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
+    np.testing.assert_array_equal(models[Registration.METRIC].difference(cues), same.difference(cues))
+    with pytest.raises(ValueError, match="not among the images"):
+        fit_modes(table_of(cues, 4), fitting, CONFIG)
+    with pytest.raises(TypeError, match="fitting_set"):
+        FittingSet(data, _from_splits=object())
+
+
+def test_without_calibrated_cameras_there_is_no_metric_mode() -> None:
+    cues, _ = drawn(100, np.random.default_rng(8))
+    cues[:, 4:] = np.nan
+    fitting = Splits.of(data_set({"calibration": 2}, 100)).fitting_set
+    models = fit_modes(table_of(cues, 2), fitting, CONFIG)
+    assert list(models) == [Registration.GUARDED]
+    assert isinstance(models[Registration.GUARDED], EvidenceModel)

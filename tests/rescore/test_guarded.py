@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from recon.depth_map import DepthMap
+from rescore.guarded import GuardedAlignment, GuardedConfig, guarded_alignment
+
+BOX = np.array([0.0, 0.0, 60.0, 40.0])
+CONFIG = GuardedConfig()
+
+
+def bulge() -> np.ndarray:
+    """Predicted depth of something that is nearer in the middle: 9 to 11 m."""
+    u = np.linspace(-1, 1, 60)
+    return np.tile(9 + 2 * u**2, (40, 1))
+
+
+def fitted(
+    predicted: np.ndarray, measured_depth: np.ndarray, config: GuardedConfig = CONFIG
+) -> GuardedAlignment:
+    found = guarded_alignment(
+        DepthMap(0, 0, predicted.astype(np.float32)), (200 / measured_depth).astype(np.float32), BOX, config
+    )
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("inverse_depth", [True, False])
+def test_the_predicted_relief_fits_at_any_unit_of_depth(inverse_depth: bool) -> None:
+    config = GuardedConfig(inverse_depth=inverse_depth)
+    for unit in (1.0, 3.0):
+        fit = fitted(bulge(), unit * bulge(), config)
+        # the grid of scales holds 0.3 ... 3 in 15 steps; the middle one is 0.95
+        assert abs(fit.scale) < 0.1
+        assert fit.residual < 0.005
+        assert fit.gain > 0.7
+
+
+def test_a_flat_wall_has_nothing_to_win() -> None:
+    fit = fitted(bulge(), np.full((40, 60), 10.0))
+    # the smallest scale allowed, and still worse than the flat surface
+    assert fit.scale == pytest.approx(np.log(CONFIG.scale_limits[0]))
+    assert fit.residual > 0.01
+    assert fit.gain < 0
+    assert fit.roughness == 0
+
+
+def test_a_hollow_does_not_fit_with_a_negative_scale() -> None:
+    fit = fitted(bulge(), 20 - bulge())
+    assert fit.gain < 0
+
+
+def test_background_in_the_box_changes_little() -> None:
+    rng = np.random.default_rng(0)
+    measured = bulge()
+    measured[rng.random(measured.shape) < 0.2] = 40.0
+    fit = fitted(bulge(), measured)
+    assert abs(fit.scale) < 0.2
+    assert fit.gain > 0.1
+
+
+def test_too_few_measurements_give_nothing() -> None:
+    disparity = np.full((40, 60), np.nan, np.float32)
+    disparity[0, : CONFIG.min_valid_px - 1] = 20
+    assert guarded_alignment(DepthMap(0, 0, bulge().astype(np.float32)), disparity, BOX, CONFIG) is None
+    disparity[0, : CONFIG.min_valid_px] = 20
+    assert guarded_alignment(DepthMap(0, 0, bulge().astype(np.float32)), disparity, BOX, CONFIG) is not None
+
+
+def test_only_the_box_counts() -> None:
+    measured = bulge()
+    measured[:, 30:] = 77.0
+    half = np.array([0.0, 0.0, 30.0, 40.0])
+    predicted = DepthMap(0, 0, bulge().astype(np.float32))
+    inside = guarded_alignment(predicted, (200 / measured).astype(np.float32), half, CONFIG)
+    whole = guarded_alignment(predicted, (200 / bulge()).astype(np.float32), half, CONFIG)
+    assert inside == whole
