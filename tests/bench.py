@@ -37,15 +37,16 @@ from recon.reconstruct import Reconstruction, reconstruct
 from recon.stereo import compute_disparity
 from recon.view_bins import ViewBins
 from rescore import steps
+from rescore.align_depth import align_depth, measured_depth
 from rescore.bootstrap import BootstrapConfig, bootstrap
 from rescore.candidates import Candidates
 from rescore.config import RunConfig, run_preset
 from rescore.detectors.hog_svm import HogDetector
 from rescore.formats.coco import read_dataset
-from rescore.frames import DataSet, load_frame, read_rgb
+from rescore.frames import DataSet, Frame, load_frame, read_rgb
 from rescore.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
 from rescore.metrics import Summary, summarise
-from rescore.pipeline import depth_evidence
+from rescore.pipeline import assumed_camera, depth_evidence
 from rescore.threads import one_thread
 
 SCENES = 4
@@ -196,6 +197,35 @@ def rescoring(data: DataSet, config: RunConfig) -> Row:
     return paired("rescore 15 candidates / SGBM of the frame", 6.0, pairs())
 
 
+def modes(data: DataSet, config: RunConfig) -> Row:
+    """The evidence of all modes for 15 candidates of a frame, against that of eq. 6 alone."""
+    model = steps.learn(load_part_views(data.root / "part_views"), config.class_name, config.learn)
+    rng = np.random.default_rng(0)
+    settings = config.rescore
+
+    def eq_6_alone(frame: Frame, candidates: Candidates) -> None:
+        camera, ground = assumed_camera(frame, settings.camera)
+        boxes = candidates.xyxy_px
+        found = reconstruct(
+            frame.left_rgb, boxes, settings.view_bin, model, camera, ground, settings.reconstruct
+        )
+        measured = measured_depth(frame.disparity_px, frame.camera)
+        for one, box in zip(found, boxes, strict=True):
+            if isinstance(one, Reconstruction):
+                align_depth(one.depth, measured, box, settings.align)
+
+    def pairs() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
+        for record in data.split("test").frames[:SCENES]:
+            frame = load_frame(record, config.synth.sgbm)
+            candidates = car_sized_boxes(record.image_id, record.width_px, record.height_px, rng)
+            yield (
+                lambda f=frame, c=candidates: depth_evidence(f, c, model, settings),
+                lambda f=frame, c=candidates: eq_6_alone(f, c),
+            )
+
+    return paired("evidence of all modes / of eq. 6 alone", 1.2, pairs())
+
+
 def car_sized_boxes(image_id: int, width_px: int, height_px: int, rng: np.random.Generator) -> Candidates:
     """Fifteen boxes inside the picture, 60 to 300 px wide, below the horizon: all stages run on each."""
     width = rng.uniform(60, 300, 15)
@@ -304,7 +334,7 @@ def measured(chosen: Sequence[str]) -> tuple[list[Row], list[Timed]]:
     wanted = [name for name in ROWS if not chosen or name in chosen]
     if "rendering" in wanted:
         rows.append(rendering(config.synth))
-    if {"detection", "rescoring"} & set(wanted):
+    if {"detection", "rescoring", "modes"} & set(wanted):
         with tempfile.TemporaryDirectory() as folder:
             root = Path(folder) / "data"
             build_dataset(config.synth, root, seed=0, jobs=2)
@@ -313,6 +343,8 @@ def measured(chosen: Sequence[str]) -> tuple[list[Row], list[Timed]]:
                 rows += detection(data, config)
             if "rescoring" in wanted:
                 rows.append(rescoring(data, config))
+            if "modes" in wanted:
+                rows.append(modes(data, config))
     if "evaluation" in wanted:
         more_rows, more_times = evaluation()
         rows, times = rows + more_rows, times + more_times
@@ -331,6 +363,7 @@ ROWS = (
     "rendering",
     "detection",
     "rescoring",
+    "modes",
     "evaluation",
     "bootstrap",
     "reconstruction",
