@@ -81,7 +81,6 @@ def read_surface(
     shape: Posed,
     camera: PinholeCamera,
     ground: GroundPlane,
-    scale: float,
     config: HeadingConfig,
 ) -> FloatArray:
     """Mean differences (cells, 3) of colours from the paint on the visible surface; 0 where a cell is hidden.
@@ -91,7 +90,6 @@ def read_surface(
         shape: the object.
         camera: M.
         ground: Q_g.
-        scale: size of the object in units of the shape space's.
         config: settings.
     """
     pose = cam_from_ground(ground)
@@ -159,9 +157,7 @@ def _surface(shape: Posed, side: float, config: HeadingConfig) -> tuple[FloatArr
     return np.concatenate(points), np.concatenate(cells)
 
 
-def _seen(
-    unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: float
-) -> NDArray[np.bool_]:
+def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: float) -> NDArray[np.bool_]:
     """Which points (n, 3) of the surface the eye sees past the rest of the object."""
     toward = (eye_unit - unit) / np.abs(eye_unit - unit).max(axis=1, keepdims=True)
     hidden = np.zeros(len(unit), bool)
