@@ -1,5 +1,5 @@
-"""What is learned for the table: the class model and the shape space, from part-labelled views alone, and what
-front and rear look like, from pictures of the training cars on the table."""
+"""What is learned for the table: the class model and the shape space, from part-labelled views alone,
+and what front and rear look like, from pictures of the training cars on the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

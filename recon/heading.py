@@ -125,7 +125,7 @@ def _difference(reading: FloatArray, config: HeadingConfig) -> FloatArray:
 
 
 def _surface(shape: Posed, side: float, config: HeadingConfig) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Points (n, 3) on top, one side (y > 0 or y < 0), front and rear in units of the size, and their cells."""
+    """Points (n, 3) on top, one side (sign of y), front and rear in units of the size, and their cells."""
     nx, ny, nz = shape.hull.shape
     rx, ry, rz = shape.reach
     x, y, z = np.linspace(-rx, rx, nx), np.linspace(0, ry, ny), np.linspace(0, rz, nz)

@@ -41,8 +41,8 @@ class JointFitConfig:
     steps: int = 14
     """Last steps of the refinement."""
     size_tail: float = 3.0
-    """A size that the shape does not explain costs its square up to about so many standard deviations, and its
-    logarithm beyond: some objects are larger or smaller than any that was learned from."""
+    """A size that the shape does not explain costs its square up to about so many standard deviations, and
+    its logarithm beyond: some objects are larger or smaller than any that was learned from."""
     noise_m: float = 0.014
     """Expected error of the outline at the object, in metres of the shape space."""
     coarse_outlier_m: float = 0.3

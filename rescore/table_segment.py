@@ -121,7 +121,7 @@ def _disc(width_px: int) -> NDArray[np.uint8]:
 def _with_dark_panels(
     sure: NDArray[np.uint8], differs: NDArray[np.bool_], config: TableSegmentConfig
 ) -> NDArray[np.uint8]:
-    """A mask (h, w) with what is dark as shade between the pieces of one thing, and large enough for a panel."""
+    """A mask (h, w) with what lies between the pieces of a thing, dark as shade and as large as a panel."""
     groups = cv2.morphologyEx(sure, cv2.MORPH_CLOSE, _disc(config.group_px))
     rings, _ = cv2.findContours(groups, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     out = sure.copy()
@@ -135,7 +135,8 @@ def _with_dark_panels(
         large = np.nonzero(stats[:, cv2.CC_STAT_AREA] >= config.panel_area * hull.sum())[0]
         panels = np.isin(label, large[large > 0])
         if panels.any():
-            out |= solid | cv2.dilate(panels.astype(np.uint8), _disc(3))
+            wide = cv2.dilate(panels.astype(np.uint8), _disc(3))
+            out[(solid > 0) | (wide > 0)] = 1
     return np.asarray(cv2.morphologyEx(out, cv2.MORPH_CLOSE, _disc(config.close_px)), np.uint8)
 
 
