@@ -49,9 +49,9 @@ class TableClassConfig:
     refine_rounds: int = 3
     """Rounds of refining the planes of the class model (see ``LearnConfig``)."""
     space: ShapeSpaceConfig = field(default_factory=ShapeSpaceConfig)
-    heading_pictures: int = 12
+    heading_pictures: int = 24
     """Pictures of each training car at random places, from which front and rear are told."""
-    heading_error: tuple[float, float, float] = (0.003, 0.02, 0.03)
+    heading_error: tuple[float, float, float] = (0.005, 0.03, 0.05)
     """Errors (standard deviations) of the box in them, as fits have: place in metres, direction in radians,
     logarithms of the size."""
     heading: HeadingConfig = field(default_factory=HeadingConfig)

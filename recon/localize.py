@@ -43,10 +43,10 @@ class FitConfig:
     """A larger length of the shape coefficients is a failure: no object of the class looks like this. Where
     k of them are standard normal, it is about the root of k."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
-    borders_weight: float = 150.0
+    borders_weight: float = 80.0
     """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts. It tells
     front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
-    heading_weight: float = 16.0
+    heading_weight: float = 12.0
     """Cost of a unit of log odds against the nose where a fit has it, from how the surface looks."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
