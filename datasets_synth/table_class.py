@@ -110,7 +110,7 @@ class _Learned:
     """Labelled views of the first ring."""
     shape: InstanceShape
     readings: list[NDArray[np.float64]]
-    """Looks of its surface in pictures, each of shape (cells, 3)."""
+    """Looks of its surface in pictures, each of shape (cells,)."""
 
 
 def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:

@@ -1,6 +1,7 @@
-"""Front or rear, from how an object looks: lamps, panes and grilles on the surface of a fitted shape.
+"""Front or rear, from how an object looks: what is redder than its paint, such as lamps, and where.
 
-Colours are read off the visible surface into cells: the top along x, the side along x, and both ends. Reading
+Redness alone is read: lightness and whole colours differ more from one make to another than from front to
+rear. It is read off the visible surface into cells: the top along x, the side along x, and both ends. Reading
 the same surface with front and rear exchanged permutes the cells. What the readings differ in is weighed by a
 logistic model, learned from pictures of the training instances, so that it gives the log odds of the nose.
 """
@@ -19,12 +20,15 @@ from recon.standing_box import StandingBox, cam_from_ground, turn
 
 FloatArray = NDArray[np.float64]
 
+_MOST = 6.0
+"""Redness of one pixel beside the unit, at most: a lamp must not stand for all of its cell."""
+
 
 @dataclass(frozen=True)
 class HeadingConfig:
     """Settings of the reading and of learning."""
 
-    along: int = 12
+    along: int = 6
     """Cells along x, on the top and on the side."""
     across: int = 2
     """Cells from the middle to the side, on the top and at the ends."""
@@ -32,8 +36,8 @@ class HeadingConfig:
     """Cells from the ground to the top, on the side and at the ends."""
     smooth_sigma_px: float = 1.0
     """Gaussian over the picture."""
-    units: tuple[float, float, float] = (30.0, 20.0, 30.0)
-    """A usual difference of lightness, of redness (a of Lab) and of the whole colour from the paint."""
+    redness: float = 10.0
+    """A difference of a (of Lab) from the paint that is much; larger ones count little more."""
     clearance_m: float = 0.06
     """A point of the surface is hidden where the way to the camera lies deeper than this in the object,
     metres of the shape space."""
@@ -49,7 +53,7 @@ class Heading:
     config: HeadingConfig
 
     def log_odds(self, reading: FloatArray) -> float:
-        """Log odds that the nose is where the reading (cells, 3) took it."""
+        """Log odds that the nose is where the reading (cells,) took it."""
         return float(self.weights @ _difference(reading, self.config))
 
 
@@ -63,7 +67,7 @@ class Posed:
 
 
 def learn_heading(readings: Sequence[FloatArray], config: HeadingConfig) -> Heading:
-    """From readings (cells, 3) of training pictures with the right heading: ridge logistic regression."""
+    """From readings (cells,) of training pictures with the right heading: ridge logistic regression."""
     data = np.stack([_difference(r, config) for r in readings])
 
     def loss(w: FloatArray) -> tuple[float, FloatArray]:
@@ -83,7 +87,7 @@ def read_surface(
     ground: GroundPlane,
     config: HeadingConfig,
 ) -> FloatArray:
-    """Mean differences (cells, 3) of colours from the paint on the visible surface; 0 where a cell is hidden.
+    """Redness (cells,) of the visible surface beside the paint, in (-1, 1); 0 where a cell is hidden.
 
     Args:
         light: linear light of the picture, shape (h, w, 3).
@@ -102,13 +106,11 @@ def read_surface(
     metres = unit * shape.box.size_m
     metres[:, :2] = metres[:, :2] @ s.T + c
     uv = camera.project(metres @ pose[:3, :3].T + pose[:3, 3])
-    lab = _lab_at(light, uv, config)
-    off = lab - np.median(lab, axis=0)
-    value = np.stack([off[:, 0], off[:, 1], np.linalg.norm(off, axis=1)], axis=1) / config.units
-    total = np.zeros((_cells(config), 3))
-    np.add.at(total, cell, np.clip(value, -3, 3))
-    count = np.bincount(cell, minlength=len(total))
-    return np.asarray(total / np.maximum(count, 1)[:, None])
+    red = _redness_at(light, uv, config)
+    off = np.clip((red - np.median(red)) / config.redness, -_MOST, _MOST)
+    count = np.bincount(cell, minlength=_cells(config))
+    total = np.bincount(cell, off, minlength=len(count))
+    return np.asarray(np.tanh(total / np.maximum(count, 1)))
 
 
 def _cells(config: HeadingConfig) -> int:
@@ -116,12 +118,11 @@ def _cells(config: HeadingConfig) -> int:
 
 
 def _difference(reading: FloatArray, config: HeadingConfig) -> FloatArray:
-    """What a reading and that with front and rear exchanged differ in, (cells * 3,)."""
+    """What a reading and that with front and rear exchanged differ in, (cells,)."""
     long = config.along * (config.across + config.up)
     body = reading[:long].reshape(config.along, -1)
     front, rear = np.split(reading[long:], 2)
-    turned = np.concatenate([body[::-1].reshape(long, 3), rear, front])
-    return np.asarray((reading - turned).ravel())
+    return np.asarray(reading - np.concatenate([body[::-1].ravel(), rear, front]))
 
 
 def _surface(shape: Posed, side: float, config: HeadingConfig) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -174,12 +175,12 @@ def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: flo
     return ~hidden
 
 
-def _lab_at(light: NDArray[np.float32], uv_px: FloatArray, config: HeadingConfig) -> FloatArray:
-    """Colours (n, 3) in CIE Lab at pixels (n, 2)."""
+def _redness_at(light: NDArray[np.float32], uv_px: FloatArray, config: HeadingConfig) -> FloatArray:
+    """a of CIE Lab (n,) at pixels (n, 2)."""
     low = np.maximum(np.floor(uv_px.min(axis=0)).astype(int) - 4, 0)
     high = np.ceil(uv_px.max(axis=0)).astype(int) + 5
     crop = np.ascontiguousarray(light[low[1] : high[1], low[0] : high[0]])
     lab = cv2.cvtColor(cv2.GaussianBlur(crop, (0, 0), config.smooth_sigma_px), cv2.COLOR_LRGB2Lab)
     at = (uv_px - low).astype(np.float32)
     found = cv2.remap(lab, at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found[:, 0], float)
+    return np.asarray(found[:, 0, 1], float)

@@ -46,7 +46,7 @@ class FitConfig:
     borders_weight: float = 80.0
     """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts. It tells
     front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
-    heading_weight: float = 12.0
+    heading_weight: float = 16.0
     """Cost of a unit of log odds against the nose where a fit has it, from how the surface looks."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)

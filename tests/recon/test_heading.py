@@ -32,7 +32,7 @@ def photo(box: StandingBox) -> np.ndarray:
 
     def paint(low: float, high: float, colour: tuple[float, float, float]) -> None:
         c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-        corners = np.concatenate([unit, unit + [0, 0, 1]]) * box.size_m
+        corners = np.concatenate([unit, unit + np.array([0, 0, 1])]) * box.size_m
         corners[:, 0] = np.where(corners[:, 0] < 0, low, high) * box.size_m[0]
         xy = corners[:, :2] @ np.array([[c, s], [-s, c]]) + box.xy_m
         uv = CAMERA.project(np.insert(xy, 2, corners[:, 2], axis=1) @ pose[:3, :3].T + pose[:3, 3])
