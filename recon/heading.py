@@ -1,4 +1,4 @@
-"""Front or rear, from how an object looks: what is redder than its paint, such as lamps, and where.
+"""Front or rear, from how an object looks: what is redder or less red than its paint, and where.
 
 Redness alone is read: lightness and whole colours differ more from one make to another than from front to
 rear. It is read off the visible surface into cells: the top along x, the side along x, and both ends. Reading

@@ -39,8 +39,8 @@ box. Placements that a method loses are counted and have no error.
 
 - *3DP, joint fit*: pose and shape are fitted together, so that every ray through the outline grazes the
   object. The shape is one of a linear space, learned from part-labelled views; where outlines of front
-  and rear are alike, the borders of the parts inside decide, and where the surface is redder than its
-  paint: what pictures of the training cars on the table taught. This goes beyond the report.
+  and rear are alike, the borders of the parts inside decide, and where the surface is redder or less
+  red than its paint: what pictures of the training cars on the table taught. This goes beyond the report.
 - *3DP, the report's construction*: parts are registered to the outline for the likeliest view bins,
   their planes are placed from the ground line up (section 4.3), and the class model is carried onto them
   (section 4.4), sized to the outline and standing on the table. Overlap with the outline and borders of
