@@ -1,7 +1,8 @@
 """A user's own car meshes: OBJ, GLB and PLY files read through trimesh.
 
 Files follow glTF: +Y up, +Z forward (the nose), metres. Everything is turned into the object frame
-(x forward, y left, z up) and put on the ground with the middle of its footprint at the origin.
+(x forward, y left, z up) and put on the ground with the middle of its body (`datasets_synth.body_extent`)
+at the origin.
 """
 
 import re
@@ -13,6 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from datasets_synth.body_extent import body_extent
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.mesh_build import Floats, smooth_normals
 from datasets_synth.parts import CAR_PARTS, PART_LABEL
@@ -36,7 +38,7 @@ class ImportedCar:
     """The file's name without its suffix (with it, where two files share the name)."""
     mesh: Mesh
     size_m: tuple[float, float, float]
-    """Length, width, height of everything in the file."""
+    """Length, width, height of the body: no mirrors or aerials, as in a car's papers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,7 @@ def _load(path: Path, shape_id: str) -> ImportedCar:
         )
     low, high = corners.min((0, 1)), corners.max((0, 1))
     _check_size(path, high - low)
+    low, high = body_extent(corners)
     corners -= [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]
     length, width, height = (float(v) for v in high - low)
     return ImportedCar(shape_id, _as_mesh(corners, pieces), (length, width, height))

@@ -1,17 +1,20 @@
-"""What is learned for the table: the class model and the shape space, from part-labelled views alone."""
+"""What is learned for the table: the class model and the shape space, from part-labelled views alone,
+and what front and rear look like, from pictures of the training cars on the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from joblib import Parallel, delayed
+from numpy.typing import NDArray
 
 from datasets_synth.layout import CarModel
 from datasets_synth.part_render import render_part_labels
 from datasets_synth.parts import CAR_PARTS
-from datasets_synth.table_scene import ELEVATION_RAD
+from datasets_synth.table_scene import CAMERA, ELEVATION_RAD, GROUND, photograph, place_at_random
 from recon.class_model import ClassModel
 from recon.generic_phase import learn_primitives
+from recon.heading import Heading, HeadingConfig, Posed, learn_heading, read_surface
 from recon.learn import LearnConfig, learn_class_model
 from recon.part_views import PartView
 from recon.primitives import PrimitiveLibrary
@@ -23,8 +26,13 @@ from recon.shape_space import (
     instance_shape,
     principal_shapes,
 )
+from recon.standing_box import StandingBox
 from recon.view_bins import ViewBins
+from rescore.table_segment import linear_from_srgb
 from rescore.threads import one_thread
+
+_PICTURES_SEED = 20090625
+"""Of the pictures of training cars."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,12 @@ class TableClassConfig:
     refine_rounds: int = 3
     """Rounds of refining the planes of the class model (see ``LearnConfig``)."""
     space: ShapeSpaceConfig = field(default_factory=ShapeSpaceConfig)
+    heading_pictures: int = 24
+    """Pictures of each training car at random places, from which front and rear are told."""
+    heading_error: tuple[float, float, float] = (0.005, 0.03, 0.05)
+    """Errors (standard deviations) of the box in them, as fits have: place in metres, direction in radians,
+    logarithms of the size."""
+    heading: HeadingConfig = field(default_factory=HeadingConfig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +64,7 @@ class TableClass:
     model: ClassModel
     """Of the report, from views at the camera's elevation."""
     space: ShapeSpace
+    heading: Heading
 
 
 def learn_table_class(
@@ -58,7 +73,7 @@ def learn_table_class(
     jobs: int,
     library: PrimitiveLibrary | None = None,
 ) -> TableClass:
-    """The class model and the shape space of training cars; views are rendered here.
+    """The class model, the shape space and the looks of training cars; pictures are rendered here.
 
     Beside the labelled views the learner knows each training car's length, width and height in metres.
 
@@ -70,24 +85,35 @@ def learn_table_class(
     """
     bins = ViewBins(12, config.elevations_rad[0])
     library = library or learn_primitives(bins, jobs=jobs)
-    learned = Parallel(n_jobs=jobs)(delayed(_learn_one)(car, config, library) for car in cars)
+    learned = Parallel(n_jobs=jobs)(
+        delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars)
+    )
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
     chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]
     # sums over several threads differ in the last digits, and the fits with them
     with one_thread():
-        space = principal_shapes([shape for _, shape in learned], config.space)
-        views = [view for i in chosen for view in learned[i][0]]
+        space = principal_shapes([one.shape for one in learned], config.space)
+        heading = learn_heading([r for one in learned for r in one.readings], config.heading)
+        views = [view for i in chosen for view in learned[i].views]
         model = learn_class_model(
             views, "car", CAR_PARTS, LearnConfig(bins=bins, refine_rounds=config.refine_rounds), library
         )
-    return TableClass(model, space)
+    return TableClass(model, space, heading)
 
 
-def _learn_one(
-    car: CarModel, config: TableClassConfig, library: PrimitiveLibrary
-) -> tuple[tuple[PartView, ...], InstanceShape]:
-    """Labelled views of the first ring, and the shape."""
+@dataclass(frozen=True, eq=False)
+class _Learned:
+    """What is kept of one training car."""
+
+    views: tuple[PartView, ...]
+    """Labelled views of the first ring."""
+    shape: InstanceShape
+    readings: list[NDArray[np.float64]]
+    """Looks of its surface in pictures, each of shape (cells,)."""
+
+
+def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
     mesh = car.build(np.random.default_rng(0))
     rings = [ViewBins(12, e) for e in config.elevations_rad]
     views = [
@@ -99,4 +125,26 @@ def _learn_one(
     with one_thread():
         instance = TrainingInstance(tuple(views), ring_of, car.size_m)
         shape = instance_shape(instance, CAR_PARTS, config.space, library)
-    return tuple(views[: rings[0].count]), shape
+        readings = _readings(car, index, shape, config)
+    return _Learned(tuple(views[: rings[0].count]), shape, readings)
+
+
+def _readings(
+    car: CarModel, index: int, shape: InstanceShape, config: TableClassConfig
+) -> list[NDArray[np.float64]]:
+    """The surface of a training car read off pictures of it on the table, with errors as fits have them."""
+    out = []
+    place, turned, size = config.heading_error
+    for k in range(config.heading_pictures):
+        rng = np.random.default_rng([_PICTURES_SEED, index, k])
+        placement = place_at_random(car, rng)
+        light = linear_from_srgb(photograph([placement], rng))
+        true = placement.box
+        box = StandingBox(
+            true.xy_m + rng.normal(0, place, 2),
+            true.yaw_rad + rng.normal(0, turned),
+            true.size_m * np.exp(rng.normal(0, size, 3)),
+        )
+        posed = Posed(shape.hull, config.space.reach, box)
+        out.append(read_surface(light, posed, CAMERA, GROUND, config.heading))
+    return out

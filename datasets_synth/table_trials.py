@@ -144,7 +144,8 @@ def fit_region(
 ) -> FitLocalization | Failure:
     """The joint fit to one thing on the table."""
     light, empty = linear_from_srgb(rgb), photograph_empty()
-    return localize_by_fit(light, empty, region.ring_px, table_class.space, CAMERA, GROUND, config.fit)
+    space, heading = table_class.space, table_class.heading
+    return localize_by_fit(light, empty, region.ring_px, space, CAMERA, GROUND, config.fit, heading)
 
 
 @lru_cache(maxsize=1)

@@ -18,6 +18,9 @@ from recon.view_bins import ViewBins
 
 FloatArray = NDArray[np.float64]
 
+_MAX_LOG_REST = 0.8
+"""No object is more than about twice as large as its shape says, or less than half."""
+
 
 @dataclass(frozen=True)
 class JointFitConfig:
@@ -31,10 +34,20 @@ class JointFitConfig:
     """Steps with the mean shape from the middle of each view bin."""
     kept_starts: int = 4
     """Best starts that are refined."""
+    middle_steps: int = 6
+    """First steps of the refinement."""
+    middle_outlier_m: float = 0.15
+    """The bound of residuals in them."""
     steps: int = 14
-    """Steps of the refinement."""
+    """Last steps of the refinement."""
+    size_tail: float = 3.0
+    """A size that the shape does not explain costs its square up to about so many standard deviations, and
+    its logarithm beyond: some objects are larger or smaller than any that was learned from."""
     noise_m: float = 0.014
     """Expected error of the outline at the object, in metres of the shape space."""
+    coarse_outlier_m: float = 0.3
+    """The same bound of residuals while the view bin is looked for: the mean shape is a poor fit to unusual
+    objects, and all of their outline must pull."""
     outlier_m: float = 0.05
     """Residuals beyond this lose weight (Cauchy): mirrors, shadows, gaps in the outline."""
     independent_points: float = 40.0
@@ -208,83 +221,129 @@ class OutlineFit:
         jac[:, 6:] = modes + jac[:, 3:6] @ space.log_size_modes
         return jac
 
-    def refine(self, vector: FloatArray, rays: GroundRays, free: int, steps: int) -> FittedInstance:
-        """Gauss-Newton with Levenberg's damping on the first ``free`` unknowns."""
-        state = self._state(vector, rays)
+    def refine(self, vector: FloatArray, stage: "FitStage") -> FittedInstance:
+        """Gauss-Newton with Levenberg's damping on the unknowns that the stage frees."""
+        state = self._state(vector, stage)
         damping = 1e-2
-        for _ in range(steps):
-            normal, gradient = self._normal_equations(state, rays, free)
-            better, damping = self._descend(state, rays, normal, gradient, damping)
+        for _ in range(stage.steps):
+            normal, gradient = self._normal_equations(state, stage)
+            better, damping = self._descend(state, stage, normal, gradient, damping)
             if better is None:
                 break
             gain, state = state.cost - better.cost, better
             if gain < 1e-4 * state.cost:
                 break
-        capped = np.minimum(np.abs(state.residual), 3 * self.config.outlier_m) * rays.weight(state.residual)
+        weight = stage.rays.weight(state.residual)
+        capped = np.minimum(np.abs(state.residual), 3 * self.config.outlier_m) * weight
         x = state.vector
         error = float(np.sqrt((capped**2).mean()))
         return FittedInstance(x[:2], float(x[2]), x[3:6], x[6:], state.cost, error)
 
-    def _normal_equations(
-        self, state: "_State", rays: GroundRays, free: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Matrix (f, f) and gradient (f,) of the cost in the first unknowns."""
-        prior = self._prior_weight()[:free]
-        weight = self._data_weight(state.residual, rays)
+    def _normal_equations(self, state: "_State", stage: "FitStage") -> tuple[FloatArray, FloatArray]:
+        """Matrix (f, f) and gradient (f,) of the cost in the free unknowns."""
+        free = stage.free
+        pull = stage.prior_pull(state.vector)[:free]
+        weight = self._data_weight(state.residual, stage.rays)
         jac = self.jacobian(state.vector, state.unit, state.hull, state.size_m)[:, :free] * weight[:, None]
-        robust = 1 / (1 + (state.residual / self.config.outlier_m) ** 2)
-        normal = (jac * robust[:, None]).T @ jac + np.diag(prior**2)
-        gradient = jac.T @ (robust * state.residual * weight) + prior**2 * state.vector[:free]
+        robust = 1 / (1 + (state.residual / stage.outlier_m) ** 2)
+        normal = (jac * robust[:, None]).T @ jac + np.diag(pull)
+        gradient = jac.T @ (robust * state.residual * weight) + pull * state.vector[:free]
         return normal, gradient
 
     def _descend(
-        self, state: "_State", rays: GroundRays, normal: FloatArray, gradient: FloatArray, damping: float
+        self, state: "_State", stage: "FitStage", normal: FloatArray, gradient: FloatArray, damping: float
     ) -> tuple["_State | None", float]:
         """A state of less cost (None where four shorter and shorter steps find none) and the next damping."""
         free = len(gradient)
         for _ in range(4):
             trial = state.vector.copy()
             trial[:free] -= np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-            moved = self._state(trial, rays)
+            moved = self._state(trial, stage)
             if moved.cost < state.cost:
                 return moved, damping / 4
             damping *= 6
         return None, damping
-
-    def _prior_weight(self) -> FloatArray:
-        """One over the standard deviation of each unknown (6 + k,); pose has none."""
-        return np.concatenate([np.zeros(3), 1 / self.space.log_size_rest, np.ones(self.space.count)])
 
     def _data_weight(self, residual: FloatArray, rays: GroundRays) -> FloatArray:
         """One over the standard deviation of each residual (n,)."""
         share = min(self.config.independent_points / len(residual), 1.0)
         return np.asarray(np.sqrt(share) / self.config.noise_m * rays.weight(residual))
 
-    def _state(self, vector: FloatArray, rays: GroundRays) -> "_State":
+    def _state(self, vector: FloatArray, stage: "FitStage") -> "_State":
         size = self.space.size_m(vector[6:], vector[3:6])
         hull = self.space.hull(vector[6:]) if vector[6:].any() else self.space.mean
-        residual, unit = self.residuals(vector, rays, hull, size)
-        outlier = self.config.outlier_m
-        weight = self._data_weight(residual, rays)
+        residual, unit = self.residuals(vector, stage.rays, hull, size)
+        outlier = stage.outlier_m
+        weight = self._data_weight(residual, stage.rays)
         data = ((weight * outlier) ** 2 * np.log1p((residual / outlier) ** 2)).sum()
-        prior = ((self._prior_weight() * vector) ** 2).sum()
-        return _State(vector, residual, unit, hull, size, float(data + prior) / 2)
+        return _State(vector, residual, unit, hull, size, float(data) / 2 + stage.prior_cost(vector))
 
     def starts(self, yaws_rad: FloatArray) -> list[FittedInstance]:
         """The mean shape fitted from several directions of the nose, best first, one of each result."""
         empty = np.zeros(3 + self.space.count)
-        found = [
-            self.refine(
-                np.concatenate([self.start_xy, [yaw], empty]), self.coarse, 6, self.config.coarse_steps
-            )
-            for yaw in yaws_rad
-        ]
+        stage = self._coarse_stage()
+        found = [self.refine(np.concatenate([self.start_xy, [yaw], empty]), stage) for yaw in yaws_rad]
         kept: list[FittedInstance] = []
         for fit in sorted(found, key=lambda f: f.cost):
             turns = [angle_between(fit.yaw_rad, k.yaw_rad) for k in kept]
             if not turns or min(turns) > np.deg2rad(15):
                 kept.append(fit)
         return kept
+
+    def fit(self, vector: FloatArray) -> FittedInstance:
+        """Pose and shape from a start: first with all of the outline, then without what does not belong."""
+        for stage in self._fine_stages():
+            found = self.refine(vector, stage)
+            vector = found.vector
+        return found
+
+    def _coarse_stage(self) -> "FitStage":
+        config, space = self.config, self.space
+        spread = np.sqrt(space.log_size_rest**2 + (space.log_size_modes**2).sum(axis=1))
+        std = np.concatenate([spread, np.ones(space.count)])
+        return FitStage(self.coarse, 6, config.coarse_steps, config.coarse_outlier_m, std, config.size_tail)
+
+    def _fine_stages(self) -> list["FitStage"]:
+        config, space = self.config, self.space
+        std = np.concatenate([space.log_size_rest, np.ones(space.count)])
+        return [
+            FitStage(self.rays, 6 + space.count, steps, outlier, std, config.size_tail)
+            for steps, outlier in (
+                (config.middle_steps, config.middle_outlier_m),
+                (config.steps, config.outlier_m),
+            )
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class FitStage:
+    """One stage of the fit."""
+
+    rays: GroundRays
+    free: int
+    """The first so many unknowns move."""
+    steps: int
+    outlier_m: float
+    """Residuals beyond this lose weight."""
+    std: FloatArray
+    """Standard deviations of log_rest and the coefficients, shape (3 + k,)."""
+    size_tail: float
+    """log_rest beyond so many standard deviations is an unusual size, whose cost grows with the logarithm."""
+
+    def prior_pull(self, vector: FloatArray) -> FloatArray:
+        """Pull of the prior on each unknown (6 + k,) in units of it; pose has none."""
+        share = vector[3:] / self.std
+        pull = 1 / self.std**2
+        pull[:3] /= 1 + (share[:3] / self.size_tail) ** 2
+        return np.concatenate([np.zeros(3), pull])
+
+    def prior_cost(self, vector: FloatArray) -> float:
+        """Cost of log_rest and coefficients."""
+        if np.abs(vector[3:6]).max() > _MAX_LOG_REST:
+            return np.inf
+        share = vector[3:] / self.std
+        size = self.size_tail**2 * np.log1p((share[:3] / self.size_tail) ** 2).sum()
+        return float(size + (share[3:] ** 2).sum()) / 2
 
 
 def joint_fits(
@@ -309,10 +368,19 @@ def joint_fits(
     to_camera = float(np.arctan2(-problem.start_xy[1], -problem.start_xy[0]))
     yaws = np.array([to_camera - bins.azimuth_rad(b) for b in range(bins.count)])
     starts = problem.starts(yaws)[: config.kept_starts]
-    fits = [problem.refine(s.vector, problem.rays, 6 + space.count, config.steps) for s in starts]
+    fits = [problem.fit(_with_usual_shape(s, space)) for s in starts]
     # from afar front and rear look alike: the best fit must also be better than itself turned round
     best = min(fits, key=lambda f: f.cost)
     turned = np.concatenate([best.xy_m, [best.yaw_rad + np.pi], best.log_rest, np.zeros(space.count)])
     turned[3:6] += space.log_size_modes @ best.coefficients
-    fits.append(problem.refine(turned, problem.rays, 6 + space.count, config.steps))
+    fits.append(problem.fit(turned))
     return sorted(fits, key=lambda f: f.cost)
+
+
+def _with_usual_shape(start: FittedInstance, space: ShapeSpace) -> FloatArray:
+    """Unknowns of a start with the shape that objects of its size have; unusual sizes keep a usual shape."""
+    modes, rest = space.log_size_modes, np.diag(space.log_size_rest**2)
+    expected = modes.T @ np.linalg.solve(modes @ modes.T + rest, start.log_rest)
+    expected /= max(1.0, float(np.linalg.norm(expected)) / 2)
+    log_rest = start.log_rest - modes @ expected
+    return np.concatenate([start.xy_m, [start.yaw_rad], log_rest, expected])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
+from recon.heading import Heading, Posed, read_surface
 from recon.instance import Instance3D, build_instance
 from recon.joint_fit import FittedInstance, JointFitConfig, joint_fits
 from recon.occluded_parts import TransformConfig
@@ -41,9 +42,11 @@ class FitConfig:
     """A larger length of the shape coefficients is a failure: no object of the class looks like this. Where
     k of them are standard normal, it is about the root of k."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
-    borders_weight: float = 150.0
+    borders_weight: float = 80.0
     """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts. It tells
     front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
+    heading_weight: float = 16.0
+    """Cost of a unit of log odds against the nose where a fit has it, from how the surface looks."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
 
@@ -219,10 +222,12 @@ def localize_by_fit(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: FitConfig,
+    heading: Heading | None = None,
 ) -> FitLocalization | Failure:
     """The joint fit of pose and shape, started from the middle of every view bin; the least cost wins.
 
-    The cost is that of the outline and of how far the borders of the parts are from edges of the picture.
+    The cost is that of the outline, of how far the borders of the parts are from edges of the picture, and of
+    a surface that looks turned round.
 
     Args:
         light: linear light of the picture, shape (h, w, 3).
@@ -232,6 +237,7 @@ def localize_by_fit(
         camera: M.
         ground: Q_g.
         config: settings.
+        heading: what front and rear look like; None where no pictures were learned from.
     """
     if not np.isfinite(ground.intersect(camera.rays(ring_px))).all():
         return Failure(Reason.ABOVE_HORIZON, "an outline below the horizon expected, got points above it")
@@ -240,6 +246,11 @@ def localize_by_fit(
     visible = [_visible_parts(f.parts_m(space, config.fit.model_scale), camera, ground) for f in fits]
     agree = EdgeWindow(light, ring_px, config.window).agreement(visible)
     total = [f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)]
+    if heading is not None:
+        odds = [
+            _nose_log_odds(light, f, space, camera, ground, config.fit.model_scale, heading) for f in fits
+        ]
+        total = [t - config.heading_weight * o for t, o in zip(total, odds, strict=True)]
     fits = [fits[i] for i in np.argsort(total)]
     best = fits[0]
     deviation = float(np.linalg.norm(best.coefficients))
@@ -253,6 +264,20 @@ def localize_by_fit(
     return FitLocalization(
         best.box(space, config.fit.model_scale), best, outline, others[0] if others else None
     )
+
+
+def _nose_log_odds(
+    light: NDArray[np.float32],
+    fit: FittedInstance,
+    space: ShapeSpace,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    scale: float,
+    heading: Heading,
+) -> float:
+    """Log odds of the heading of a fit against its reverse."""
+    shape = Posed(space.hull(fit.coefficients), space.reach, fit.box(space, scale))
+    return heading.log_odds(read_surface(light, shape, camera, ground, heading.config))
 
 
 def _visible_parts(parts_m: FloatArray, camera: PinholeCamera, ground: GroundPlane) -> list[FloatArray]:

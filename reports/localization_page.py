@@ -31,15 +31,16 @@ _WHAT = """## What is measured
 Model cars 1:18 of shapes that nothing was learned from stand one at a time on a black table of 1.2 m by
 1 m, at random and in any direction. One calibrated camera, 1.4 m from the middle of the table and 35
 degrees above it, takes a rendered picture of 1600 x 1200 pixels with noise. The true box holds the body
-without its mirrors: length along the car, width across, height from the table. Overlap is the volume of
-the intersection over that of the union of true and estimated box; the centroid error is the distance of
-their middles; the orientation error is the angle between their noses, up to 180 degrees. The single
-plane has no front, so that its error is at most 90 degrees, and no box. Placements that a method loses
-are counted and have no error.
+without its mirrors (nor aerials, where a mesh has them): length along the car, width across, height from
+the table. Overlap is the volume of the intersection over that of the union of true and estimated box;
+the centroid error is the distance of their middles; the orientation error is the angle between their
+noses, up to 180 degrees. The single plane has no front, so that its error is at most 90 degrees, and no
+box. Placements that a method loses are counted and have no error.
 
 - *3DP, joint fit*: pose and shape are fitted together, so that every ray through the outline grazes the
   object. The shape is one of a linear space, learned from part-labelled views; where outlines of front
-  and rear are alike, the borders of the parts inside decide. This goes beyond the report.
+  and rear are alike, the borders of the parts inside decide, and where the surface is redder or less
+  red than its paint: what pictures of the training cars on the table taught. This goes beyond the report.
 - *3DP, the report's construction*: parts are registered to the outline for the likeliest view bins,
   their planes are placed from the ground line up (section 4.3), and the class model is carried onto them
   (section 4.4), sized to the outline and standing on the table. Overlap with the outline and borders of
@@ -48,13 +49,15 @@ are counted and have no error.
 
 What is known before: the camera and the table plane; twelve labelled views at each of three elevations
 of each training car, and its length, width and height in metres, from which the joint fit takes its
-sizes; the scale 1:18. The report's construction knows no sizes. Settings were
-chosen on other shapes than those that are learned from or tested on.
+sizes; 24 pictures of each training car on the table with its place, for the looks of front and rear; the
+scale 1:18. The report's construction knows no sizes. Settings were chosen on other shapes than those
+that are learned from or tested on.
 
 Segmentation is by colour: the empty table is known from averaged pictures. On the table a pixel is the
 car where it is brighter, of another colour, or darker than shade can be; beside the table, where no
-shade falls, where it differs at all. Cars painted black or dark grey, as dark as the table, get another
-paint."""
+shade falls, where it differs at all. What is as dark as shade between pieces of the car, inside their
+convex hull, is a dark panel if it is large. Cars painted black or dark grey, as dark as the table, get
+another paint."""
 
 
 def publish(run_dir: Path, folder: Path, command: str) -> Path:

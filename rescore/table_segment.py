@@ -32,6 +32,15 @@ class TableSegmentConfig:
     """Linear light that is lost in noise; it keeps shares of dark pixels calm."""
     close_px: int = 9
     """Gaps up to this width are closed: seams and mirrored table in dark paint."""
+    group_px: int = 15
+    """Pieces with gaps up to this width belong to one thing: between them may lie panels as dark as shade."""
+    panel_differs: float = 0.08
+    """Inside the convex hull of the pieces, a pixel whose light differs by this share from the table's, as
+    that of shade may, is a dark panel ..."""
+    panel_area: float = 0.02
+    """... where such pixels, slivers dropped, fill this share of the hull in one piece."""
+    panel_sliver_px: int = 7
+    """Width of slivers: shade in dents of the outline."""
     min_area_px: int = 400
     """Smaller regions are no car."""
 
@@ -93,15 +102,46 @@ def segment_table(rgb: NDArray[np.uint8], table: EmptyTable) -> list[TableRegion
     tint = own / np.maximum(grey, grey_empty)
     on_table = (share > 1 + config.brighter) | (share < config.darkest_shadow) | (tint > config.tint)
     beside = (np.abs(light - table.light) > config.beside * table.light).any(axis=2)
-    return _regions(np.where(table.on_table, on_table, beside), config)
+    sure = _without_specks(np.where(table.on_table, on_table, beside), config)
+    differs = np.abs(cv2.GaussianBlur(share, (0, 0), 1.5) - 1) > config.panel_differs
+    return _regions(_with_dark_panels(sure, differs, config), config)
 
 
-def _regions(car: NDArray[np.bool_], config: TableSegmentConfig) -> list[TableRegion] | Failure:
-    """Regions of a mask (h, w), specks dropped, small gaps closed and holes filled."""
+def _without_specks(car: NDArray[np.bool_], config: TableSegmentConfig) -> NDArray[np.uint8]:
+    """A mask (h, w) with specks dropped and small gaps closed."""
     speck = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
-    gap = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (config.close_px, config.close_px))
     mask = cv2.morphologyEx(car.astype(np.uint8), cv2.MORPH_OPEN, speck)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, gap)
+    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disc(config.close_px)), np.uint8)
+
+
+def _disc(width_px: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width_px, width_px)), np.uint8)
+
+
+def _with_dark_panels(
+    sure: NDArray[np.uint8], differs: NDArray[np.bool_], config: TableSegmentConfig
+) -> NDArray[np.uint8]:
+    """A mask (h, w) with what lies between the pieces of a thing, dark as shade and as large as a panel."""
+    groups = cv2.morphologyEx(sure, cv2.MORPH_CLOSE, _disc(config.group_px))
+    rings, _ = cv2.findContours(groups, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    out = sure.copy()
+    for ring in (r for r in rings if cv2.contourArea(r) >= config.min_area_px):
+        hull = np.zeros_like(sure)
+        cv2.fillConvexPoly(hull, cv2.convexHull(ring), 1)
+        solid = cv2.drawContours(np.zeros_like(sure), [ring], -1, 1, cv2.FILLED)
+        lost = ((hull > 0) & differs & (solid == 0)).astype(np.uint8)
+        lost = cv2.morphologyEx(lost, cv2.MORPH_OPEN, _disc(config.panel_sliver_px))
+        _, label, stats, _ = cv2.connectedComponentsWithStats(lost)
+        large = np.nonzero(stats[:, cv2.CC_STAT_AREA] >= config.panel_area * hull.sum())[0]
+        panels = np.isin(label, large[large > 0])
+        if panels.any():
+            wide = cv2.dilate(panels.astype(np.uint8), _disc(3))
+            out[(solid > 0) | (wide > 0)] = 1
+    return np.asarray(cv2.morphologyEx(out, cv2.MORPH_CLOSE, _disc(config.close_px)), np.uint8)
+
+
+def _regions(mask: NDArray[np.uint8], config: TableSegmentConfig) -> list[TableRegion] | Failure:
+    """Regions of a mask (h, w), holes filled."""
     rings, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     rings = sorted(rings, key=cv2.contourArea, reverse=True)
     largest = cv2.contourArea(rings[0]) if rings else 0.0

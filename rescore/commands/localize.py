@@ -39,7 +39,7 @@ def localize(
 
     Model cars 1:18 are placed at random and seen by one calibrated camera. Cars as dark as the table get
     another paint. The class is learned from part-labelled views of other cars, whose length, width and
-    height are known.
+    height are known, and from pictures of them on the table.
 
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """

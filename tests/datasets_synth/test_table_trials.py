@@ -33,6 +33,7 @@ SMALL = TableClassConfig(
     class_model_cars=1,
     refine_rounds=0,
     space=ShapeSpaceConfig(cells=(56, 20, 24), modes=2),
+    heading_pictures=3,
 )
 
 

@@ -143,3 +143,10 @@ def test_too_few_instances() -> None:
     shape = shape_of(SIZES[0])
     with pytest.raises(RescoreError, match="at least 4 training instances"):
         principal_shapes([shape] * 3, CONFIG)
+
+
+def test_an_object_much_smaller_than_any_learned_is_recovered() -> None:
+    truth = StandingBox(np.array([0.6, 20.3]), 0.6, np.array([2.6, 1.7, 1.5]))
+    outline = outline_of(silhouette(truth))
+    best = joint_fits(outline, space(), CAMERA, GROUND, BINS, JointFitConfig())[0].box(space(), 1.0)
+    assert volume_overlap(best, truth) > 0.8

@@ -98,3 +98,17 @@ def test_an_empty_table_has_a_reason() -> None:
     found = segment_table(picture(), table)
     assert isinstance(found, Failure)
     assert found.reason is Reason.NO_OUTLINE
+
+
+def test_a_dark_panel_between_pale_pieces_is_part_of_the_thing() -> None:
+    shot = picture()
+    shot[30:90, 40:120] = 48  # a panel as dark as shade, 0.6 of the table's linear light
+    shot[30:36, 40:120] = shot[84:90, 40:120] = 180  # pale above and below it
+    shot[30:90, 40:46] = 180
+    shot[90:110, 10:60] = 48  # a shade beside it
+    table = EmptyTable.of_pictures(linear_from_srgb(picture()), EVERYWHERE, TableSegmentConfig())
+    regions = segment_table(shot, table)
+    assert not isinstance(regions, Failure)
+    assert len(regions) == 1
+    assert regions[0].mask[38:82, 48:116].all()
+    assert not regions[0].mask[96:].any()
