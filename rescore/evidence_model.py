@@ -70,6 +70,11 @@ class EvidenceModel:
             out[known, column] = np.interp(cues[known, column], knots, self.log_odds[name])
         return out
 
+    @property
+    def neutral(self) -> float:
+        """D where every cue is silent."""
+        return float(expit(-self.bias))
+
     def difference(self, cues: FloatArray) -> FloatArray:
         """D in (0, 1) of candidates from their cues (n, k), shape (n,); NaN where too few cues are known."""
         d = expit(-(self.bias + self.contributions(cues).sum(axis=1)))
@@ -152,7 +157,12 @@ def fit_modes(
 
 
 def with_difference(table: CandidateTable, model: EvidenceModel | None) -> CandidateTable:
-    """The candidates with D and status of a learned mode in place of those of eq. 6; unchanged for None."""
+    """The candidates with D and status of a learned mode in place of those of eq. 6; unchanged for None.
+
+    A candidate without evidence gets the D of silent cues. Its likelihood alone would not do: eq. 7 lowers the
+    likelihood of all others, since most candidates are no cars, and a false alarm that nothing is known of
+    would rank above every car.
+    """
     if model is None:
         return table
     d = model.difference(table.cues)
@@ -169,7 +179,7 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
         )
     return replace(
         table,
-        depth_difference=d,
+        depth_difference=np.where(has, d, model.neutral),
         status=np.where(has, OK, lost).astype(object),
         reason_detail=np.where(has, "", why).astype(object),
     )

@@ -134,7 +134,10 @@ def test_with_difference_says_why_there_is_none() -> None:
     assert with_difference(table, None) is table
     judged = with_difference(table, metric)
     assert judged.status.tolist() == [OK, Reason.NO_CALIBRATION.value, Reason.NO_STEREO.value]
-    assert np.isfinite(judged.depth_difference).tolist() == [True, False, False]
+    assert judged.depth_difference[0] == metric.difference(cues[:1])[0]
+    # neither for nor against: a candidate of which nothing is known keeps its place
+    assert judged.depth_difference[1:].tolist() == [metric.neutral] * 2
+    assert 0 < metric.neutral < 1
     assert judged.reason_detail[0] == ""
     assert "calibrated camera" in judged.reason_detail[1]
     guarded = fit_evidence(cues, is_car, Registration.GUARDED, CONFIG)
