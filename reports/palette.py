@@ -5,6 +5,7 @@ Where two things could be mixed up, line style, marker or text tells them apart 
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 BLUE = "#0072B2"
 VERMILION = "#D55E00"
@@ -26,6 +27,14 @@ MODE_NAME = {
     "guarded": "with depth (guarded)",
     "metric": "with depth (metric)",
 }
+
+_MODE_STYLE: dict[str, tuple[str, Any]] = {
+    "detector": ("#555555", "--"),
+    "paper": (BLUE, "-."),
+    "guarded": (ORANGE, (0, (1, 1))),
+    "metric": (GREEN, "-"),
+}
+"""Colour and dashes, so that modes can be told apart in grey too."""
 
 OUTCOMES = ("hit", "false_alarm", "duplicate", "ignored")
 OUTCOME_NAME = {
@@ -84,6 +93,16 @@ def detector_name(detector: str, short: bool = False) -> str:
 def mode_name(mode: str) -> str:
     """Name for people of a way of scoring."""
     return MODE_NAME.get(mode, mode.replace("_", " "))
+
+
+def mode_colour(mode: str) -> str:
+    """Hex colour of a way of scoring."""
+    return str(_MODE_STYLE.get(mode, (PURPLE, "-"))[0])
+
+
+def mode_dash(mode: str) -> Any:
+    """Matplotlib's line style of a way of scoring."""
+    return _MODE_STYLE.get(mode, (PURPLE, "-"))[1]
 
 
 def detector_colour(detector: str, detectors: Sequence[str]) -> str:

@@ -1,6 +1,7 @@
 """The curves as pictures: both ROC figures after the report's figure 13, precision-recall, and w."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.curves import CurveSet, curve_sets
-from reports.palette import detector_colour, detector_name
+from reports.palette import detector_colour, detector_name, mode_colour, mode_dash, mode_name
 from reports.run_folder import Run
 from reports.tables import number
 from rescore.store import atomic_path
@@ -26,7 +27,8 @@ _STYLE: Any = {
     "axes.grid": True,
     "grid.color": "#E3E3E3",
     "axes.edgecolor": "#555555",
-    "legend.frameon": False,
+    "legend.edgecolor": "white",
+    "legend.framealpha": 0.9,
     "legend.fontsize": 10.5,
     "savefig.facecolor": "white",
     "svg.hashsalt": "rescore",
@@ -37,28 +39,30 @@ _MARKER = "o"
 def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:
     """Draw every curve of a run as PNG into ``folder``; the paths, in the order of reading."""
     curves = curve_sets(run)
-    drawings: dict[str, Callable[[Axes], None]] = {
-        "candidate_roc.png": lambda ax: draw_candidate_roc(ax, curves, run.metrics),
-        "car_roc.png": lambda ax: draw_car_roc(ax, curves, run.metrics),
-        "precision_recall.png": lambda ax: draw_precision_recall(ax, curves, run.metrics),
+    by_detector = [[c for c in curves if c.detector == d] for d in run.detectors]
+    drawings = {
+        "candidate_roc.png": draw_candidate_roc,
+        "car_roc.png": draw_car_roc,
+        "precision_recall.png": draw_precision_recall,
     }
-    tuning = run.tuning()
-    if tuning:
-        drawings["weight.png"] = lambda ax: draw_weight(ax, tuning)
     paths = []
     for name, draw in drawings.items():
         paths.append(folder / name)
-        _save(paths[-1], draw)
+        _save(paths[-1], [partial(draw, curves=c, metrics=run.metrics) for c in by_detector])
+    tuning = run.tuning()
+    if tuning:
+        paths.append(folder / "weight.png")
+        _save(paths[-1], [partial(draw_weight, tuning=tuning)])
     return tuple(paths)
 
 
 def draw_candidate_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> None:
-    """The ROC over candidates: hits kept against false candidates kept."""
-    for curve, style in zip(curves, styles(curves), strict=True):
-        label = f"{curve.short_name}: area {number(curve.row['auc'])}"
-        ax.plot(curve.candidate.x, curve.candidate.y, label=label, **style)
+    """The ROC over candidates of one detector: hits kept against false candidates kept."""
+    for curve in curves:
+        label = f"{mode_name(curve.mode)}: area {number(curve.row['auc'])}"
+        ax.plot(curve.candidate.x, curve.candidate.y, label=label, **style(curve))
     ax.plot([0, 1], [0, 1], color="#999999", lw=1, ls=":", label="chance")
-    ax.set(xlim=(-0.01, 1.01), ylim=(0, 1.02), title="Candidate ROC")
+    ax.set(xlim=(-0.01, 1.01), ylim=(0, 1.02), title=_title(curves))
     ax.set_xlabel("false-positive rate: share of the false candidates that are accepted")
     ax.set_ylabel("true-positive rate: share of the hits that are accepted")
     ax.legend(
@@ -67,34 +71,35 @@ def draw_candidate_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[st
 
 
 def draw_car_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> None:
-    """The rate of all annotated cars found against false positives an image, on a log axis."""
+    """The rate of all annotated cars that one detector finds against false positives an image, log axis."""
     left = left_edge(metrics)
-    for curve, style in zip(curves, styles(curves), strict=True):
+    for curve in curves:
         ceiling = curve.row["recall_ceiling"]
         x = np.maximum(curve.cars.x, left)
         ax.plot(
             x,
             curve.cars.y,
             drawstyle="steps-post",
-            label=f"{curve.short_name}: AP {number(curve.row['average_precision'])}",
-            **style,
+            label=f"{mode_name(curve.mode)}: AP {number(curve.row['average_precision'])}",
+            **style(curve),
         )
         if curve.mode == "detector":
-            ax.axhline(ceiling, color=style["color"], lw=0.8, ls=":")
+            ax.axhline(ceiling, color=style(curve)["color"], lw=0.8, ls=":")
     ax.set_xscale("log")
     ax.xaxis.set_major_formatter("{x:g}")
-    ax.set(xlim=(left, 20), ylim=(0, 1.02), title="Cars found against false positives")
-    ax.set_xlabel("false positives per image (log axis; the left edge stands for none)")
+    ax.set(xlim=(left, 20), ylim=(0, 1.02), title=_title(curves))
+    ax.set_xlabel("false positives per image (log; the left edge is none)")
     ax.set_ylabel(f"true-positive rate: share of all {metrics['n_cars']} annotated cars")
-    ax.legend(loc="lower right", title="dotted: all candidates accepted")
+    # the curves rise from the left below to the right above
+    ax.legend(loc="upper left", title="dotted: all candidates accepted")
 
 
 def draw_precision_recall(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> None:
-    """Precision against the rate of all annotated cars found."""
-    for curve, style in zip(curves, styles(curves), strict=True):
-        label = f"{curve.short_name}: AP {number(curve.row['average_precision'])}"
-        ax.plot(curve.precision.recall, curve.precision.precision, label=label, **style)
-    ax.set(xlim=(0, 1.01), ylim=(0, 1.02), title="Precision and recall")
+    """Precision of one detector against the rate of all annotated cars found."""
+    for curve in curves:
+        label = f"{mode_name(curve.mode)}: AP {number(curve.row['average_precision'])}"
+        ax.plot(curve.precision.recall, curve.precision.precision, label=label, **style(curve))
+    ax.set(xlim=(0, 1.01), ylim=(0, 1.02), title=_title(curves))
     ax.set_xlabel(f"recall: share of all {metrics['n_cars']} annotated cars found")
     ax.set_ylabel("precision: share of accepted candidates that are hits")
     ax.legend(loc="best")
@@ -115,19 +120,14 @@ def draw_weight(ax: Axes, tuning: Mapping[str, Mapping[str, Any]]) -> None:
     ax.legend(loc="best")
 
 
-def styles(curves: Sequence[CurveSet]) -> list[dict[str, Any]]:
-    """One line style a curve: colour by detector, dashed without rescoring, other modes by dash pattern."""
-    detectors = tuple(dict.fromkeys(c.detector for c in curves))
-    modes = tuple(m for m in dict.fromkeys(c.mode for c in curves) if m != "detector")
-    patterns = ("-", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
-    return [
-        {
-            "color": detector_colour(c.detector, detectors),
-            "lw": 1.6 if c.mode == "detector" else 2.4,
-            "ls": "--" if c.mode == "detector" else patterns[modes.index(c.mode) % len(patterns)],
-        }
-        for c in curves
-    ]
+def style(curve: CurveSet) -> dict[str, Any]:
+    """Line style of a curve by mode, the same for all detectors."""
+    alone = curve.mode == "detector"
+    return {"color": mode_colour(curve.mode), "lw": 1.6 if alone else 2.2, "ls": mode_dash(curve.mode)}
+
+
+def _title(curves: Sequence[CurveSet]) -> str:
+    return detector_name(curves[0].detector)
 
 
 def left_edge(metrics: Mapping[str, Any]) -> float:
@@ -135,9 +135,11 @@ def left_edge(metrics: Mapping[str, Any]) -> float:
     return 0.5 / max(int(metrics["n_images"]), 1)
 
 
-def _save(path: Path, draw: Callable[[Axes], None]) -> None:
+def _save(path: Path, panels: Sequence[Callable[[Axes], None]]) -> None:
+    """One picture of panels side by side."""
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(7.2, 5.4), dpi=150, layout="constrained")
-        draw(figure.add_subplot())
+        figure = Figure(figsize=(6.4 * len(panels), 5.2), dpi=130, layout="constrained")
+        for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+            draw(axes)
         with atomic_path(path) as beside:
             figure.savefig(beside, metadata={"Software": None})

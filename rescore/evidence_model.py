@@ -159,9 +159,9 @@ def fit_modes(
 def with_difference(table: CandidateTable, model: EvidenceModel | None) -> CandidateTable:
     """The candidates with D and status of a learned mode in place of those of eq. 6; unchanged for None.
 
-    A candidate without evidence gets the D of silent cues. Its likelihood alone would not do: eq. 7 lowers the
-    likelihood of all others, since most candidates are no cars, and a false alarm that nothing is known of
-    would rank above every car.
+    A candidate without evidence gets the D of silent cues. Its likelihood alone would not do: eq. 7 lowers
+    that of all others, since most candidates are no cars, and a false alarm that nothing is known of would
+    rank above every car.
     """
     if model is None:
         return table

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from reports.curves import curve_sets, match_table, scores
-from reports.palette import detector_colour
-from reports.roc import draw_candidate_roc, draw_car_roc, draw_weight, styles, write_curves
+from reports.palette import detector_colour, mode_colour, mode_dash
+from reports.roc import draw_candidate_roc, draw_car_roc, draw_weight, style, write_curves
 from reports.run_folder import Run, boxes_px
 from rescore.formats.coco import read_dataset
 from rescore.matching import TruthTable, greedy_match, ranking_of
@@ -84,11 +84,12 @@ def test_the_marked_weight_is_the_chosen_one_and_a_null_objective_is_left_out(ru
     assert np.isnan(axes.lines[0].get_ydata()[0])
 
 
-def test_the_detector_alone_is_dashed_and_detectors_differ_in_colour(run: Run):
+def test_the_detector_alone_is_dashed_and_modes_and_detectors_differ_in_colour(run: Run):
     curves = curve_sets(run)
-    for c, style in zip(curves, styles(curves), strict=True):
-        assert (style["ls"] == "--") == (c.mode == "detector")
-    assert len({style["color"] for style in styles(curves)}) == 2
+    for c in curves:
+        assert (style(c)["ls"] == "--") == (c.mode == "detector")
+    modes = ("detector", "paper", "guarded", "metric")
+    assert len({mode_colour(m) for m in modes}) == len({str(mode_dash(m)) for m in modes}) == 4
     assert detector_colour("mine", ("hog", "mine", "yours")) != detector_colour(
         "yours", ("hog", "mine", "yours")
     )
