@@ -10,6 +10,7 @@ import pytest
 
 from recon.errors import RescoreError
 from rescore.config import run_preset, with_changes
+from rescore.cues import CUES, Registration
 from rescore.reproduce import Run, RunFolder
 from rescore.stages import Done
 from rescore.steps import DetectorKind
@@ -27,7 +28,7 @@ def test_metrics_keep_the_contract(tiny_run: Path) -> None:
     metrics = json.loads((tiny_run / "metrics.json").read_text())
     assert {"n_images", "n_cars", "n_candidates", "rows", "stereo", "reasons"} <= set(metrics)
     assert [(r["detector"], r["mode"]) for r in metrics["rows"]] == [
-        (d, m) for d in ("hog", "boosted") for m in ("detector", "paper")
+        (d, m) for d in ("hog", "boosted") for m in ("detector", "paper", "guarded", "metric")
     ]
     for row in metrics["rows"]:
         assert set(row) == ROW
@@ -54,6 +55,13 @@ def test_the_table_has_a_row_a_candidate(tiny_run: Path) -> None:
     w, d, lik = table["w"][ok], table["depth_difference"][ok], table["likelihood"][ok]
     np.testing.assert_allclose(table["posterior_paper"][ok], lik**w * (1 - d) ** (1 - w))
     assert {"car"} < set(table["kind"].tolist())
+    for mode in ("guarded", "metric"):
+        w, d = table[f"w_{mode}"], table[f"difference_{mode}"]
+        assert ((d > 0) & (d < 1)).all()
+        posterior = table["likelihood"] ** w * (1 - d) ** (1 - w)
+        np.testing.assert_allclose(table[f"posterior_{mode}"], posterior, atol=1e-12)
+    for name in CUES:
+        assert f"cue_{name}" in table
     for outcome in ("outcome_detector", "outcome_paper"):
         assert set(table[outcome].tolist()) <= {"hit", "false_alarm", "duplicate", "ignored"}
 
@@ -79,7 +87,8 @@ def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> No
     run.learn()
     run.train(DetectorKind.HOG)
     run.detect(DetectorKind.HOG, "validation")
-    run.tune(DetectorKind.HOG)
+    run.find_evidence(DetectorKind.HOG, "validation")
+    run.tune(DetectorKind.HOG, Registration.PAPER)
     ran = {d.name for d in done if not d.reused}
     # the data set is another, so all that reads it was done anew; to the same end
     assert {"train_hog", "calibrate_hog", "evidence_hog_validation"} <= ran
