@@ -148,23 +148,12 @@ def test_commands_one_by_one_equal_the_whole_run(rescore: Command, tiny_run: Pat
     modes = {"detector", "paper", "metric"}
     assert metrics["rows"] == [r for r in whole["rows"] if r["detector"] == "hog" and r["mode"] in modes]
     # a weight of one mode does not serve another
-    wrong = rescore(
-        *(
-            "apply",
-            data,
-            tmp_path / "test.json",
-            "--tuned",
-            tmp_path / "w.json",
-            "--out",
-            tmp_path / "x.json",
-        ),
-        *("--registration", "metric", "--evidence-model", evidence, *model),
-    )
+    once_more = ("apply", data, tmp_path / "test.json", "--out", tmp_path / "x.json", *model)
+    metric = ("--registration", "metric", "--evidence-model", evidence)
+    wrong = rescore(*once_more, "--tuned", tmp_path / "w.json", *metric)
     assert wrong.returncode == 1
     assert "expected a weight tuned for --registration metric, got one for paper" in wrong.stderr
-    bare = rescore(
-        *(*apply_again, "--w", 0.5, "--registration", "guarded", *model),
-    )
+    bare = rescore(*once_more, "--w", 0.5, "--registration", "guarded")
     assert bare.returncode == 1
     assert "rescore fit-evidence" in bare.stderr
 
