@@ -81,7 +81,11 @@ def run_preset(name: str) -> RunConfig:
         boosting=replace(config.boosted.boosting, rounds=30),
     )
     return config.model_copy(
-        update={"hog": replace(config.hog, floor=-5.0, mining=mining), "boosted": boosted}
+        update={
+            "hog": replace(config.hog, floor=-5.0, mining=mining),
+            "boosted": boosted,
+            "evidence": replace(config.evidence, min_cars=2),
+        }
     )
 
 

@@ -182,6 +182,7 @@ def tune(
     evidence_model: EvidenceModelFile = None,
     preset: Preset = "paper",
     config: Changes = None,
+    seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
     """Choose the weight w of eq. 7 on the split "validation", and keep the curve it was chosen from.
@@ -209,10 +210,16 @@ def tune(
         jobs=jobs,
         detector=file.detector,
     )
-    tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode)
+    tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode, seed)
     write_json(out, steps.tuning_as_json(tuning))
-    write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, None)
+    write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, seed)
     say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")
+    if tuning.uncertainty is not None:
+        u = tuning.uncertainty
+        say(
+            f"95 % interval of w {u.low:g} to {u.high:g}, within one standard error of the best "
+            f"{u.plateau[0]:g} to {u.plateau[1]:g}; {tuning.sentence}"
+        )
 
 
 @app.command()
@@ -430,9 +437,13 @@ def _report_stage(done: "Done") -> None:
 def _print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
     from rich.console import Console
 
+    from reports.certainty_tables import TERMINAL_CAPTION, terminal_comparison
     from reports.tables import terminal_table
 
     console = Console()
     console.print(terminal_table(metrics))
+    comparison = terminal_comparison(metrics)
+    if comparison is not None:
+        console.print(comparison.rich(TERMINAL_CAPTION))
     for name, path in paths.items():
         console.print(f"{name}: {path}", soft_wrap=True, highlight=False)

@@ -10,12 +10,13 @@ import pytest
 
 from recon.errors import RescoreError
 from rescore.config import run_preset, with_changes
+from rescore.cues import Registration
 from rescore.reproduce import Run, RunFolder
 from rescore.stages import Done
 from rescore.steps import DetectorKind
 from rescore.store import read_candidates
 
-ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall"}
+ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall", "intervals"}
 
 
 def again(folder: Path) -> tuple[Run, list[Done]]:
@@ -27,7 +28,7 @@ def test_metrics_keep_the_contract(tiny_run: Path) -> None:
     metrics = json.loads((tiny_run / "metrics.json").read_text())
     assert {"n_images", "n_cars", "n_candidates", "rows", "stereo", "reasons"} <= set(metrics)
     assert [(r["detector"], r["mode"]) for r in metrics["rows"]] == [
-        (d, m) for d in ("hog", "boosted") for m in ("detector", "paper")
+        (d, m) for d in ("hog", "boosted") for m in ("detector", "paper", "guarded", "metric")
     ]
     for row in metrics["rows"]:
         assert set(row) == ROW
@@ -68,7 +69,9 @@ def test_a_second_run_reuses_every_stage(tiny_run: Path) -> None:
 def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
     shutil.copytree(tiny_run, copy)
-    before = (copy / "tuned" / "hog.json").read_bytes()
+    tuned = [RunFolder(copy).tuned("hog", mode) for mode in Registration]
+    before = [file.read_bytes() for file in tuned]
+    assert all(json.loads(text)["learned"] for text in before)
     data = json.loads((copy / "data" / "annotations.json").read_text())
     rng = np.random.default_rng(0)
     for image in data["images"]:
@@ -78,12 +81,16 @@ def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> No
     run, done = again(copy)
     run.learn()
     run.train(DetectorKind.HOG)
-    run.detect(DetectorKind.HOG, "validation")
-    run.tune(DetectorKind.HOG)
+    for split in ("train", "calibration", "validation"):
+        run.detect(DetectorKind.HOG, split)
+        run.find_evidence(DetectorKind.HOG, split)
+    run.fit_evidence(DetectorKind.HOG)
+    for mode in Registration:
+        run.tune(DetectorKind.HOG, mode)
     ran = {d.name for d in done if not d.reused}
     # the data set is another, so all that reads it was done anew; to the same end
     assert {"train_hog", "calibrate_hog", "evidence_hog_validation"} <= ran
-    assert (copy / "tuned" / "hog.json").read_bytes() == before
+    assert [file.read_bytes() for file in tuned] == before
 
 
 def test_settings_of_a_file_replace_those_of_the_preset(tmp_path: Path) -> None:
