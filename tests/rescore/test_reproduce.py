@@ -121,5 +121,7 @@ def test_wrong_settings_are_one_line(tmp_path: Path, text: str, message: str) ->
 
 
 def test_unknown_preset() -> None:
-    with pytest.raises(RescoreError, match="preset: expected one of demo, paper, tiny, got 'x'"):
+    with pytest.raises(
+        RescoreError, match="preset: expected one of demo, paper, tiny, weight-study, got 'x'"
+    ):
         run_preset("x")
