@@ -129,8 +129,8 @@ def _page(studies: Sequence[WeightStudy], command: str) -> str:
         f"Made by `{command}`: w of eq. 7 tuned by {objective} on {first.n_draws} subsets of "
         f"{first.n_images} rendered validation images with {first.n_cars} annotated cars, drawn with "
         "replacement. No test image takes part. Loss: what the choices lose on all these images against the "
-        f"best w there, on average, in {objective}. Subsets of as many images as there are differ only by what "
-        "is drawn twice, as in a bootstrap.",
+        f"best w there, on average, in {objective}. Subsets of as many images as there are differ only by "
+        "what is drawn twice, as in a bootstrap.",
         _sentences(studies),
         width_table(studies).markdown().rstrip(),
         "![Chosen w by validation images, and the objective over w](weight.png)",

@@ -59,14 +59,15 @@ def study_weight(
     chosen = _sizes(sizes, len(validation.data.frames))
     studies = []
     for kind in config.detectors:
-        table = _candidates(folder, kind, config, validation.data, None if dataset is None else keep, jobs)
+        table = _candidates(folder, kind, config, validation.data, keep, jobs)
         models = load_models(folder.evidence_model(kind)) if folder.evidence_model(kind).is_file() else {}
         for number, mode in enumerate(config.registrations):
             rng = np.random.default_rng([seed, number])
             rated = with_difference(table, models.get(mode))
             studies.append(study(kind, mode, rated, validation, chosen, draws, config.tune, rng))
     Console().print(width_table(studies, short=True).rich())
-    command = f"rescore study-weight RUN --out {out.name} --sizes {sizes} --draws {draws} --seed {seed}"
+    of_data = "" if dataset is None else f" --dataset {dataset}"
+    command = f"rescore study-weight {run}{of_data} --out {out} --sizes {sizes} --draws {draws} --seed {seed}"
     say(f"width of w: {write_weight_study(studies, out, command)}")
 
 
@@ -80,8 +81,8 @@ def _sizes(text: str, n_images: int) -> list[int]:
     fit = [n for n in asked if n <= n_images]
     if not fit:
         raise RescoreError(
-            f"--sizes: expected a number up to the {n_images} validation images, got {text}; choose a smaller "
-            "one or render more images"
+            f"--sizes: expected a number up to the {n_images} validation images, got {text}; choose a "
+            "smaller one or render more images"
         )
     if len(fit) < len(asked):
         left_out = ", ".join(str(n) for n in asked if n > n_images)
@@ -118,25 +119,36 @@ def _candidates(
     """The candidates of a detector of the run on validation images, with depth evidence, before w."""
     from recon.class_model import ClassModel
     from rescore import steps
+    from rescore.config import part_as_json
     from rescore.detectors.files import load_detector
     from rescore.formats.coco import read_detections, write_rescored
+    from rescore.stages import Stage, run_stage
 
-    own = folder.evidence_table(kind, "validation")
-    kept = None if keep is None else keep / f"{kind}.json"
     if validation.root.resolve() == folder.data.resolve():
-        return read_detections(own, validation).table
-    if kept is not None and kept.is_file():
-        say(f"{kind}: candidates of {kept}")
-        return read_detections(kept, validation).table
-    detector, scaling = load_detector(folder.detector(kind)), steps.load_scaling(folder.scaling(kind))
-    table = steps.find_evidence(
-        validation,
-        steps.detect(detector, scaling, validation, jobs).by_image([f.image_id for f in validation.frames]),
-        ClassModel.load(folder.class_model),
-        config.rescore,
-        jobs=jobs,
-        detector=kind,
+        return read_detections(folder.evidence_table(kind, "validation"), validation).table
+    detector, scaling, model = folder.detector(kind), folder.scaling(kind), folder.class_model
+
+    def find() -> "CandidateTable":
+        found = steps.detect(load_detector(detector), steps.load_scaling(scaling), validation, jobs)
+        candidates = found.by_image([f.image_id for f in validation.frames])
+        class_model = ClassModel.load(model)
+        return steps.find_evidence(
+            validation, candidates, class_model, config.rescore, jobs=jobs, detector=kind
+        )
+
+    def work(out: Path) -> None:
+        table = find()
+        write_rescored(out, kind, table, table.likelihood, w=1.0, data=validation)
+
+    if keep is None:
+        return find()
+    stage = Stage(
+        f"evidence_{kind}",
+        part_as_json(config.rescore),
+        (detector, scaling, model, validation.root / "annotations.json"),
+        (keep / f"{kind}.json",),
+        ("rescore.pipeline", "rescore.detectors.files", "rescore.formats.coco"),
     )
-    if kept is not None:
-        write_rescored(kept, kind, table, table.likelihood, w=1.0, data=validation)
-    return table
+    if run_stage(keep, stage, work).reused:
+        say(f"{kind}: candidates of {keep}")
+    return read_detections(keep / f"{kind}.json", validation).table
