@@ -40,6 +40,24 @@ def test_metrics_keep_the_contract(tiny_run: Path) -> None:
         assert 0 < hard["n_cars"] <= metrics["n_cars"]
         found = round(alone["recall_ceiling"] * metrics["n_cars"])
         assert round(hard["recall_ceiling"] * hard["n_cars"]) <= found
+    modes = [(d, m) for d in ("hog", "boosted") for m in ("paper", "guarded", "metric")]
+    assert [(c["detector"], c["mode"]) for c in metrics["comparisons"]] == modes
+    rows = {(r["detector"], r["mode"]): r for r in metrics["rows"]}
+    for c in metrics["comparisons"]:
+        before, after = rows[c["detector"], "detector"], rows[c["detector"], c["mode"]]
+        gain = after["average_precision"] - before["average_precision"]
+        assert c["average_precision_difference"]["value"] == pytest.approx(gain)
+    rules = ("detector", "depth", "product", "maximum", "eq7", "learned")
+    assert [(f["detector"], f["mode"], f["rule"]) for f in metrics["fusion"]] == [
+        (*mode, rule) for mode in modes for rule in rules
+    ]
+    for f in metrics["fusion"]:
+        if f["rule"] in ("detector", "eq7"):
+            same = rows[f["detector"], "detector" if f["rule"] == "detector" else f["mode"]]
+            assert {k: same[k] for k in ("auc", "average_precision", "fppi_at_recall")} == {
+                k: f[k] for k in ("auc", "average_precision", "fppi_at_recall")
+            }
+    assert {(r["detector"], r["mode"]) for r in metrics["reliability"]} == set(rows)
     for counts in metrics["reasons"].values():
         assert sum(counts.values()) <= 15 * metrics["n_images"]
 
