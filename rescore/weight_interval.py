@@ -97,15 +97,17 @@ def describe(grid: FloatArray, w: float, uncertainty: WeightUncertainty) -> str:
     """What the data can tell, in one sentence."""
     chosen = int(np.argmin(np.abs(grid - w)))
     first, last = run_around(~uncertainty.separable, chosen)
-    text = f"not separable from w = {grid[first]:.2f} to {grid[last]:.2f}"
     if first == last:
-        text = "separable from its neighbours on the grid"
-    ends = (("depth alone (w = 0)", 0), ("the detector alone (w = 1)", -1))
-    for separable, before, between in ((False, "nor", "or"), (True, "but separable", "and")):
-        names = [name for name, i in ends if bool(uncertainty.separable[i]) is separable]
-        if names:
-            text += f", {before} from {f' {between} from '.join(names)}"
-    return text
+        text, also = "separable from its neighbours on the grid", "but not"
+    else:
+        text, also = f"not separable from w = {grid[first]:.2f} to {grid[last]:.2f}", "nor"
+    ends = {0: "depth alone (w = 0)", len(grid) - 1: "the detector alone (w = 1)"}
+    others = {i: name for i, name in ends.items() if i != chosen}
+    untold = [name for i, name in others.items() if not uncertainty.separable[i]]
+    told = [name for i, name in others.items() if uncertainty.separable[i]]
+    if untold:
+        text += f", {also} from {' or from '.join(untold)}"
+    return text + (f"; separable from {' and from '.join(told)}" if told else "")
 
 
 def _beaten(sample: FloatArray, chosen: int) -> BoolArray:

@@ -11,7 +11,7 @@ from rescore.frames import DataSet, Splits
 from rescore.matching import TruthTable
 from rescore.metrics import area_under_roc, candidate_roc, fppi_at_recall, recall_curve
 from rescore.tune import Objective, TuneConfig, match_at, objective_on_grid, tune_weight
-from rescore.weight_interval import choices, describe, run_around, weight_uncertainty
+from rescore.weight_interval import WeightUncertainty, choices, describe, run_around, weight_uncertainty
 
 GRID = np.linspace(0, 1, 5)
 
@@ -51,9 +51,33 @@ def test_the_interval_spans_what_resamples_choose() -> None:
     assert u.separable.tolist() == [True, False, False, False, True]
     text = describe(GRID, 0.25, u)
     assert text == (
-        "not separable from w = 0.25 to 0.75, but separable from depth alone (w = 0) "
+        "not separable from w = 0.25 to 0.75; separable from depth alone (w = 0) "
         "and from the detector alone (w = 1)"
     )
+
+
+@pytest.mark.parametrize(
+    ("w", "separable", "expected"),
+    [
+        (1.0, "11110", "separable from its neighbours on the grid; separable from depth alone (w = 0)"),
+        (
+            0.5,
+            "11010",
+            "separable from its neighbours on the grid, but not from the detector alone (w = 1)"
+            "; separable from depth alone (w = 0)",
+        ),
+        (
+            0.25,
+            "00000",
+            "not separable from w = 0.00 to 1.00, nor from depth alone (w = 0) or from the "
+            "detector alone (w = 1)",
+        ),
+    ],
+)
+def test_the_sentence_names_what_is_told_and_what_is_not(w: float, separable: str, expected: str) -> None:
+    told = np.array([c == "1" for c in separable])
+    u = WeightUncertainty(0.0, 1.0, 0.1, (0.0, 1.0), told, 100, 0)
+    assert describe(GRID, w, u) == expected
 
 
 def test_a_resample_that_chooses_none_may_hide_any_weight() -> None:
