@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper published published-localization published-models bench clean
+.PHONY: demo test setup paper published published-localization published-models published-weight bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -38,6 +38,11 @@ published-models: setup
 	$(BIN)/rescore study-models --out reports/published/models --jobs $(JOBS)
 	$(BIN)/rescore study-views --out reports/published/view_bins
 	$(BIN)/rescore gallery --out reports/published/reconstructions
+
+published-weight: paper
+	$(BIN)/rescore synth runs/weight_data --preset weight-study --jobs $(JOBS)
+	$(BIN)/rescore study-weight runs/paper --dataset runs/weight_data --keep runs/weight_candidates \
+	    --out reports/published/weight --jobs $(JOBS)
 
 bench: setup
 	$(BIN)/python tests/bench.py

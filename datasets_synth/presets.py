@@ -147,7 +147,8 @@ def synth_preset(name: str) -> SynthConfig:
     """The settings of a named preset.
 
     ``paper`` has the sizes of the report, section 6 (109 test images with 127 cars, 20 validation images);
-    ``demo`` is the same street with fewer frames; ``tiny`` is for tests, a few small frames.
+    ``demo`` is the same street with fewer frames; ``tiny`` is for tests, a few small frames;
+    ``weight-study`` has many validation frames of the same street and no others, to draw subsets from.
 
     Raises:
         RescoreError: No such preset.
@@ -162,6 +163,7 @@ def synth_preset(name: str) -> SynthConfig:
 _PAPER = SynthConfig()
 _PRESETS = {
     "paper": _PAPER,
+    "weight-study": replace(_PAPER, splits={"validation": SplitSize(500, 550)}),
     "demo": replace(
         _PAPER,
         splits={

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from reports.certainty_tables import in_interval, weight_text
 from reports.curves import CurveSet
-from reports.palette import detector_colour, detector_name
+from reports.palette import detector_colour, detector_name, mode_name
 from reports.roc import left_edge
 from reports.tables import number
 
@@ -118,9 +119,17 @@ def weight_figure(tuning: Mapping[str, Mapping[str, Any]]) -> Figure:
     traces: list[dict[str, Any]] = []
     for detector, t in tuning.items():
         colour = detector_colour(detector, tuple(tuning))
-        name = f"{detector_name(detector, short=True)}: w = {t['w']:g}"
+        name = f"{detector_name(detector, short=True)}: w = {weight_text(t)}"
         hover = "w = %{x:.2f}: %{y:.3f}"
         line = {"color": colour, "width": 2}
+        if t.get("uncertainty"):
+            inside = in_interval(t)
+            band = {
+                k: [v for v, use in zip(t[k], inside, strict=True) if use] for k in ("w_grid", "objective")
+            }
+            look = {"opacity": 0.25, "line": {"color": colour, "width": 12}, "showlegend": False}
+            where = {"x": band["w_grid"], "y": band["objective"], "mode": "lines", "hoverinfo": "skip"}
+            traces.append(where | look)
         traces.append(
             {
                 "x": t["w_grid"],
@@ -153,8 +162,51 @@ def weight_figure(tuning: Mapping[str, Mapping[str, Any]]) -> Figure:
             _axis("w: 0 trusts the depth alone, 1 the detector alone", [-0.02, 1.02]),
             {"title": {"text": f"{objective} on the validation set"}},
         ),
-        note="The marked w was chosen on the validation images alone; of many equally good ones, the middle.",
+        note="The marked w was chosen on the validation images alone; of many equally good ones, the middle. "
+        "Broad line: interval of 95% of w, chosen again on images drawn with replacement.",
         alt=f"{objective} on the validation set over w; chosen: {chosen_text}",
+    )
+
+
+def reliability_figure(shown: Sequence[Mapping[str, Any]], detectors: Sequence[str]) -> Figure:
+    """Share of hits over score, in groups of candidates, with intervals."""
+    traces: list[dict[str, Any]] = []
+    for r in shown:
+        alone = r["mode"] == "detector"
+        rate, high, low = (np.array(r[k], float) for k in ("hit_rate", "high", "low"))
+        error = {"type": "data", "array": (high - rate).tolist(), "arrayminus": (rate - low).tolist()}
+        line = {
+            "color": detector_colour(r["detector"], detectors),
+            "width": 2,
+            "dash": "dash" if alone else "solid",
+        }
+        legend = f"{detector_name(r['detector'], short=True)}, {mode_name(r['mode'])}"
+        traces.append(
+            {
+                "x": r["likelihood"],
+                "y": r["hit_rate"],
+                "text": [str(n) for n in r["count"]],
+                "error_y": error | {"symmetric": False, "width": 2, "thickness": 1},
+                "mode": "lines+markers",
+                "name": f"{legend}: Brier {number(r['brier_score'])}",
+                "line": line,
+                "hovertemplate": "mean score %{x:.3f}: %{y:.1%} of %{text} candidates are hits",
+            }
+        )
+    perfect = {"x": [0, 1], "y": [0, 1], "mode": "lines", "name": "as it should be", "hoverinfo": "skip"}
+    traces.append(perfect | {"line": {"color": "#8A8A8A", "width": 1, "dash": "dot"}})
+    return _figure(
+        "reliability",
+        "Are scores probabilities?",
+        traces,
+        (_axis("mean score of a group", [-0.02, 1.02]), _axis("share of hits in the group", [-0.02, 1.02])),
+        note="Twenty groups of equally many candidates, by score; bars: intervals of 95%. Most candidates "
+        "have low scores, so most groups lie at the left.",
+        alt="Share of hits over score: "
+        + "; ".join(
+            f"{detector_name(r['detector'])}, {mode_name(r['mode'])}: Brier {number(r['brier_score'])}"
+            for r in shown
+        ),
     )
 
 

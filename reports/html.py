@@ -8,6 +8,7 @@ from typing import Any
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from reports.certainty_tables import comparison_table, fusion_table, reliability_table, weight_table
 from reports.curves import curve_sets
 from reports.figures import (
     Figure,
@@ -15,6 +16,7 @@ from reports.figures import (
     car_roc_figure,
     json_values,
     precision_recall_figure,
+    reliability_figure,
     weight_figure,
 )
 from reports.gallery import build_gallery
@@ -118,12 +120,21 @@ def _figures(run: Run) -> list[Figure]:
         precision_recall_figure(curves, run.metrics),
     ]
     tuning = run.tuning()
-    return [json_values(f) for f in ([*figures, weight_figure(tuning)] if tuning else figures)]
+    if tuning:
+        figures.append(weight_figure(tuning))
+    shown = run.reliability()
+    if shown:
+        figures.append(reliability_figure(shown, run.detectors))
+    return [json_values(f) for f in figures]
 
 
 def _tables(run: Run) -> dict[str, Table | None]:
     return {
         "results": result_table(run.metrics),
+        "comparison": comparison_table(run.metrics),
+        "fusion": fusion_table(run.metrics),
+        "weights": weight_table(run.metrics),
+        "reliability": reliability_table(run.metrics),
         "reasons": reason_table(run.candidates, run.detectors),
         "kinds": kind_table(run.candidates, run.detectors),
         "difficulty": difficulty_table(run.metrics.get("difficulty", {})),

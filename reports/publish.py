@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from recon.errors import RescoreError
+from reports.certainty_tables import comparison_table, fusion_table, reliability_table, weight_table
 from reports.run_folder import Run, load_run
 from reports.tables import (
     Table,
@@ -25,7 +26,8 @@ CURVES = {
     "car_roc.png": "True-positive rate over all annotated cars against false positives per image",
     "candidate_roc.png": "ROC over the candidates",
     "precision_recall.png": "Precision and recall",
-    "weight.png": "Average precision on the validation set over w",
+    "weight.png": "The objective on the validation set over w, with intervals of w",
+    "reliability.png": "Share of hits over score",
 }
 """The figures with what a person reads in their place."""
 
@@ -71,6 +73,10 @@ def _page(run: Run, command: str, drawn: list[str]) -> str:
 def _tables(run: Run, metrics: Mapping[str, Any]) -> tuple[Table | None, ...]:
     return (
         result_table(metrics),
+        comparison_table(metrics),
+        fusion_table(metrics),
+        weight_table(metrics),
+        reliability_table(metrics),
         difficulty_table(metrics.get("difficulty", {})),
         reason_table(run.candidates, run.detectors),
         kind_table(run.candidates, run.detectors),

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from reports.certainty_tables import in_interval, weight_text
 from reports.curves import CurveSet, curve_sets
 from reports.palette import detector_colour, detector_name, mode_colour, mode_dash, mode_name
 from reports.run_folder import Run
@@ -53,6 +54,11 @@ def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:
     if tuning:
         paths.append(folder / "weight.png")
         _save(paths[-1], [partial(draw_weight, tuning=tuning)])
+    shown = run.reliability()
+    if shown:
+        paths.append(folder / "reliability.png")
+        groups = [[r for r in shown if r["detector"] == d] for d in run.detectors]
+        _save(paths[-1], [partial(draw_reliability, shown=group) for group in groups if group])
     return tuple(paths)
 
 
@@ -111,12 +117,46 @@ def draw_weight(ax: Axes, tuning: Mapping[str, Mapping[str, Any]]) -> None:
         colour = detector_colour(detector, tuple(tuning))
         w, value = np.array(tuned["w_grid"]), np.array(tuned["objective"], float)
         ax.plot(
-            w, value, color=colour, lw=2, label=f"{detector_name(detector, short=True)}: w = {tuned['w']:g}"
+            w,
+            value,
+            color=colour,
+            lw=2,
+            label=f"{detector_name(detector, short=True)}: w = {weight_text(tuned)}",
         )
+        if tuned.get("uncertainty"):
+            inside = in_interval(tuned)
+            ax.plot(w[inside], value[inside], color=colour, alpha=0.25, lw=10, solid_capstyle="butt")
         ax.plot([tuned["w"]], [np.interp(tuned["w"], w, value)], _MARKER, color=colour, ms=9)
     ax.set(xlim=(-0.02, 1.02), title="Choice of w on the validation set")
     ax.set_xlabel("w: 0 trusts the depth alone, 1 the detector alone")
-    ax.set_ylabel(f"objective: {next(iter(tuning.values()))['objective_name']}")
+    ax.set_ylabel(f"objective: {next(iter(tuning.values()))['objective_name'].replace('_', ' ')}")
+    ax.legend(loc="best", title="broad line: interval of 95 % of w" if _has_bands(tuning) else None)
+
+
+def _has_bands(tuning: Mapping[str, Mapping[str, Any]]) -> bool:
+    return any(t.get("uncertainty") for t in tuning.values())
+
+
+def draw_reliability(ax: Axes, shown: Sequence[Mapping[str, Any]]) -> None:
+    """Share of hits over score in groups of candidates of one detector, with intervals of 95 %."""
+    for r in shown:
+        rate, low, high = (np.array(r[k], float) for k in ("hit_rate", "low", "high"))
+        ax.errorbar(
+            r["likelihood"],
+            rate,
+            np.stack([rate - low, high - rate]),
+            color=mode_colour(r["mode"]),
+            ls=mode_dash(r["mode"]),
+            marker=_MARKER,
+            ms=4,
+            elinewidth=1,
+            capsize=2,
+            label=f"{mode_name(r['mode'])}: Brier {number(r['brier_score'])}",
+        )
+    ax.plot([0, 1], [0, 1], color="#999999", lw=1, ls=":", label="as it should be")
+    ax.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), title=detector_name(shown[0]["detector"]))
+    ax.set_xlabel("mean score of a group of candidates")
+    ax.set_ylabel("share of hits in the group")
     ax.legend(loc="best")
 
 

@@ -63,9 +63,14 @@ class Run:
 
     def tuning(self) -> Mapping[str, Mapping[str, Any]]:
         """The choice of w in the last mode, by detector: ``w``, ``w_grid``, ``objective``,
-        ``objective_name``; may be empty."""
+        ``objective_name`` and, but for older versions, ``uncertainty``; may be empty."""
         found: Mapping[str, Mapping[str, Any]] = self.metrics.get("tuning", {})
         return {name: t.get("modes", {}).get(self.modes[-1], t) for name, t in found.items()}
+
+    def reliability(self) -> tuple[Mapping[str, Any], ...]:
+        """The reliability curves of the detectors alone and of the last mode; may be empty."""
+        shown = {"detector", self.modes[-1]}
+        return tuple(r for r in self.metrics.get("reliability", ()) if r["mode"] in shown)
 
     def part_names(self) -> tuple[str, ...]:
         """Names of the parts of the class model, label 1 first; empty where the run folder holds no model."""

@@ -4,10 +4,21 @@ import sys
 import warnings
 
 from recon.errors import RescoreError
-from rescore.commands import experiment, gallery, ground, localize, models, reconstruct
+from rescore.commands import experiment, gallery, ground, localize, models, reconstruct, tuning, weight
 from rescore.commands.base import app
 
-__all__ = ["app", "experiment", "gallery", "ground", "localize", "main", "models", "reconstruct"]
+__all__ = [
+    "app",
+    "experiment",
+    "gallery",
+    "ground",
+    "localize",
+    "main",
+    "models",
+    "reconstruct",
+    "tuning",
+    "weight",
+]
 
 
 def main() -> None:

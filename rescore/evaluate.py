@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,23 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.bootstrap import BootstrapConfig
+from rescore.comparisons import certainty
 from rescore.cues import CUES, Registration
 from rescore.detectors.base import Detections
 from rescore.difficulty import difficulty
 from rescore.evidence import NOT_RESCORED, CandidateTable
 from rescore.formats.coco import DetectionFile
 from rescore.frames import DataSet
+from rescore.fusion_rules import posteriors
 from rescore.kinds import kinds_of_candidates
-from rescore.matching import OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
+from rescore.matching import HIT, IGNORED, OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics import Summary, summarise
+from rescore.reliability import reliability
 from rescore.store import read_json, write_candidates, write_json
 from rescore.tune import Tuning
+from rescore.weight_interval import uncertainty_as_json
 
 FloatArray = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 DETECTOR_MODE = "detector"
 """Ranked by the raw score of the detector alone."""
+RELIABILITY_BINS = 20
+"""Fewer than one candidate in ten is a hit: with fewer bins nearly all hits would be in one."""
 
 
 def evaluate(
@@ -35,6 +43,7 @@ def evaluate(
     *,
     tunings: Mapping[tuple[str, Registration], Tuning] | None = None,
     min_iou: float = 0.5,
+    seed: int = 0,
 ) -> dict[str, Any]:
     """Write ``candidates.parquet`` and ``metrics.json`` of detections into a run folder; returns the latter.
 
@@ -46,6 +55,7 @@ def evaluate(
         run_dir: where to write.
         tunings: the choice of w by detector and mode, kept beside the figures.
         min_iou: overlap from which a candidate has found a car.
+        seed: draws the images that the intervals come from.
 
     Raises:
         RescoreError: no frames, no detections, two files of one detector and mode, or files of one detector
@@ -53,25 +63,40 @@ def evaluate(
     """
     _check(data, files)
     truth = TruthTable.of(data)
+    tunings = tunings or {}
     parts: list[Columns] = []
-    rows: list[dict[str, Any]] = []
+    found: dict[str, list[dict[str, Any]]] = {
+        name: [] for name in ("rows", "comparisons", "fusion", "reliability")
+    }
     firsts: list[DetectionFile] = []
     for own in _by_detector(files):
         matched = {f.registration: _match(f, truth, min_iou) for f in own if f.posterior is not None}
         alone = _match_alone(own[0], truth, min_iou)
-        parts.append(_columns(own, alone, matched) | {"kind": _kinds(data, own[0].table)})
-        rows.append(_row(own[0].detector, DETECTOR_MODE, 1.0, summarise(alone)))
-        weights = {f.registration: f.w for f in own}
-        rows += [_row(own[0].detector, m, weights[m], summarise(match)) for m, match in matched.items()]
+        kind = _kinds(data, own[0].table)
+        parts.append(_columns(own, alone, matched) | {"kind": kind})
+        sure = certainty(
+            {DETECTOR_MODE: alone, **{str(m): t for m, t in matched.items()}}, kind, truth.cars_of_image, seed
+        )
+        name = {"detector": own[0].detector}
+        found["rows"] += [r | {"intervals": sure.intervals[r["mode"]]} for r in _rows(own, alone, matched)]
+        found["comparisons"] += [name | c for c in sure.comparisons]
+        for file in own:
+            found["fusion"] += _fusion(file, alone, truth, min_iou, tunings)
+        found["reliability"] += _reliabilities(own, alone, matched)
         firsts.append(own[0])
     metrics = {
         "n_images": truth.n_images,
         "n_cars": truth.n_cars,
         "n_candidates": sum(len(f.table) for f in firsts),
-        "rows": rows,
+        **found,
+        "bootstrap": {
+            "n_resamples": BootstrapConfig().n_resamples,
+            "confidence": BootstrapConfig().confidence,
+            "seed": seed,
+        },
         "stereo": _stereo(data),
         "reasons": {f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in firsts},
-        "tuning": _tuning(tunings or {}),
+        "tuning": _tuning(tunings),
         "difficulty": {f.detector: _difficulty(data, f.table) for f in firsts},
     }
     names = dict.fromkeys(name for p in parts for name in p)
@@ -210,11 +235,66 @@ def _kinds(data: DataSet, table: CandidateTable) -> NDArray[np.object_]:
     return kinds
 
 
+def _rows(
+    own: Sequence[DetectionFile], alone: MatchTable, matched: Mapping[Registration, MatchTable]
+) -> list[dict[str, Any]]:
+    """The rows of one detector: alone, then in each mode."""
+    weights = {f.registration: f.w for f in own}
+    return [
+        _row(own[0].detector, DETECTOR_MODE, 1.0, summarise(alone)),
+        *(_row(own[0].detector, m, weights[m], summarise(match)) for m, match in matched.items()),
+    ]
+
+
+def _fusion(
+    file: DetectionFile,
+    alone: MatchTable,
+    truth: TruthTable,
+    min_iou: float,
+    tunings: Mapping[tuple[str, Registration], Tuning],
+) -> list[dict[str, Any]]:
+    """The figures of each way of fusing in one mode, by ``rescore.fusion_rules``; none without rescoring."""
+    if file.posterior is None:
+        return []
+    t, tuning = file.table, tunings.get((file.detector, file.registration))
+    tables = {DETECTOR_MODE: alone}
+    for rule, score in posteriors(t, file.w, None if tuning is None else tuning.learned).items():
+        ranking = ranking_of(score, t.score)
+        tables[rule] = greedy_match(t.image_id, t.xyxy_px, ranking, truth, min_iou)
+    name = {"detector": file.detector, "mode": file.registration.value}
+    return [name | {"rule": rule} | _figures(summarise(match)) for rule, match in tables.items()]
+
+
+def _reliabilities(
+    own: Sequence[DetectionFile], alone: MatchTable, matched: Mapping[Registration, MatchTable]
+) -> list[dict[str, Any]]:
+    """Whether l and the posterior of each mode are what they say; none where scores are not calibrated."""
+    scores = {
+        f.registration.value: (f.posterior, matched[f.registration]) for f in own if f.registration in matched
+    }
+    found = []
+    for mode, (score, match) in {DETECTOR_MODE: (own[0].table.likelihood, alone), **scores}.items():
+        use = match.outcome != IGNORED
+        if score is None or not use.any() or np.isnan(score[use]).any():
+            continue
+        r = reliability(score[use], match.outcome[use] == HIT, RELIABILITY_BINS)
+        curve = {n: getattr(r, n).tolist() for n in ("likelihood", "hit_rate", "low", "high", "count")}
+        figures = {"brier_score": r.brier_score, "calibration_error": r.calibration_error}
+        found.append({"detector": own[0].detector, "mode": mode, **figures, **curve})
+    return found
+
+
 def _row(detector: str, mode: str, w: float | None, summary: Summary) -> dict[str, Any]:
     return {
         "detector": detector,
         "mode": mode,
         "w": w,
+        **_figures(summary),
+    }
+
+
+def _figures(summary: Summary) -> dict[str, Any]:
+    return {
         "auc": _number(summary.auc),
         "average_precision": _number(summary.average_precision),
         "recall_ceiling": _number(summary.recall_ceiling),
@@ -223,8 +303,8 @@ def _row(detector: str, mode: str, w: float | None, summary: Summary) -> dict[st
 
 
 def _number(value: float) -> float | None:
-    """JSON has no NaN: an undefined figure is null."""
-    return None if np.isnan(value) else value
+    """JSON has neither NaN nor infinity: an undefined figure, or one that is never reached, is null."""
+    return value if np.isfinite(value) else None
 
 
 def _difficulty(data: DataSet, table: CandidateTable) -> dict[str, Any]:
@@ -258,6 +338,10 @@ def _tuning(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, Any
             "objective_name": t.objective.value,
             "w_grid": t.grid.tolist(),
             "objective": [_number(v) for v in t.value.tolist()],
+            "n_images": t.n_images,
+            "sentence": t.sentence,
+            "uncertainty": uncertainty_as_json(t.uncertainty),
+            "learned": None if t.learned is None else asdict(t.learned),
         }
         found.setdefault(name, one | {"modes": {}})["modes"][str(mode)] = one
     return found

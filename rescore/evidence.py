@@ -62,6 +62,16 @@ class CandidateTable:
         """The rows of a mask or an index."""
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
+    def by_image(self, image_ids: Iterable[int]) -> dict[int, Candidates]:
+        """The candidates of each image, empty where it has none."""
+        found = {}
+        for image_id in image_ids:
+            rows = np.flatnonzero(self.image_id == image_id)
+            found[image_id] = Candidates(
+                image_id, self.xyxy_px[rows], self.score[rows], self.likelihood[rows]
+            )
+        return found
+
     @staticmethod
     def of_candidates(frames: Iterable[Candidates]) -> "CandidateTable":
         """Candidates that nothing has rescored yet."""

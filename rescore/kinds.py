@@ -14,6 +14,13 @@ GROUND_KINDS = frozenset({"ground", "road", "kerb", "pavement", "verge", "square
 BACKGROUND_KINDS = GROUND_KINDS | {"", "sky"}
 """Kinds that lie under or behind what a detector may mean."""
 UNKNOWN = ""
+PICTURE_KINDS = frozenset(
+    {
+        *("banner", "billboard", "hoarding", "mural", "showroom"),
+        *("bus_picture", "container_picture", "trailer_picture", "truck_picture"),
+    }
+)
+"""Kinds that show a flat picture of a car, as rendered scenes name them."""
 
 
 def read_instances(record: FrameRecord) -> NDArray[np.uint16] | None:

@@ -259,7 +259,7 @@ class Run:
         """The weight of one detector in one mode, from the validation split."""
         stage = Stage(
             f"tune_{kind}_{mode}",
-            part_as_json(self.config.tune),
+            [part_as_json(self.config.tune), self.seed],
             (*self._evidence(kind, "validation", mode), self.folder.data / "annotations.json"),
             (self.folder.tuned(kind, mode),),
             ("rescore.tune", "rescore.evidence_model"),
@@ -268,7 +268,8 @@ class Run:
         def work(out: Path) -> None:
             data = self._data()
             table = self._table(kind, "validation", mode, data)
-            write_json(out, steps.tuning_as_json(steps.tune(kind, table, data, self.config.tune, mode)))
+            tuning = steps.tune(kind, table, data, self.config.tune, mode, self.seed)
+            write_json(out, steps.tuning_as_json(tuning))
 
         self.report(run_stage(self.folder.root, stage, work))
 
@@ -319,7 +320,8 @@ class Run:
             write_run_config(
                 root, "reproduce", self.config.as_json(), self.seed, stereo=self.config.synth.sgbm
             )
-            evaluate(data, files, root, tunings=tunings, min_iou=self.config.tune.min_iou)
+            min_iou = self.config.tune.min_iou
+            evaluate(data, files, root, tunings=tunings, min_iou=min_iou, seed=self.seed)
 
         self.report(run_stage_in_place(root, stage, work))
         metrics: dict[str, Any] = read_json(root / "metrics.json", "the figures of a run")

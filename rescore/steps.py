@@ -24,11 +24,13 @@ from rescore.detectors.hog_svm import HogConfig, train_hog
 from rescore.evidence import CandidateTable
 from rescore.evidence_model import EvidenceConfig, EvidenceModel, fit_modes
 from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
+from rescore.fusion_rules import LearnedFusion, fit_fusion
 from rescore.pipeline import CameraChoice, RescoreConfig, evidence_of_frames
 from rescore.progress import track
 from rescore.store import read_json, write_json
 from rescore.threads import one_thread
 from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
+from rescore.weight_interval import uncertainty_as_json, uncertainty_of_json
 
 NEAREST_M = 2.0
 """Depth in metres from which ``automatic_stereo`` measures where the camera is known."""
@@ -124,11 +126,17 @@ def tune(
     table: CandidateTable,
     data: DataSet,
     config: TuneConfig,
-    registration: Registration = Registration.PAPER,
+    registration: Registration,
+    seed: int,
 ) -> Tuning:
-    """The weight w for a detector from candidates with D of a mode, on the split "validation" alone."""
-    tuning = tune_weight(detector, table, Splits.of(data).validation_set, config)
-    return replace(tuning, registration=registration)
+    """The weight w for a detector from candidates with D of a mode, on the split "validation" alone.
+
+    With its interval, and the learned fusion that eq. 7 is compared with.
+    """
+    validation = Splits.of(data).validation_set
+    tuning = tune_weight(detector, table, validation, config, np.random.default_rng([seed, 3]))
+    learned = fit_fusion(table, validation, config.min_iou)
+    return replace(tuning, registration=registration, learned=learned)
 
 
 def automatic_stereo(data: DataSet) -> SgbmConfig:
@@ -164,16 +172,19 @@ def load_scaling(path: Path) -> PlattScaling:
 
 
 def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
-    """The choice of w with its curve, as JSON values; an undefined objective is null."""
+    """The choice of w with its curve, as JSON values; an undefined or infinite objective is null."""
     return {
         "detector": tuning.detector,
         "registration": tuning.registration.value,
         "w": tuning.w,
         "objective_name": tuning.objective.value,
         "w_grid": tuning.grid.tolist(),
-        "objective": [None if np.isnan(v) else v for v in tuning.value.tolist()],
+        "objective": [v if np.isfinite(v) else None for v in tuning.value.tolist()],
         "n_images": tuning.n_images,
         "n_cars": tuning.n_cars,
+        "uncertainty": uncertainty_as_json(tuning.uncertainty),
+        "sentence": tuning.sentence,
+        "learned": None if tuning.learned is None else asdict(tuning.learned),
     }
 
 
@@ -194,6 +205,8 @@ def load_tuning(path: Path) -> Tuning:
             n_images=int(value["n_images"]),
             n_cars=int(value["n_cars"]),
             registration=Registration(value.get("registration", Registration.PAPER)),
+            uncertainty=uncertainty_of_json(value.get("uncertainty")),
+            learned=None if value.get("learned") is None else LearnedFusion(**value["learned"]),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise RescoreError(

@@ -13,6 +13,9 @@ from recon.errors import RescoreError
 
 if TYPE_CHECKING:
     from rescore.config import RunConfig
+    from rescore.cues import Registration
+    from rescore.evidence_model import EvidenceModel
+    from rescore.formats.coco import DetectionFile
     from rescore.frames import DataSet
 
 app = typer.Typer(
@@ -36,6 +39,12 @@ Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default
 Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
 TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
+RegistrationMode = Annotated[
+    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
+]
+EvidenceModelFile = Annotated[
+    Path | None, typer.Option("--evidence-model", help="What `rescore fit-evidence` wrote; not for paper.")
+]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]
 
 ALL_PROCESSORS = os.cpu_count() or 1
@@ -63,6 +72,44 @@ def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
     if not chosen.frames:
         raise RescoreError(f"{dataset}: expected frames of split {split!r}, got none; choose another --split")
     return chosen
+
+
+def detections_of(path: Path, data: "DataSet") -> "DetectionFile":
+    """The detections of a file on the images of a data set; says what was left out."""
+    from rescore.formats.coco import MAX_CANDIDATES, read_detections
+
+    file = read_detections(path, data)
+    if file.n_other_class:
+        say(f"{path}: left out {file.n_other_class} detections of other classes")
+    if file.n_beyond_max:
+        say(
+            f"{path}: left out {file.n_beyond_max} detections beyond the {MAX_CANDIDATES} best of their image"
+        )
+    return file
+
+
+def mode_of(registration: str, file: Path | None) -> "tuple[Registration, EvidenceModel | None]":
+    """The mode of a name, and its model where its D is calibrated."""
+    from rescore.cues import LEARNED, Registration
+    from rescore.evidence_model import load_models
+
+    if registration not in list(Registration):
+        known = ", ".join(Registration)
+        raise RescoreError(f"--registration: expected {known}, got {registration!r}; choose one of these")
+    mode = Registration(registration)
+    if mode not in LEARNED:
+        return mode, None
+    if file is None:
+        raise RescoreError(
+            f"--registration {mode}: expected --evidence-model, got none; `rescore fit-evidence` makes one"
+        )
+    models = load_models(file)
+    if mode not in models:
+        raise RescoreError(
+            f"{file}: expected a model for {mode}, got {', '.join(models)}; fit it on frames with calibrated "
+            "cameras"
+        )
+    return mode, models[mode]
 
 
 def say(text: str) -> None:

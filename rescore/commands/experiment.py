@@ -1,4 +1,4 @@
-"""The commands of the experiment: synth, train, detect, tune, apply, evaluate, log, reproduce."""
+"""The commands of the experiment: synth, train, detect, apply, evaluate, log, reproduce."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
@@ -12,8 +12,10 @@ from rescore.commands.base import (
     ALL_PROCESSORS,
     Changes,
     Dataset,
+    EvidenceModelFile,
     Jobs,
     Preset,
+    RegistrationMode,
     Report,
     Seed,
     Split,
@@ -21,22 +23,14 @@ from rescore.commands.base import (
     TrainMeshes,
     app,
     config_of,
+    detections_of,
+    mode_of,
     read_split,
     say,
 )
 
-RegistrationMode = Annotated[
-    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
-]
-EvidenceModelFile = Annotated[
-    Path | None, typer.Option("--evidence-model", help="What `rescore fit-evidence` wrote; not for paper.")
-]
-
 if TYPE_CHECKING:
     from rescore.cues import Registration
-    from rescore.evidence_model import EvidenceModel
-    from rescore.formats.coco import DetectionFile
-    from rescore.frames import DataSet
     from rescore.stages import Done
 
 
@@ -126,95 +120,6 @@ def detect(
     say(f"{len(table)} detections in {len(data.frames)} frames: {out}")
 
 
-@app.command(name="fit-evidence")
-def fit_evidence(
-    dataset: Dataset,
-    detections: Annotated[
-        list[Path], typer.Argument(help="Detections of one detector on the splits train and calibration.")
-    ],
-    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
-    out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
-    preset: Preset = "paper",
-    config: Changes = None,
-    jobs: Jobs = ALL_PROCESSORS,
-) -> None:
-    """Calibrate D of the modes guarded and metric on the splits "train" and "calibration".
-
-    Example: [bold]rescore fit-evidence data/demo hog_calibration.json --model car.json --out hog.json[/bold]
-    """
-    from recon.class_model import ClassModel
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.evidence import CandidateTable
-    from rescore.evidence_model import save_models
-    from rescore.formats.coco import read_dataset
-    from rescore.frames import Splits
-    from rescore.store import write_provenance
-
-    settings = config_of(preset, config)
-    data = read_dataset(dataset, settings.class_name)
-    fitting = Splits.of(data).fitting_set.data
-    class_model = ClassModel.load(model)
-    rescoring = steps.with_stereo_for(settings.rescore, fitting, None)
-    tables = []
-    for path in detections:
-        file = _read_detections(path, fitting)
-        candidates = file.candidates(fitting)
-        tables.append(
-            steps.find_evidence(
-                fitting, candidates, class_model, rescoring, jobs=jobs, detector=file.detector
-            )
-        )
-    models = steps.fit_evidence(CandidateTable.concatenate(tables), data, settings.evidence)
-    save_models(out, models)
-    parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
-    write_provenance(out, "fit-evidence", parts, None)
-    say(f"depth evidence for {' and '.join(models)}: {out}")
-
-
-@app.command()
-def tune(
-    dataset: Dataset,
-    detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
-    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
-    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
-    registration: RegistrationMode = "paper",
-    evidence_model: EvidenceModelFile = None,
-    preset: Preset = "paper",
-    config: Changes = None,
-    jobs: Jobs = ALL_PROCESSORS,
-) -> None:
-    """Choose the weight w of eq. 7 on the split "validation", and keep the curve it was chosen from.
-
-    Example: [bold]rescore tune data/demo hog_validation.json --model car.json --out hog_w.json[/bold]
-    """
-    from recon.class_model import ClassModel
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.evidence_model import with_difference
-    from rescore.formats.coco import read_dataset
-    from rescore.frames import Splits
-    from rescore.store import write_json, write_provenance
-
-    mode, learned = _mode(registration, evidence_model)
-    settings = config_of(preset, config)
-    data = read_dataset(dataset, settings.class_name)
-    validation = Splits.of(data).validation
-    file = _read_detections(detections, validation)
-    table = steps.find_evidence(
-        validation,
-        file.candidates(validation),
-        ClassModel.load(model),
-        steps.with_stereo_for(settings.rescore, validation, None),
-        jobs=jobs,
-        detector=file.detector,
-    )
-    tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode)
-    write_json(out, steps.tuning_as_json(tuning))
-    write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, None)
-    say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")
-
-
 @app.command()
 def apply(
     dataset: Dataset,
@@ -256,12 +161,12 @@ def apply(
 
     if (tuned is None) == (w is None):
         raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
-    mode, learned = _mode(registration, evidence_model)
+    mode, learned = mode_of(registration, evidence_model)
     weight = w if tuned is None else _tuned_weight(tuned, mode)
     assert weight is not None
     settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
-    file = _read_detections(detections, data)
+    file = detections_of(detections, data)
     rescoring = steps.with_stereo_for(steps.with_camera(settings.rescore, camera), data, disparities)
     table = steps.find_evidence(
         data,
@@ -308,7 +213,7 @@ def evaluate(
     from rescore.reproduce import write_run_config
 
     data = read_split(dataset, split)
-    files = [_read_detections(path, data) for path in detections]
+    files = [detections_of(path, data) for path in detections]
     tunings = {(t.detector, t.registration): t for t in (steps.load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
@@ -361,43 +266,6 @@ def reproduce(
     _print_results(metrics, {"report": folder.html, "recording": folder.recording})
 
 
-def _read_detections(path: Path, data: "DataSet") -> "DetectionFile":
-    from rescore.formats.coco import MAX_CANDIDATES, read_detections
-
-    file = read_detections(path, data)
-    if file.n_other_class:
-        say(f"{path}: left out {file.n_other_class} detections of other classes")
-    if file.n_beyond_max:
-        say(
-            f"{path}: left out {file.n_beyond_max} detections beyond the {MAX_CANDIDATES} best of their image"
-        )
-    return file
-
-
-def _mode(registration: str, file: Path | None) -> "tuple[Registration, EvidenceModel | None]":
-    """The mode of a name, and its model where its D is calibrated."""
-    from rescore.cues import LEARNED, Registration
-    from rescore.evidence_model import load_models
-
-    if registration not in list(Registration):
-        known = ", ".join(Registration)
-        raise RescoreError(f"--registration: expected {known}, got {registration!r}; choose one of these")
-    mode = Registration(registration)
-    if mode not in LEARNED:
-        return mode, None
-    if file is None:
-        raise RescoreError(
-            f"--registration {mode}: expected --evidence-model, got none; `rescore fit-evidence` makes one"
-        )
-    models = load_models(file)
-    if mode not in models:
-        raise RescoreError(
-            f"{file}: expected a model for {mode}, got {', '.join(models)}; fit it on frames with calibrated "
-            "cameras"
-        )
-    return mode, models[mode]
-
-
 def _tuned_weight(file: Path, mode: "Registration") -> float:
     from rescore import steps
 
@@ -430,9 +298,13 @@ def _report_stage(done: "Done") -> None:
 def _print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
     from rich.console import Console
 
+    from reports.certainty_tables import TERMINAL_CAPTION, terminal_comparison
     from reports.tables import terminal_table
 
     console = Console()
     console.print(terminal_table(metrics))
+    comparison = terminal_comparison(metrics)
+    if comparison is not None:
+        console.print(comparison.rich(TERMINAL_CAPTION))
     for name, path in paths.items():
         console.print(f"{name}: {path}", soft_wrap=True, highlight=False)

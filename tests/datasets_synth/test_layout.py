@@ -177,7 +177,8 @@ def test_the_paper_preset_has_the_sizes_of_the_report() -> None:
 
 
 def test_an_unknown_preset_and_an_impossible_size_are_refused() -> None:
-    with pytest.raises(RescoreError, match=r"preset: expected one of demo, paper, tiny, got 'papre'"):
+    known = "demo, paper, tiny, weight-study"
+    with pytest.raises(RescoreError, match=f"preset: expected one of {known}, got 'papre'"):
         synth_preset("papre")
     with pytest.raises(RescoreError, match=f"at most {MAX_CARS} cars an image"):
         SplitSize(2, 2 * MAX_CARS + 1)

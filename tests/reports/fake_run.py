@@ -14,13 +14,17 @@ from recon.outcome import Failure
 from recon.reconstruct import Reconstruction
 from recon.stereo import SgbmConfig, write_disparity
 from rescore.align_depth import AlignConfig, align_depth, measured_depth
+from rescore.bootstrap import BootstrapConfig
 from rescore.boxes import xywh_from_xyxy
+from rescore.comparisons import certainty
 from rescore.evidence_files import evidence_path, write_evidence
 from rescore.formats.coco import read_dataset
 from rescore.frames import DataSet, load_frame
 from rescore.fuse import fuse
-from rescore.matching import OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
+from rescore.matching import HIT, OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics import summarise
+from rescore.reliability import reliability
+from rescore.weight_interval import WeightUncertainty, describe, uncertainty_as_json
 
 WIDTH, HEIGHT = 320, 240
 CAMERA = StereoCamera(PinholeCamera(300.0, 300.0, 159.5, 119.5, WIDTH, HEIGHT), 0.25)
@@ -133,18 +137,28 @@ def make_run(root: Path, n_frames: int = 5, seed: int = 3) -> Path:
     data = read_dataset(root / "data").split("test")
     truth = TruthTable.of(data)
     tables, rows = [], []
+    more: dict[str, list[dict[str, object]]] = {"comparisons": [], "fusion": [], "reliability": []}
     for detector, w in WEIGHTS.items():
         table = _detector_rows(root, detector, cars, data, rng)
         posterior = fuse(table["likelihood"], table["depth_difference"], w)
         boxes = np.stack([table[k] for k in ("x0", "y0", "x1", "y1")], 1)
+        matches = {}
         for mode, value in (("detector", table["likelihood"]), ("paper", posterior)):
             ranking = ranking_of(value, table["detector_score"])
-            match = greedy_match(table["image_id"], boxes, ranking, truth)
+            match = matches[mode] = greedy_match(table["image_id"], boxes, ranking, truth)
+            more["reliability"].append({"detector": detector, "mode": mode, **_reliability(value, match)})
             table[f"outcome_{mode}"] = np.array([str(OUTCOMES[o]) for o in match.outcome], object)
             table[f"annotation_id_{mode}"] = match.annotation_id
             rows.append(
                 {"detector": detector, "mode": mode, "w": 1.0 if mode == "detector" else w, **_summary(match)}
             )
+        sure = certainty(matches, table["kind"], truth.cars_of_image, seed, BootstrapConfig(n_resamples=100))
+        more["comparisons"] += [{"detector": detector, **c} for c in sure.comparisons]
+        for row in rows[-2:]:
+            row["intervals"] = sure.intervals[str(row["mode"])]
+        for rule in ("detector", "depth", "product", "maximum", "eq7", "learned"):
+            figures = _summary(matches["detector" if rule == "detector" else "paper"])
+            more["fusion"].append({"detector": detector, "mode": "paper", "rule": rule, **figures})
         table["posterior_paper"], table["w"] = posterior, np.full(len(posterior), w)
         tables.append(pa.table(table))
     everything = pa.concat_tables(tables)
@@ -154,6 +168,7 @@ def make_run(root: Path, n_frames: int = 5, seed: int = 3) -> Path:
         "n_cars": truth.n_cars,
         "n_candidates": everything.num_rows,
         "rows": rows,
+        **more,
         "stereo": {"splits": {"test": {"car": _STEREO, "elsewhere": _STEREO | {"wrong_share": 0.07}}}},
         "tuning": {d: _tuning(w) for d, w in WEIGHTS.items()},
         "reasons": {},
@@ -173,7 +188,20 @@ _STEREO = {"density": 0.93, "end_point_error_px": 1.25, "wrong_share": 0.18, "wr
 def _tuning(w: float) -> dict[str, object]:
     grid = np.linspace(0, 1, 21)
     value = [None, *(0.7 - 0.3 * (grid[1:] - w) ** 2).tolist()]
-    return {"w": w, "objective_name": "average_precision", "w_grid": grid.tolist(), "objective": value}
+    one = {"w": w, "objective_name": "average_precision", "w_grid": grid.tolist(), "objective": value}
+    separable = np.abs(grid - w) > 0.36
+    uncertainty = WeightUncertainty(w - 0.25, w + 0.25, 0.02, (w - 0.2, w + 0.2), separable, 100, 0)
+    one |= {
+        "uncertainty": uncertainty_as_json(uncertainty),
+        "sentence": describe(grid, w, uncertainty),
+    }
+    return one | {"modes": {"paper": one}}
+
+
+def _reliability(score: np.ndarray, match: MatchTable) -> dict[str, object]:
+    r = reliability(score, match.outcome == HIT, n_bins=4)
+    curve = {n: getattr(r, n).tolist() for n in ("likelihood", "hit_rate", "low", "high", "count")}
+    return {"brier_score": r.brier_score, "calibration_error": r.calibration_error, **curve}
 
 
 def _summary(match: MatchTable) -> dict[str, object]:

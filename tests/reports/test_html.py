@@ -99,7 +99,7 @@ def test_tables_equal_metrics_json(run: Run, page: Page):
 def test_interactive_curves_are_those_of_the_run(run: Run, page: Page):
     (text,) = [text for attributes, text in page.scripts if attributes.get("id") == "figures"]
     figures = {f["id"]: f for f in json.loads(text)}
-    assert set(figures) == {"candidate-roc", "car-roc", "precision-recall", "weight"}
+    assert set(figures) == {"candidate-roc", "car-roc", "precision-recall", "weight", "reliability"}
     for c, trace in zip(curve_sets(run), figures["candidate-roc"]["traces"], strict=False):
         np.testing.assert_array_equal(trace["x"], c.candidate.x)
         np.testing.assert_array_equal(trace["y"], c.candidate.y)
@@ -118,7 +118,7 @@ def test_interactive_curves_are_those_of_the_run(run: Run, page: Page):
 def test_pictures_have_a_text_and_the_curves_lie_beside(run: Run, page: Page):
     assert page.missing_alt == 0
     assert sum(link.startswith("data:image/jpeg") for link in page.links) >= 8
-    assert len(list((run.root / "curves").glob("*.png"))) == 4
+    assert len(list((run.root / "curves").glob("*.png"))) == 5
 
 
 def test_the_headline_states_both_values(run: Run):
@@ -185,7 +185,7 @@ def test_a_browser_draws_every_curve(report: Path, tmp_path: Path):
     page = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
     body = page[page.rindex("</style>") - 10 :] if "main-svg" not in page else page
     drawn = list(_plots(body))
-    assert len(drawn) == 4
+    assert len(drawn) == 5
     assert all(plot.count('class="trace scatter') >= 2 for plot in drawn)
 
 

@@ -49,7 +49,7 @@ def test_precision_times_accepted_is_the_number_of_hits(run: Run):
 
 def test_pictures_are_drawn_and_differ(run: Run, tmp_path: Path):
     paths = write_curves(run, tmp_path)
-    names = ["candidate_roc.png", "car_roc.png", "precision_recall.png", "weight.png"]
+    names = ["candidate_roc.png", "car_roc.png", "precision_recall.png", "weight.png", "reliability.png"]
     assert [p.name for p in paths] == names
     pictures = [cv2.imread(str(p)) for p in paths]
     for picture in pictures:

@@ -23,6 +23,7 @@ COMMANDS = (
     "learn-primitives",
     "study-models",
     "study-views",
+    "study-weight",
     "localize",
     "tune",
     "apply",

@@ -16,7 +16,7 @@ from rescore.stages import Done
 from rescore.steps import DetectorKind
 from rescore.store import read_candidates
 
-ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall"}
+ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall", "intervals"}
 
 
 def again(folder: Path) -> tuple[Run, list[Done]]:
@@ -40,6 +40,24 @@ def test_metrics_keep_the_contract(tiny_run: Path) -> None:
         assert 0 < hard["n_cars"] <= metrics["n_cars"]
         found = round(alone["recall_ceiling"] * metrics["n_cars"])
         assert round(hard["recall_ceiling"] * hard["n_cars"]) <= found
+    modes = [(d, m) for d in ("hog", "boosted") for m in ("paper", "guarded", "metric")]
+    assert [(c["detector"], c["mode"]) for c in metrics["comparisons"]] == modes
+    rows = {(r["detector"], r["mode"]): r for r in metrics["rows"]}
+    for c in metrics["comparisons"]:
+        before, after = rows[c["detector"], "detector"], rows[c["detector"], c["mode"]]
+        gain = after["average_precision"] - before["average_precision"]
+        assert c["average_precision_difference"]["value"] == pytest.approx(gain)
+    rules = ("detector", "depth", "product", "maximum", "eq7", "learned")
+    assert [(f["detector"], f["mode"], f["rule"]) for f in metrics["fusion"]] == [
+        (*mode, rule) for mode in modes for rule in rules
+    ]
+    for f in metrics["fusion"]:
+        if f["rule"] in ("detector", "eq7"):
+            same = rows[f["detector"], "detector" if f["rule"] == "detector" else f["mode"]]
+            assert {k: same[k] for k in ("auc", "average_precision", "fppi_at_recall")} == {
+                k: f[k] for k in ("auc", "average_precision", "fppi_at_recall")
+            }
+    assert {(r["detector"], r["mode"]) for r in metrics["reliability"]} == set(rows)
     for counts in metrics["reasons"].values():
         assert sum(counts.values()) <= 15 * metrics["n_images"]
 
@@ -76,7 +94,9 @@ def test_a_second_run_reuses_every_stage(tiny_run: Path) -> None:
 def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
     shutil.copytree(tiny_run, copy)
-    before = (copy / "tuned" / "hog.json").read_bytes()
+    tuned = [RunFolder(copy).tuned("hog", mode) for mode in Registration]
+    before = [file.read_bytes() for file in tuned]
+    assert all(json.loads(text)["learned"] for text in before)
     data = json.loads((copy / "data" / "annotations.json").read_text())
     rng = np.random.default_rng(0)
     for image in data["images"]:
@@ -86,13 +106,16 @@ def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> No
     run, done = again(copy)
     run.learn()
     run.train(DetectorKind.HOG)
-    run.detect(DetectorKind.HOG, "validation")
-    run.find_evidence(DetectorKind.HOG, "validation")
-    run.tune(DetectorKind.HOG, Registration.PAPER)
+    for split in ("train", "calibration", "validation"):
+        run.detect(DetectorKind.HOG, split)
+        run.find_evidence(DetectorKind.HOG, split)
+    run.fit_evidence(DetectorKind.HOG)
+    for mode in Registration:
+        run.tune(DetectorKind.HOG, mode)
     ran = {d.name for d in done if not d.reused}
     # the data set is another, so all that reads it was done anew; to the same end
     assert {"train_hog", "calibrate_hog", "evidence_hog_validation"} <= ran
-    assert (copy / "tuned" / "hog.json").read_bytes() == before
+    assert [file.read_bytes() for file in tuned] == before
 
 
 def test_settings_of_a_file_replace_those_of_the_preset(tmp_path: Path) -> None:
@@ -123,5 +146,6 @@ def test_wrong_settings_are_one_line(tmp_path: Path, text: str, message: str) ->
 
 
 def test_unknown_preset() -> None:
-    with pytest.raises(RescoreError, match="preset: expected one of demo, paper, tiny, got 'x'"):
+    known = "demo, paper, tiny, weight-study"
+    with pytest.raises(RescoreError, match=f"preset: expected one of {known}, got 'x'"):
         run_preset("x")

@@ -1,0 +1,120 @@
+"""The commands that fit what turns depth into a score: fit-evidence, tune."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Changes,
+    Dataset,
+    EvidenceModelFile,
+    Jobs,
+    Preset,
+    RegistrationMode,
+    Seed,
+    app,
+    config_of,
+    detections_of,
+    mode_of,
+    say,
+)
+
+
+@app.command(name="fit-evidence")
+def fit_evidence(
+    dataset: Dataset,
+    detections: Annotated[
+        list[Path], typer.Argument(help="Detections of one detector on the splits train and calibration.")
+    ],
+    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
+    out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
+    preset: Preset = "paper",
+    config: Changes = None,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Calibrate D of the modes guarded and metric on the splits "train" and "calibration".
+
+    Example: [bold]rescore fit-evidence data/demo hog_calibration.json --model car.json --out hog.json[/bold]
+    """
+    from recon.class_model import ClassModel
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.evidence import CandidateTable
+    from rescore.evidence_model import save_models
+    from rescore.formats.coco import read_dataset
+    from rescore.frames import Splits
+    from rescore.store import write_provenance
+
+    settings = config_of(preset, config)
+    data = read_dataset(dataset, settings.class_name)
+    fitting = Splits.of(data).fitting_set.data
+    class_model = ClassModel.load(model)
+    rescoring = steps.with_stereo_for(settings.rescore, fitting, None)
+    tables = []
+    for path in detections:
+        file = detections_of(path, fitting)
+        candidates = file.candidates(fitting)
+        tables.append(
+            steps.find_evidence(
+                fitting, candidates, class_model, rescoring, jobs=jobs, detector=file.detector
+            )
+        )
+    models = steps.fit_evidence(CandidateTable.concatenate(tables), data, settings.evidence)
+    save_models(out, models)
+    parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
+    write_provenance(out, "fit-evidence", parts, None)
+    say(f"depth evidence for {' and '.join(models)}: {out}")
+
+
+@app.command()
+def tune(
+    dataset: Dataset,
+    detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
+    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
+    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
+    registration: RegistrationMode = "paper",
+    evidence_model: EvidenceModelFile = None,
+    preset: Preset = "paper",
+    config: Changes = None,
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Choose the weight w of eq. 7 on the split "validation", and keep the curve it was chosen from.
+
+    Example: [bold]rescore tune data/demo hog_validation.json --model car.json --out hog_w.json[/bold]
+    """
+    from recon.class_model import ClassModel
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.evidence_model import with_difference
+    from rescore.formats.coco import read_dataset
+    from rescore.frames import Splits
+    from rescore.store import write_json, write_provenance
+
+    mode, learned = mode_of(registration, evidence_model)
+    settings = config_of(preset, config)
+    data = read_dataset(dataset, settings.class_name)
+    validation = Splits.of(data).validation
+    file = detections_of(detections, validation)
+    table = steps.find_evidence(
+        validation,
+        file.candidates(validation),
+        ClassModel.load(model),
+        steps.with_stereo_for(settings.rescore, validation, None),
+        jobs=jobs,
+        detector=file.detector,
+    )
+    tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode, seed)
+    write_json(out, steps.tuning_as_json(tuning))
+    write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, seed)
+    say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")
+    if tuning.uncertainty is not None:
+        u = tuning.uncertainty
+        say(
+            f"95 % interval of w {u.low:g} to {u.high:g}, within one standard error of the best "
+            f"{u.plateau[0]:g} to {u.plateau[1]:g}; {tuning.sentence}"
+        )

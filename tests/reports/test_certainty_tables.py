@@ -1,0 +1,110 @@
+import io
+from typing import Any
+
+from rich.console import Console
+
+from reports.certainty_tables import (
+    TERMINAL_CAPTION,
+    comparison_table,
+    difference,
+    factor,
+    fusion_table,
+    reliability_table,
+    terminal_comparison,
+    weight_table,
+    weight_text,
+)
+from reports.html import render_report
+from reports.run_folder import Run
+
+
+def figure(value: float | None, interval: list[float | None] | None) -> dict[str, Any]:
+    return {"value": value, "interval": interval, "n_undefined": 0, "n_infinite": 0}
+
+
+def test_factors_show_infinity_and_what_is_undefined():
+    assert factor(figure(1.236, [0.994, 12.34])) == "1.24 (0.99–12.3)"
+    assert factor(figure(None, [1.5, None])) == "∞ (1.50–∞)"
+    assert factor(figure(None, None)) == factor(None) == "–"
+
+
+def test_differences_are_signed():
+    assert difference(figure(-0.0841, [-0.154, 0.0123])) == "−0.084 (−0.154, +0.012)"
+    assert difference(figure(None, None)) == "–"
+
+
+def test_the_comparison_shows_metrics_json(run: Run):
+    table = comparison_table(run.metrics)
+    assert table is not None
+    assert len(table.rows) == len(run.metrics["comparisons"]) == 2
+    for cells, c in zip(table.rows, run.metrics["comparisons"], strict=True):
+        shown = dict(zip(table.head, cells, strict=True))
+        assert shown["fewer FP at 70%"] == factor(c["reduction"]["0.7"])
+        assert shown["at 70% without pictures"] == factor(c["reduction_without_pictures"]["0.7"])
+        assert shown["area"] == difference(c["auc_difference"])
+        assert shown["AP"] == difference(c["average_precision_difference"])
+
+
+def test_the_terminal_comparison_fits_80_columns_at_its_widest():
+    wide = figure(-0.1234, [-1.0, -0.9876])
+    modes = [
+        {
+            "detector": "hog",
+            "mode": mode,
+            "reduction": {"0.7": figure(123.4, [11.11, 987.6])},
+            "reduction_without_pictures": {"0.7": figure(None, [11.11, None])},
+            "auc_difference": wide,
+            "average_precision_difference": wide,
+        }
+        for mode in ("paper", "guarded", "metric")
+    ]
+    table = terminal_comparison({"comparisons": modes})
+    assert table is not None
+    out = io.StringIO()
+    Console(file=out, width=80).print(table.rich(TERMINAL_CAPTION))
+    text = out.getvalue()
+    assert "…" not in text
+    assert max(len(line) for line in text.splitlines()) <= 80
+    for shown in (" 123 ", "(11.1–988)", "(11.1–∞)"):
+        assert text.count(shown) == 3
+    for shown in ("−.123", "(−1.000, −.988)"):
+        assert text.count(shown) == 6
+    assert "HOG + SVM, guarded" in text
+
+
+def test_every_way_of_fusing_has_a_row_and_the_detector_one(run: Run):
+    table = fusion_table(run.metrics)
+    assert table is not None
+    assert [row[2] for row in table.rows[:6]] == [
+        "detector alone",
+        "depth alone, 1 − D",
+        "product, l (1 − D)",
+        "maximum of l and 1 − D",
+        "eq. 7",
+        "learned from log l and log(1 − D)",
+    ]
+    assert len(table.rows) == 12
+
+
+def test_weights_and_reliability_are_shown(run: Run):
+    weights, scores = weight_table(run.metrics), reliability_table(run.metrics)
+    assert weights is not None
+    assert weights.rows[0][2:5] == ("0.60", "0.35 to 0.85", "0.40 to 0.80")
+    assert weights.rows[0][5].startswith("not separable from w = 0.25 to 0.95")
+    assert scores is not None
+    assert len(scores.rows) == 4
+    assert weight_text({"w": 0.6}) == "0.6"
+
+
+def test_a_run_of_an_older_version_has_none_of_these(run: Run):
+    new = {"comparisons", "fusion", "reliability"}
+    older = {name: value for name, value in run.metrics.items() if name not in new}
+    older["tuning"] = {
+        name: {k: v for k, v in t.items() if k not in ("modes", "uncertainty", "sentence")}
+        for name, t in run.metrics["tuning"].items()
+    }
+    tables = (comparison_table, terminal_comparison, fusion_table, weight_table, reliability_table)
+    assert [t(older) for t in tables] == [None] * 5
+    page = render_report(Run(run.root, run.config, older, run.candidates))
+    assert 'id="results"' in page
+    assert 'id="comparison"' not in page
