@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper published published-localization published-models bench clean
+.PHONY: demo test setup paper published published-localization published-models published-evidence bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -38,6 +38,9 @@ published-models: setup
 	$(BIN)/rescore study-models --out reports/published/models --jobs $(JOBS)
 	$(BIN)/rescore study-views --out reports/published/view_bins
 	$(BIN)/rescore gallery --out reports/published/reconstructions
+
+published-evidence: paper
+	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
 
 bench: setup
 	$(BIN)/python tests/bench.py

@@ -26,6 +26,8 @@ MODE_NAME = {
     "guarded": "with depth (guarded)",
     "metric": "with depth (metric)",
 }
+MODE_COLOUR = {"detector": GREY, "paper": ORANGE, "guarded": BLUE, "metric": GREEN}
+"""Where modes are compared within one detector."""
 
 OUTCOMES = ("hit", "false_alarm", "duplicate", "ignored")
 OUTCOME_NAME = {

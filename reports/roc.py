@@ -15,7 +15,7 @@ from reports.run_folder import Run
 from reports.tables import number
 from rescore.store import atomic_path
 
-_STYLE: Any = {
+STYLE: Any = {
     "font.size": 12,
     "axes.titlesize": 13,
     "axes.titleweight": "bold",
@@ -136,7 +136,7 @@ def left_edge(metrics: Mapping[str, Any]) -> float:
 
 
 def _save(path: Path, draw: Callable[[Axes], None]) -> None:
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.4), dpi=150, layout="constrained")
         draw(figure.add_subplot())
         with atomic_path(path) as beside:

@@ -4,10 +4,20 @@ import sys
 import warnings
 
 from recon.errors import RescoreError
-from rescore.commands import experiment, gallery, ground, localize, models, reconstruct
+from rescore.commands import evidence_study, experiment, gallery, ground, localize, models, reconstruct
 from rescore.commands.base import app
 
-__all__ = ["app", "experiment", "gallery", "ground", "localize", "main", "models", "reconstruct"]
+__all__ = [
+    "app",
+    "evidence_study",
+    "experiment",
+    "gallery",
+    "ground",
+    "localize",
+    "main",
+    "models",
+    "reconstruct",
+]
 
 
 def main() -> None:
