@@ -89,12 +89,8 @@ def sweep(run: FinishedRun, dials: Sequence[Dial], config: SweepConfig) -> dict[
     """The points of every dial by its name, rising by level; level 0, the frames as they are, is in each."""
     steps: list[Step] = [(None, 0.0), *((dial, level) for dial in dials for level in dial.levels)]
     tables = tables_of_steps(run, steps, config)
-    points = [
-        Point(level, figures_of(run, t, run.data, config))
-        for (_, level), t in track(
-            zip(steps, tables, strict=True), "intervals", len(steps), show=config.jobs > 0
-        )
-    ]
+    spoilt = track(zip(steps, tables, strict=True), "intervals", len(steps))
+    points = [Point(level, figures_of(run, t, run.data, config)) for (_, level), t in spoilt]
     out: dict[str, tuple[Point, ...]] = {}
     for dial in dials:
         own = [p for (d, _), p in zip(steps, points, strict=True) if d is dial]
