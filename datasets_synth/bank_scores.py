@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from datasets_synth.car_models import cars_of_splits
 from datasets_synth.distractor_bank import BankConfig, BankItem, bank_item
-from datasets_synth.distractor_kinds import KIND, POSTERS, TRUE_CARS
+from datasets_synth.distractor_kinds import KIND, ORDINARY_CAR, POSTERS, TRUE_CARS
 from datasets_synth.layout import CarModel
 from datasets_synth.pictures import car_picture
 from recon.class_model import ClassModel
@@ -116,20 +116,26 @@ def is_true_car(kinds: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def bank_as_json(judged: Sequence[Judged], recall: float) -> dict[str, Any]:
-    """D of every thing by kind and mode, with quartiles, as JSON values; see ``cut_at_recall``."""
+    """D of every thing by kind and mode, with quartiles, as JSON values.
+
+    ``cut`` is that of ``cut_at_recall``: against ordinary cars, and for posters also against
+    ordinary and dark ones together. ``below_cars``: modes in which the median of a kind is below that of
+    ordinary cars.
+    """
     kinds = list(dict.fromkeys(j.kind for j in judged))
     modes = list(judged[0].difference)
     kind_of = np.array([j.kind for j in judged])
     d = {m: np.array([j.difference[m] for j in judged]) for m in modes}
     is_car = is_true_car(kind_of.tolist())
-    posters = np.isin(kind_of, POSTERS)
-    cars = {m: float(np.nanmedian(d[m][is_car])) for m in modes}
+    ordinary, posters = kind_of == ORDINARY_CAR, np.isin(kind_of, POSTERS)
+    cars = {m: float(np.nanmedian(d[m][ordinary])) for m in modes}
     return {
         "recall": recall,
         "cut": {
             m.value: {
-                "posters": _or_inf(cut_at_recall(d[m], is_car, posters, recall)),
-                "all": _or_inf(cut_at_recall(d[m], is_car, ~is_car, recall)),
+                "posters": _or_inf(cut_at_recall(d[m], ordinary, posters, recall)),
+                "posters_dark": _or_inf(cut_at_recall(d[m], is_car, posters, recall)),
+                "all": _or_inf(cut_at_recall(d[m], ordinary, ~is_car, recall)),
             }
             for m in modes
         },

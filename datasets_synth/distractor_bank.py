@@ -85,11 +85,13 @@ def bank_item(
         scene = _street(distance, config, rng)
         mesh = kind.build(rng, cars, pictures)
         things = _placed(kind, mesh.vertices_m, distance, scene, rng)
-        if things is None:
+        target = vertices_of(mesh, kind.target)
+        # some props now and then show no print
+        if things is None or not len(target):
             continue
         at, post = things
         thing = Placed(mesh, at, kind.name)
-        seen = _seen_box(world_points(vertices_of(mesh, kind.target), at), scene)
+        seen = _seen_box(world_points(target, at), scene)
         box = detector_box(seen, kind, config, rng)
         if not _inside(box, scene):
             continue

@@ -21,7 +21,8 @@ from datasets_synth.street import TILE_M, paint_rgb, plain, surface, window_glas
 Rng = np.random.Generator
 Build = Callable[[Rng, Sequence[CarModel], Pictures], Mesh]
 
-TRUE_CARS = ("car", "dark_car")
+ORDINARY_CAR = "car"
+TRUE_CARS = (ORDINARY_CAR, "dark_car")
 """Kinds that are cars seen from the side."""
 POSTERS = ("board", "mural", "truck_print")
 """Kinds that are flat pictures of a car."""
@@ -149,7 +150,7 @@ _SIDE = _car((FACING_LEFT_RAD,), 0.1)
 _PRINT_INSET = 0.8
 """Prints show a car 1.12 to 1.4 times their width (datasets_synth.pictures)."""
 KINDS: tuple[BankKind, ...] = (
-    BankKind("car", "car", _SIDE),
+    BankKind(ORDINARY_CAR, "car", _SIDE),
     BankKind("dark_car", "car, dark glass and paint", _dark_car),
     BankKind("board", "board with a car", _props("billboard", "banner"), "print", _PRINT_INSET),
     BankKind("mural", "mural of a car", _mural, "print", _PRINT_INSET),

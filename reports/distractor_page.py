@@ -39,8 +39,9 @@ class Example:
 def distractor_text(value: Mapping[str, Any]) -> str:
     """Table and text of the bank in Markdown, without pictures."""
     modes = list(value["cut"])
-    cuts = "; ".join(
-        f"{mode}: {_times(cut['posters'])} (posters), {_times(cut['all'])} (all)"
+    cuts = "\n".join(
+        f"- {mode}: posters {_times(cut['posters'])}, all distractors {_times(cut['all'])}; posters where "
+        f"half of the cars are dark {_times(cut['posters_dark'])}"
         for mode, cut in value["cut"].items()
     )
     lower = {m: [k["title"] for k in value["kinds"] if m in k["below_cars"]] for m in modes}
@@ -48,9 +49,11 @@ def distractor_text(value: Mapping[str, Any]) -> str:
     return "\n\n".join(
         [
             distractor_table(value).markdown().rstrip(),
-            f"Times fewer distractors than cars pass the threshold on D that {value['recall']:.0%} of the "
-            f"true cars pass: {cuts}. Posters are boards, murals and prints on vehicles.",
-            "Kinds whose median D is below that of true cars, so that depth takes them for cars:",
+            f"How many times fewer distractors than cars pass the threshold on D that {value['recall']:.0%} "
+            "of the cars pass (without depth as many pass). Posters are boards, murals and prints on "
+            "vehicles.",
+            cuts,
+            "Kinds whose median D is below that of ordinary cars, so that depth takes them for cars:",
             failing,
         ]
     )

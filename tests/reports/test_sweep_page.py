@@ -56,7 +56,11 @@ def distractor_value() -> dict[str, Any]:
         }
 
     kinds = [kind("car", [0.2, 0.3], []), kind("van", [0.1, None], ["metric"])]
-    return {"recall": 0.7, "cut": {"metric": {"posters": 6.25, "all": "inf"}}, "kinds": kinds}
+    return {
+        "recall": 0.7,
+        "cut": {"metric": {"posters": 6.25, "posters_dark": 4.0, "all": "inf"}},
+        "kinds": kinds,
+    }
 
 
 ABLATION = [
@@ -94,7 +98,7 @@ def test_the_page_of_distractors_names_what_fools_it() -> None:
     text = distractor_text(distractor_value())
     assert "| a van | 2 | 0.25 [0.10, 0.50] | 1 |" in text
     assert "- metric: a van" in text
-    assert "6.2 times (posters), no distractor passes (all)" in text
+    assert "metric: posters 6.2 times, all distractors no distractor passes; posters where half" in text
 
 
 def test_parts_are_called_needed_only_beyond_their_interval() -> None:
