@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper published published-localization published-models published-weight bench clean
+.PHONY: demo test setup paper published published-localization published-models published-weight \
+	published-evidence bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -43,6 +44,9 @@ published-weight: paper
 	$(BIN)/rescore synth runs/weight_data --preset weight-study --jobs $(JOBS)
 	$(BIN)/rescore study-weight runs/paper --dataset runs/weight_data --keep runs/weight_candidates \
 	    --out reports/published/weight --jobs $(JOBS)
+
+published-evidence: paper
+	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
 
 bench: setup
 	$(BIN)/python tests/bench.py

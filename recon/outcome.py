@@ -19,6 +19,8 @@ class Reason(StrEnum):
     """The planes of the placed parts cover too little of the object."""
     NO_STEREO = "no_stereo"
     """Too few pixels of the predicted depth region have a measured depth."""
+    STEREO_NOT_BELIEVED = "stereo_not_believed"
+    """Measurements are fewer, or agree less with each other or the ground, than where D was learned."""
     NO_CALIBRATION = "no_calibration"
     """The camera's focal length or baseline is unknown, so nothing can be measured in metres."""
     BOX_OUTSIDE_IMAGE = "box_outside_image"

@@ -17,7 +17,7 @@ from reports.run_folder import Run
 from reports.tables import number
 from rescore.store import atomic_path
 
-_STYLE: Any = {
+STYLE: Any = {
     "font.size": 12,
     "axes.titlesize": 13,
     "axes.titleweight": "bold",
@@ -177,7 +177,7 @@ def left_edge(metrics: Mapping[str, Any]) -> float:
 
 def _save(path: Path, panels: Sequence[Callable[[Axes], None]]) -> None:
     """One picture of panels side by side."""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6.4 * len(panels), 5.2), dpi=130, layout="constrained")
         for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
             draw(axes)

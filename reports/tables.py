@@ -23,6 +23,7 @@ REASON_TEXT = {
     "above_horizon": "ground line above the horizon",
     "parts_not_placed": "too few parts placed",
     "no_stereo": "too little measured depth",
+    "stereo_not_believed": "measured depth contradicts itself or the ground",
     "no_calibration": "camera not calibrated",
     "box_outside_image": "box outside the image",
 }

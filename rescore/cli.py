@@ -4,11 +4,22 @@ import sys
 import warnings
 
 from recon.errors import RescoreError
-from rescore.commands import experiment, gallery, ground, localize, models, reconstruct, tuning, weight
+from rescore.commands import (
+    evidence_study,
+    experiment,
+    gallery,
+    ground,
+    localize,
+    models,
+    reconstruct,
+    tuning,
+    weight,
+)
 from rescore.commands.base import app
 
 __all__ = [
     "app",
+    "evidence_study",
     "experiment",
     "gallery",
     "ground",

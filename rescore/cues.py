@@ -13,13 +13,16 @@ from recon.reconstruct import Reconstruction
 from rescore.align_depth import predicted_region
 from rescore.frames import Frame
 from rescore.guarded import GUARDED, GuardedConfig, guarded_alignment
+from rescore.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
 
 FloatArray = NDArray[np.float64]
 
-CUES = (*GUARDED, *SURROUNDINGS, "depth_ratio")
+_METRIC = (*GUARDED, *SURROUNDINGS, "depth_ratio")
+CUES = (*_METRIC, *CHECKS)
 """Columns of ``CandidateTable.cues``. ``depth_ratio`` is the median logarithm of measured over predicted
-depth: 0 where the thing stands where the ground line and the part planes put it."""
+depth: 0 where the thing stands where the ground line and the part planes put it. ``CHECKS`` say nothing for
+or against a car, but whether the others can be believed."""
 
 
 class Registration(StrEnum):
@@ -36,7 +39,16 @@ class Registration(StrEnum):
     @property
     def cues(self) -> tuple[str, ...]:
         """The parts of the evidence; none for ``PAPER``, whose D has a formula."""
-        return {Registration.PAPER: (), Registration.GUARDED: GUARDED, Registration.METRIC: CUES}[self]
+        return {Registration.PAPER: (), Registration.GUARDED: GUARDED, Registration.METRIC: _METRIC}[self]
+
+    @property
+    def checks(self) -> tuple[str, ...]:
+        """Columns that must not be lower than where the mode was fitted, or a candidate has no evidence."""
+        return {
+            Registration.PAPER: (),
+            Registration.GUARDED: CHECKS[:1],
+            Registration.METRIC: ("measured", *CHECKS),
+        }[self]
 
 
 LEARNED = tuple(r for r in Registration if r.cues)
@@ -49,6 +61,7 @@ class CueConfig:
 
     guarded: GuardedConfig = field(default_factory=GuardedConfig)
     surroundings: SurroundingsConfig = field(default_factory=SurroundingsConfig)
+    plausibility: PlausibilityConfig = field(default_factory=PlausibilityConfig)
     depth_ratio_limit: float = 2.0
     """Logarithms of depth ratios are clipped to this, both ways."""
 
@@ -86,7 +99,8 @@ def frame_cues(
         if frame.camera is not None:
             logarithm = _depth_ratio(instance, frame.disparity_px, xyxy_px[i], frame.camera)
             ratio[i] = np.clip(logarithm, -config.depth_ratio_limit, config.depth_ratio_limit)
-    return np.hstack([relief, around, ratio])
+    believable = plausibility(frame.disparity_px, xyxy_px, frame.camera, frame.ground, config.plausibility)
+    return np.hstack([relief, around, ratio, believable])
 
 
 def _depth_ratio(

@@ -6,7 +6,7 @@ Hastie and Tibshirani 1990), fitted by penalised logistic regression. So what ea
 a candidate can be read off.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from rescore.store import read_json, write_json
 
 FloatArray = NDArray[np.float64]
 
-FORMAT = "depth evidence 1"
+FORMAT = "depth evidence 2"
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,9 @@ class EvidenceConfig:
     """scikit-learn's C: smaller is stronger. About a hundred cars fit twenty functions, so it is strong."""
     min_share: float = 0.5
     """A candidate with a smaller share of a mode's cues has no evidence."""
+    floor_quantile: float = 0.01
+    """A candidate whose checks are lower than this quantile of those fitted to has no evidence: nothing is
+    known of such measurements."""
     min_cars: int = 10
     """Fewer cars among the candidates fit nothing that could be trusted."""
 
@@ -57,6 +60,8 @@ class EvidenceModel:
     """Log odds of a candidate on which every cue is silent."""
     min_share: float
     """Smallest share of the cues that a candidate needs."""
+    floors: Mapping[str, float]
+    """Smallest value of each of ``registration.checks``; a check that could not be made is passed."""
 
     def contributions(self, cues: FloatArray) -> FloatArray:
         """What each cue adds to the log odds that a candidate is a car, shape (n, k), columns ``CUES``.
@@ -76,15 +81,29 @@ class EvidenceModel:
         return float(expit(-self.bias))
 
     def difference(self, cues: FloatArray) -> FloatArray:
-        """D in (0, 1) of candidates from their cues (n, k), shape (n,); NaN where too few cues are known."""
+        """D in (0, 1) of candidates from their cues (n, k), shape (n,).
+
+        NaN where too few cues are known, or where the measurements cannot be believed: they fail a check.
+        """
         d = expit(-(self.bias + self.contributions(cues).sum(axis=1)))
         own = cues[:, [CUES.index(name) for name in self.knots]]
-        known = np.isfinite(own).mean(axis=1) >= self.min_share
+        known = (np.isfinite(own).mean(axis=1) >= self.min_share) & self.believable(cues)
         return np.where(known, d, np.nan)
+
+    def believable(self, cues: FloatArray) -> NDArray[np.bool_]:
+        """Which candidates (n, k) pass all checks, shape (n,)."""
+        passed = np.ones(len(cues), np.bool_)
+        for name, floor in self.floors.items():
+            passed &= ~(cues[:, CUES.index(name)] < floor)
+        return passed
 
 
 def fit_evidence(
-    cues: FloatArray, is_car: NDArray[np.bool_], registration: Registration, config: EvidenceConfig
+    cues: FloatArray,
+    is_car: NDArray[np.bool_],
+    registration: Registration,
+    config: EvidenceConfig,
+    without: Sequence[str] = (),
 ) -> EvidenceModel:
     """The model of a mode from labelled candidates.
 
@@ -93,11 +112,12 @@ def fit_evidence(
         is_car: shape (n,).
         registration: the mode, not ``PAPER``.
         config: settings.
+        without: cues of the mode that are left out, to learn what they are worth.
 
     Raises:
         RescoreError: too few cars, or nothing but cars, among candidates with evidence.
     """
-    names = registration.cues
+    names = tuple(name for name in registration.cues if name not in without)
     if not names:
         raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
     columns = cues[:, [CUES.index(n) for n in names]]
@@ -129,7 +149,30 @@ def fit_evidence(
     splits = np.cumsum([len(m) for m in middles])[:-1]
     parts = np.split(fitted.coef_[0], splits)
     log_odds = {n: part - float(part @ m) for n, part, m in zip(names, parts, middles, strict=True)}
-    return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share)
+    checked = {name: cues[use, CUES.index(name)] for name in registration.checks}
+    floors = {
+        name: float(np.nanquantile(values, config.floor_quantile))
+        for name, values in checked.items()
+        if np.isfinite(values).any()
+    }
+    return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share, floors)
+
+
+def labelled_cues(
+    table: CandidateTable, fitting: FittingSet, min_iou: float = 0.5
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Cues (n, k) of the candidates on the fitting set that count, and whether each is a car (n,).
+
+    A candidate is a car where it is the detector's best box of an annotated one; other boxes on a car are
+    not, so that evidence prefers the box that fits. Candidates on ignore regions are left out.
+
+    Raises:
+        ValueError: ``table`` holds a candidate of another image.
+    """
+    truth = TruthTable.of(fitting.data)
+    match = greedy_match(table.image_id, table.xyxy_px, ranking_of(table.score, table.score), truth, min_iou)
+    use = match.outcome != IGNORED
+    return table.cues[use], match.outcome[use] == HIT
 
 
 def fit_modes(
@@ -137,18 +180,14 @@ def fit_modes(
 ) -> dict[Registration, EvidenceModel]:
     """The models of all learned modes from the candidates of one detector on the fitting set.
 
-    A candidate is a car where it is the detector's best box of an annotated one; other boxes on a car are
-    not, so that evidence prefers the box that fits. Candidates on ignore regions are left out.
+    See ``labelled_cues`` for what counts as a car.
     A mode that no candidate has cues for, as ``METRIC`` without calibrated cameras, is left out.
 
     Raises:
         RescoreError: too few cars.
         ValueError: ``table`` holds a candidate of another image.
     """
-    truth = TruthTable.of(fitting.data)
-    match = greedy_match(table.image_id, table.xyxy_px, ranking_of(table.score, table.score), truth, min_iou)
-    use = match.outcome != IGNORED
-    cues, is_car = table.cues[use], match.outcome[use] == HIT
+    cues, is_car = labelled_cues(table, fitting, min_iou)
     return {
         mode: fit_evidence(cues, is_car, mode, config)
         for mode in LEARNED
@@ -177,6 +216,9 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
             "too few measured pixels in and around the box",
             "a calibrated camera expected, focal length or baseline is unknown",
         )
+    believed = model.believable(table.cues)
+    lost = np.where(believed, lost, Reason.STEREO_NOT_BELIEVED.value)
+    why = np.where(believed, why, "fewer or less consistent measurements than wherever evidence was learned")
     return replace(
         table,
         depth_difference=np.where(has, d, model.neutral),
@@ -191,6 +233,7 @@ def save_models(path: Path, models: Mapping[Registration, EvidenceModel]) -> Non
         mode.value: {
             "bias": model.bias,
             "min_share": model.min_share,
+            "floors": dict(model.floors),
             "cues": {
                 name: {"knots": at.tolist(), "log_odds": model.log_odds[name].tolist()}
                 for name, at in model.knots.items()
@@ -226,4 +269,7 @@ def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
     log_odds = {name: np.array(c["log_odds"], float) for name, c in row["cues"].items()}
     if any(k.shape != log_odds[n].shape or k.ndim != 1 or not len(k) for n, k in knots.items()):
         raise ValueError("knots and log_odds of different lengths")
-    return EvidenceModel(mode, knots, log_odds, float(row["bias"]), float(row["min_share"]))
+    floors = {str(name): float(value) for name, value in row["floors"].items()}
+    if not set(floors) <= set(mode.checks):
+        raise ValueError(f"checks of mode {mode}: {sorted(floors)}")
+    return EvidenceModel(mode, knots, log_odds, float(row["bias"]), float(row["min_share"]), floors)

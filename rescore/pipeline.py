@@ -106,10 +106,29 @@ def depth_evidence(
 
     One reconstruction serves all modes.
     """
+    return compare_depth(frame, candidates, instances_of(frame, candidates, model, config), model, config)
+
+
+def instances_of(
+    frame: Frame, candidates: Candidates, model: ClassModel, config: RescoreConfig
+) -> tuple[Reconstruction | Failure, ...]:
+    """The 3D instance of each candidate, from the left picture, camera and ground alone."""
     camera, ground = assumed_camera(frame, config.camera)
-    instances = reconstruct(
-        frame.left_rgb, candidates.xyxy_px, config.view_bin, model, camera, ground, config.reconstruct
+    return tuple(
+        reconstruct(
+            frame.left_rgb, candidates.xyxy_px, config.view_bin, model, camera, ground, config.reconstruct
+        )
     )
+
+
+def compare_depth(
+    frame: Frame,
+    candidates: Candidates,
+    instances: tuple[Reconstruction | Failure, ...],
+    model: ClassModel,
+    config: RescoreConfig,
+) -> FrameEvidence:
+    """What the measured depth of a frame says about candidates whose depth is predicted."""
     z_s = measured_depth(frame.disparity_px, frame.camera)
     limits = None
     if config.align.normalisation is Normalisation.IMAGE_RANGE:

@@ -1,0 +1,261 @@
+"""The commands ``rescore sweep`` and ``rescore study-evidence``: where depth evidence breaks, and why."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recon.errors import RescoreError
+from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from datasets_synth.bank_scores import Judged
+    from rescore.config import RunConfig
+    from rescore.degrade import Dial
+    from rescore.frames import DataSet
+    from rescore.reproduce import RunFolder
+    from rescore.sweep import FinishedRun
+
+FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
+DetectorName = Annotated[str, typer.Option(help="Detector of the run: hog or boosted.")]
+Frames = Annotated[int | None, typer.Option(min=2, help="Test frames to use.", show_default="all")]
+
+
+Things = Annotated[int, typer.Option(min=2, help="Things of each kind in the bank of distractors.")]
+
+
+@app.command()
+def sweep(
+    run: FinishedRunFolder,
+    out: Annotated[Path, typer.Option(help="Folder for sweep.json, the curves and README.md.")],
+    dials: Annotated[str | None, typer.Option(help="Dials, comma-separated; all of them else.")] = None,
+    levels: Annotated[str | None, typer.Option(help="Levels of the one dial that is named.")] = None,
+    frames: Frames = None,
+    detector: DetectorName = "hog",
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Spoil the input of a run's test frames step by step, and measure what is left of the gain.
+
+    Stereo and evidence are computed again; detector, models and weights stay those of the run.
+
+    Example: [bold]rescore sweep runs/paper --out runs/sweep --dials noise,destroyed[/bold]
+    """
+    from rescore.degrade import dials_named
+
+    chosen = dials_named(dials, levels)
+    page = _sweep(run, out, chosen, frames, detector=detector, seed=seed, jobs=jobs)
+    say(f"sweep: {page}")
+
+
+@app.command("study-evidence")
+def study_evidence(
+    run: FinishedRunFolder,
+    out: Annotated[Path, typer.Option(help="Folder for README.md, tables and pictures.")],
+    frames: Frames = None,
+    things: Things = 40,
+    detector: DetectorName = "hog",
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """What the depth evidence of a run is worth, what it takes for a car, and where it breaks.
+
+    A bank of rendered distractors, the evidence fitted again without each of its parts, and a sweep over
+    every dial of `rescore sweep`.
+
+    Example: [bold]rescore study-evidence runs/paper --out reports/published/evidence[/bold]
+    """
+    from rescore.degrade import dials_named
+
+    distractors = _distractors(run, out, things, detector=detector, seed=seed, jobs=jobs)
+    ablation = _ablation(run, out, detector, seed)
+    _sweep(run, out / "sweep", dials_named(None, None), frames, detector=detector, seed=seed, jobs=jobs)
+    page = _write_page(out, f"rescore study-evidence {run} --out {out}", distractors, ablation)
+    say(f"evidence: {page}")
+
+
+def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int, jobs: int) -> dict[str, Any]:
+    """Judge the bank of distractors; writes distractors.json and two pictures."""
+    from datasets_synth.bank_scores import Judge, bank_as_json, judge_bank
+    from datasets_synth.distractor_bank import BankConfig
+    from datasets_synth.distractor_kinds import KIND
+    from reports.distractor_page import Example, draw_boxes, draw_examples
+    from rescore.progress import track
+    from rescore.store import write_json
+    from rescore.sweep import RECALL
+
+    finished = finished_run(run, detector, None)
+    judge = Judge(finished.class_model, finished.config, finished.models)
+    config = BankConfig(synth=run_config(run).synth)
+    judged: list[Judged] = []
+    examples = []
+    bank = judge_bank(judge, tuple(KIND), things, config, seed, jobs)
+    for one in track(bank, "distractors", things * len(KIND)):
+        if one.item and one.kind not in {j.kind for j in judged}:
+            caption = ", ".join(f"{mode} {d:.2f}" for mode, d in one.difference.items())
+            left, disparity = one.item.frame.left_rgb, one.item.frame.disparity_px
+            examples.append(Example(KIND[one.kind].title, caption, left, disparity, one.item.xyxy_px))
+        judged.append(one.without_pictures())
+    value = bank_as_json(judged, RECALL)
+    write_json(out / "distractors.json", value)
+    draw_boxes(out / "distractors.png", value)
+    draw_examples(out / "examples.png", examples)
+    return value
+
+
+def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, Any]]:
+    """Fit the evidence again without each of its parts; writes ablation.json."""
+    from rescore.ablation import AblationInput, ablate
+    from rescore.evidence import CandidateTable
+    from rescore.formats.coco import read_dataset, read_detections
+    from rescore.frames import Splits
+    from rescore.reproduce import FITTED_ON, RunFolder
+    from rescore.store import write_json
+    from rescore.sweep import interval_as_json
+
+    folder, config = RunFolder(run), run_config(run)
+    data = read_dataset(folder.data, config.class_name)
+
+    def table(split: str) -> CandidateTable:
+        return read_detections(folder.evidence_table(detector, split), data.split(split)).table
+
+    fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
+    given = AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
+    rows = [
+        {
+            "without": row.without,
+            "n_cues": row.n_cues,
+            "w": row.w,
+            "fppi": interval_as_json(row.fppi),
+            "auc": interval_as_json(row.auc),
+            "factor": row.factor and interval_as_json(row.factor),
+        }
+        for row in ablate(given, config.evidence, config.tune, seed)
+    ]
+    write_json(out / "ablation.json", rows)
+    return rows
+
+
+def _write_page(
+    out: Path, command: str, distractors: dict[str, Any], ablation: "Sequence[dict[str, Any]]"
+) -> Path:
+    """README.md of the study."""
+    from reports.evidence_page import evidence_text
+    from rescore.store import atomic_path, read_json
+
+    sweep_value = read_json(out / "sweep" / "sweep.json", "a sweep")
+    with atomic_path(out / "README.md") as beside:
+        beside.write_text(evidence_text(command, distractors, ablation, sweep_value))
+    return out / "README.md"
+
+
+def _sweep(
+    run: Path,
+    out: Path,
+    dials: "Sequence[Dial]",
+    frames: int | None,
+    *,
+    detector: str,
+    seed: int,
+    jobs: int,
+) -> Path:
+    """Sweep, write sweep.json and draw; returns the page."""
+    from reports.sweep_page import write_sweep_page
+    from rescore.store import write_json, write_provenance
+    from rescore.sweep import SweepConfig, by_visibility, sweep_as_json, tables_of_steps
+    from rescore.sweep import sweep as sweep_dials
+
+    finished = finished_run(run, detector, frames)
+    config = SweepConfig(seed=seed, jobs=jobs)
+    points = sweep_dials(finished, dials, config)
+    as_is = tables_of_steps(finished, [(None, 0.0)], config)[0]
+    value = {
+        "detector": detector,
+        "n_images": len(finished.data.frames),
+        "dials": sweep_as_json(points, dials),
+        "visibility": by_visibility(finished, as_is, config),
+    }
+    write_json(out / "sweep.json", value)
+    settings = {"dials": {d.name: d.levels for d in dials}, "frames": frames, "detector": detector}
+    write_provenance(out / "sweep.json", "sweep", settings, seed)
+    return write_sweep_page(value, out)
+
+
+def finished_run(root: Path, detector: str, frames: int | None) -> "FinishedRun":
+    """The parts of a finished run that a sweep needs, cut to evenly spread test frames.
+
+    Raises:
+        RescoreError: the run is not finished, or has no such detector.
+    """
+    from recon.class_model import ClassModel
+    from rescore.cues import LEARNED
+    from rescore.evidence_model import load_models
+    from rescore.reproduce import RunFolder
+    from rescore.steps import load_tuning
+    from rescore.sweep import FinishedRun
+
+    folder, config = RunFolder(root), run_config(root)
+    if detector not in list(config.detectors):
+        raise RescoreError(
+            f"--detector: expected {' or '.join(config.detectors)} in {root}, got {detector!r}; name one"
+        )
+    data = _spread(_test_frames(folder, config), frames)
+    modes = config.registrations
+    return FinishedRun(
+        data=data,
+        candidates=_candidates(folder, detector, data, config),
+        class_model=ClassModel.load(folder.class_model),
+        config=config.rescore,
+        sgbm=config.synth.sgbm,
+        models=load_models(folder.evidence_model(detector)) if set(modes) & set(LEARNED) else {},
+        weights={m: load_tuning(folder.tuned(detector, m)).w for m in modes},
+    )
+
+
+def run_config(root: Path) -> "RunConfig":
+    """The settings of a finished run.
+
+    Raises:
+        RescoreError: no settings there, or not those of `rescore reproduce`.
+    """
+    from pydantic import ValidationError
+
+    from rescore.config import RunConfig
+    from rescore.store import read_json
+
+    value = read_json(root / "config.json", "the settings of a run")
+    try:
+        return RunConfig.model_validate(value["config"])
+    except (ValidationError, KeyError, TypeError) as error:
+        raise RescoreError(
+            f"{root}: expected a run of `rescore reproduce`, got other settings in config.json "
+            f"({type(error).__name__}); run it again"
+        ) from error
+
+
+def _test_frames(folder: "RunFolder", config: "RunConfig") -> "DataSet":
+    from rescore.formats.coco import read_dataset
+
+    return read_dataset(folder.data, config.class_name).split("test")
+
+
+def _spread(data: "DataSet", count: int | None) -> "DataSet":
+    """So many frames evenly over the data set; all for None or where there are fewer."""
+    n = len(data.frames)
+    if count is None or count >= n:
+        return data
+    kept = tuple(data.frames[i * n // count] for i in range(count))
+    return replace(data, frames=kept, truth={f.image_id: data.truth[f.image_id] for f in kept})
+
+
+def _candidates(folder: "RunFolder", detector: str, data: "DataSet", config: "RunConfig") -> dict[int, Any]:
+    from rescore.formats.coco import read_detections
+
+    whole = _test_frames(folder, config)
+    found = read_detections(folder.detections(detector, "test"), whole).candidates(whole)
+    return {f.image_id: found[f.image_id] for f in data.frames}

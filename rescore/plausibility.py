@@ -1,0 +1,99 @@
+"""Whether measured disparity can be believed at all, asked before it is taken as evidence.
+
+A matcher that has failed still delivers numbers: noise, streaks, or smooth surfaces that are not there. Cues
+of such numbers look like those of nothing that the model of depth evidence was fitted to, and what it says of
+them is chance. Two checks need no truth:
+
+- real surfaces are smooth nearly everywhere, so neighbours agree;
+- before the camera lies the ground, and a calibrated camera says at which disparity.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import GroundPlane, StereoCamera
+
+FloatArray = NDArray[np.float64]
+Disparity = NDArray[np.float32]
+
+CHECKS = ("agreement", "ground_agreement")
+"""Columns of ``plausibility``."""
+
+
+@dataclass(frozen=True)
+class PlausibilityConfig:
+    """What counts as agreement."""
+
+    neighbour_px: int = 2
+    """Distance of the neighbours that are compared; next ones share most of the matched block."""
+    neighbour_tolerance_px: float = 1.0
+    min_pairs: int = 40
+    """A box with fewer pairs of measured neighbours is not checked."""
+    ground_share: float = 0.15
+    """A disparity within this share of the ground's lies on the ground: two degrees of pitch are more."""
+    ground_px: float = 1.5
+    """Or within so many pixels."""
+    farthest_px: float = 8.0
+    """Rows where the ground has a smaller disparity are not looked at: too much stands before it."""
+    min_ground: int = 2000
+    """A picture with fewer measurements there is not checked."""
+
+
+def plausibility(
+    disparity_px: Disparity,
+    xyxy_px: FloatArray,
+    camera: StereoCamera | None,
+    ground: GroundPlane | None,
+    config: PlausibilityConfig,
+) -> FloatArray:
+    """The checks of boxes (n, 4), shape (n, 2), columns ``CHECKS``; NaN where one cannot be made.
+
+    - ``agreement``: share of the pairs of measured neighbours in the box that have one disparity.
+    - ``ground_agreement``: share of the measurements in the lower part of the whole picture that lie on the
+      ground plane; the same for all boxes.
+    """
+    agree = _agreement(disparity_px, xyxy_px, config)
+    on_ground = _on_ground(disparity_px, camera, ground, config) if camera and ground else np.nan
+    return np.stack([agree, np.full(len(xyxy_px), on_ground)], axis=1)
+
+
+def _agreement(disparity_px: Disparity, xyxy_px: FloatArray, config: PlausibilityConfig) -> FloatArray:
+    h, w = disparity_px.shape
+    step = config.neighbour_px
+    pairs, agreeing = np.zeros((h, w)), np.zeros((h, w))
+    for other, of in (
+        (disparity_px[:, step:], np.s_[:, : w - step]),
+        (disparity_px[step:], np.s_[: h - step]),
+    ):
+        difference = np.abs(other - disparity_px[of])
+        pairs[of] += np.isfinite(difference)
+        agreeing[of] += difference <= config.neighbour_tolerance_px
+    boxes = np.clip(np.rint(xyxy_px).astype(int), 0, [w, h, w, h])
+    n, good = _sums(pairs, boxes), _sums(agreeing, boxes)
+    return np.where(n >= config.min_pairs, good / np.maximum(n, 1), np.nan)
+
+
+def _sums(values: FloatArray, boxes: NDArray[np.int64]) -> FloatArray:
+    """Sums over boxes (n, 4) of whole pixels, shape (n,)."""
+    total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
+    x0, y0, x1, y1 = boxes.T
+    return np.asarray(total[y1, x1] - total[y0, x1] - total[y1, x0] + total[y0, x0])
+
+
+def _on_ground(
+    disparity_px: Disparity, camera: StereoCamera, ground: GroundPlane, config: PlausibilityConfig
+) -> float:
+    h = disparity_px.shape[0]
+    left = camera.left
+    rays = left.rays(np.stack([np.full(h, left.cx_px), np.arange(h, dtype=float)], axis=-1))
+    expected = -(rays @ ground.up) * left.fx_px * camera.baseline_m / ground.height_m
+    rows = expected >= config.farthest_px
+    seen, there = disparity_px[rows], expected[rows][:, None]
+    known = np.isfinite(seen)
+    if known.sum() < config.min_ground:
+        return float("nan")
+    near = np.abs(seen - there) <= np.maximum(config.ground_px, config.ground_share * there)
+    return float(near.sum() / known.sum())
