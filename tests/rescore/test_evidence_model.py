@@ -30,12 +30,14 @@ def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     is_car = np.arange(n) % 4 == 0
     cues = rng.normal(size=(n, len(CUES)))
     cues[:, CUES.index("width")] = np.where(is_car, rng.normal(0, 0.1, n), rng.normal(0, 1, n))
+    cues[:, [CUES.index(name) for name in Registration.METRIC.checks]] = 1
     return cues, is_car
 
 
 def test_cues_of_modes() -> None:
     assert Registration.PAPER not in LEARNED
-    assert set(Registration.GUARDED.cues) < set(Registration.METRIC.cues) == set(CUES)
+    assert set(Registration.GUARDED.cues) < set(Registration.METRIC.cues) < set(CUES)
+    assert set(CUES) == set(Registration.METRIC.cues) | set(Registration.METRIC.checks)
 
 
 def test_d_is_a_calibrated_probability() -> None:
