@@ -86,9 +86,12 @@ class EvidenceModel:
         NaN where too few cues are known, or where the measurements cannot be believed: they fail a check.
         """
         d = expit(-(self.bias + self.contributions(cues).sum(axis=1)))
+        return np.where(self.complete(cues) & self.believable(cues), d, np.nan)
+
+    def complete(self, cues: FloatArray) -> NDArray[np.bool_]:
+        """Which candidates (n, k) have enough of the cues, shape (n,)."""
         own = cues[:, [CUES.index(name) for name in self.knots]]
-        known = (np.isfinite(own).mean(axis=1) >= self.min_share) & self.believable(cues)
-        return np.where(known, d, np.nan)
+        return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
 
     def believable(self, cues: FloatArray) -> NDArray[np.bool_]:
         """Which candidates (n, k) pass all checks, shape (n,)."""
@@ -216,9 +219,9 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
             "too few measured pixels in and around the box",
             "a calibrated camera expected, focal length or baseline is unknown",
         )
-    believed = model.believable(table.cues)
-    lost = np.where(believed, lost, Reason.STEREO_NOT_BELIEVED.value)
-    why = np.where(believed, why, "fewer or less consistent measurements than wherever evidence was learned")
+    complete = model.complete(table.cues)
+    lost = np.where(complete, Reason.STEREO_NOT_BELIEVED.value, lost)
+    why = np.where(complete, "fewer or less consistent measurements than wherever evidence was learned", why)
     return replace(
         table,
         depth_difference=np.where(has, d, model.neutral),

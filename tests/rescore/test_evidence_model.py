@@ -55,7 +55,7 @@ def test_d_is_a_calibrated_probability() -> None:
 def test_a_cue_can_speak_against_both_ends() -> None:
     cues, is_car = drawn(4000, np.random.default_rng(1))
     model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
-    at = np.zeros((3, len(CUES)))
+    at = np.ones((3, len(CUES)))
     at[:, CUES.index("width")] = -1.5, 0, 1.5
     said = model.contributions(at)[:, CUES.index("width")]
     assert said[1] > 0.5 > said[0]
