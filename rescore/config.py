@@ -84,7 +84,7 @@ def run_preset(name: str) -> RunConfig:
         update={
             "hog": replace(config.hog, floor=-5.0, mining=mining),
             "boosted": boosted,
-            "evidence": replace(config.evidence, min_cars=2),
+            "evidence": replace(config.evidence, min_cars=1),
         }
     )
 

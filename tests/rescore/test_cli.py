@@ -116,48 +116,47 @@ def test_commands_one_by_one_equal_the_whole_run(rescore: Command, tiny_run: Pat
     jobs = ("--jobs", 1)
     run("learn", data, "--out", tmp_path / "car.json", "--preset", "tiny")
     run("train", data, "--detector", "hog", "--out", tmp_path, "--preset", "tiny", *jobs)
-    for split in ("validation", "test"):
-        run(
-            "detect",
-            data,
-            "--detector",
-            tmp_path / "hog.npz",
-            "--split",
-            split,
-            "--out",
-            tmp_path / f"{split}.json",
-            *jobs,
-        )
-    model = ("--model", tmp_path / "car.json", *jobs)
-    run("tune", data, tmp_path / "validation.json", "--out", tmp_path / "w.json", *model)
-    run(
-        "apply",
-        data,
-        tmp_path / "test.json",
-        "--tuned",
-        tmp_path / "w.json",
-        "--out",
-        tmp_path / "rescored.json",
-        *model,
-    )
+    detector = ("--detector", tmp_path / "hog.npz")
+    for split in ("train", "calibration", "validation", "test"):
+        run("detect", data, *detector, "--split", split, "--out", tmp_path / f"{split}.json", *jobs)
+    model = ("--model", tmp_path / "car.json", "--preset", "tiny", *jobs)
+    fitted_on = (tmp_path / "train.json", tmp_path / "calibration.json")
+    evidence = tmp_path / "evidence.json"
+    run("fit-evidence", data, *fitted_on, "--out", evidence, *model)
+    for mode, suffix in (("paper", ""), ("metric", "_metric")):
+        how = ("--registration", mode, *(("--evidence-model", evidence) if suffix else ()))
+        w, out = tmp_path / f"w{suffix}.json", tmp_path / f"rescored{suffix}.json"
+        run("tune", data, tmp_path / "validation.json", "--out", w, *how, *model)
+        run("apply", data, tmp_path / "test.json", "--tuned", w, "--out", out, *how, *model)
     same = {
         "car.json": "models/class_model.json",
+        "evidence.json": "models/hog.evidence.json",
         "validation.json": "detections/hog_validation.json",
         "test.json": "detections/hog_test.json",
         "w.json": "tuned/hog.json",
+        "w_metric.json": "tuned/hog_metric.json",
         "rescored.json": "rescored/hog_test.json",
+        "rescored_metric.json": "rescored/hog_test_metric.json",
     }
     for mine, theirs in same.items():
         assert (tmp_path / mine).read_bytes() == (tiny_run / theirs).read_bytes(), mine
     provenance = json.loads((tmp_path / "rescored.json.config.json").read_text())
     assert provenance["versions"]["numpy"] == np.__version__
-    run("evaluate", data, tmp_path / "rescored.json", "--out", tmp_path / "run", "--no-report")
+    files = (tmp_path / "rescored.json", tmp_path / "rescored_metric.json")
+    run("evaluate", data, *files, "--out", tmp_path / "run", "--no-report")
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     whole = json.loads((tiny_run / "metrics.json").read_text())
-    expected = [
-        row for row in whole["rows"] if row["detector"] == "hog" and row["mode"] in ("detector", "paper")
-    ]
-    assert metrics["rows"] == expected
+    modes = {"detector", "paper", "metric"}
+    assert metrics["rows"] == [r for r in whole["rows"] if r["detector"] == "hog" and r["mode"] in modes]
+    # a weight of one mode does not serve another
+    once_more = ("apply", data, tmp_path / "test.json", "--out", tmp_path / "x.json", *model)
+    metric = ("--registration", "metric", "--evidence-model", evidence)
+    wrong = rescore(*once_more, "--tuned", tmp_path / "w.json", *metric)
+    assert wrong.returncode == 1
+    assert "expected a weight tuned for --registration metric, got one for paper" in wrong.stderr
+    bare = rescore(*once_more, "--w", 0.5, "--registration", "guarded")
+    assert bare.returncode == 1
+    assert "rescore fit-evidence" in bare.stderr
 
 
 def test_real_frames_go_through_as_they_are(

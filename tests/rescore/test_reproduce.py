@@ -10,7 +10,7 @@ import pytest
 
 from recon.errors import RescoreError
 from rescore.config import run_preset, with_changes
-from rescore.cues import Registration
+from rescore.cues import CUES, Registration
 from rescore.reproduce import Run, RunFolder
 from rescore.stages import Done
 from rescore.steps import DetectorKind
@@ -73,6 +73,13 @@ def test_the_table_has_a_row_a_candidate(tiny_run: Path) -> None:
     w, d, lik = table["w"][ok], table["depth_difference"][ok], table["likelihood"][ok]
     np.testing.assert_allclose(table["posterior_paper"][ok], lik**w * (1 - d) ** (1 - w))
     assert {"car"} < set(table["kind"].tolist())
+    for mode in ("guarded", "metric"):
+        w, d = table[f"w_{mode}"], table[f"difference_{mode}"]
+        assert ((d > 0) & (d < 1)).all()
+        posterior = table["likelihood"] ** w * (1 - d) ** (1 - w)
+        np.testing.assert_allclose(table[f"posterior_{mode}"], posterior, atol=1e-12)
+    for name in CUES:
+        assert f"cue_{name}" in table
     for outcome in ("outcome_detector", "outcome_paper"):
         assert set(table[outcome].tolist()) <= {"hit", "false_alarm", "duplicate", "ignored"}
 
