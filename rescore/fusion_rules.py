@@ -1,6 +1,6 @@
 """Other ways of putting a likelihood and a depth difference together, to hold eq. 7 against.
 
-A candidate without depth evidence keeps its likelihood under every rule, as under eq. 7.
+A candidate without a D keeps its likelihood under every rule, as under eq. 7.
 """
 
 from collections.abc import Callable, Mapping
@@ -44,7 +44,7 @@ def fit_fusion(
 ) -> LearnedFusion | None:
     """Logistic regression on the validation set, as the weight of eq. 7 is chosen there.
 
-    Hits are those of the detector alone; candidates on ignore regions or without depth evidence are left out.
+    Hits are those of the detector alone; candidates on ignore regions or without a D are left out.
     The regression has scikit-learn's usual penalty (C = 1). None where all that is left is of one kind.
 
     Raises:
