@@ -16,6 +16,7 @@ from datasets_synth.pictures import car_picture
 from recon.class_model import ClassModel
 from rescore.candidates import Candidates
 from rescore.cues import Registration
+from rescore.evidence import OK
 from rescore.evidence_model import EvidenceModel, with_difference
 from rescore.pipeline import RescoreConfig, depth_evidence
 from rescore.threads import one_thread
@@ -86,7 +87,8 @@ def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
     one = Candidates(item.frame.image_id, item.xyxy_px[None], np.zeros(1), np.full(1, 0.5))
     table = depth_evidence(item.frame, one, judge.class_model, judge.config).table
     modes = (Registration.PAPER, *judge.models)
-    return {m: float(with_difference(table, judge.models.get(m)).depth_difference[0]) for m in modes}
+    judged = {m: with_difference(table, judge.models.get(m)) for m in modes}
+    return {m: float(t.depth_difference[0]) if t.status[0] == OK else float("nan") for m, t in judged.items()}
 
 
 def cut_at_recall(

@@ -15,7 +15,7 @@ from rescore.bootstrap import BootstrapConfig, Comparison, Interval, bootstrap
 from rescore.candidates import Candidates
 from rescore.cues import Registration
 from rescore.degrade import Dial
-from rescore.evidence import CandidateTable
+from rescore.evidence import OK, CandidateTable
 from rescore.evidence_model import EvidenceModel, with_difference
 from rescore.frames import DataSet, Frame, FrameRecord, load_frame, read_rgb
 from rescore.matching import TruthTable
@@ -129,7 +129,7 @@ def figures_of(
 
     def of(mode: str, comparison: Comparison | None) -> Figures:
         intervals = drawn.tables[mode]
-        has = np.isfinite(scored[mode].depth_difference).mean() if mode in scored else 0.0
+        has = (scored[mode].status == OK).mean() if mode in scored else 0.0
         reduction = comparison.reduction[RECALL] if comparison else None
         return Figures(intervals.fppi_at_recall[RECALL], intervals.auc, reduction, float(has))
 

@@ -75,7 +75,9 @@ def study_evidence(
     distractors = _distractors(run, out, things, detector=detector, seed=seed, jobs=jobs)
     ablation = _ablation(run, out, detector, seed)
     _sweep(run, out / "sweep", dials_named(None, None), frames, detector=detector, seed=seed, jobs=jobs)
-    page = _write_page(out, f"rescore study-evidence {run} --out {out}", distractors, ablation)
+    shortened = "" if frames is None else f" --frames {frames}"
+    command = f"rescore study-evidence {run} --out {out} --things {things} --detector {detector}{shortened}"
+    page = _write_page(out, command, distractors, ablation)
     say(f"evidence: {page}")
 
 
