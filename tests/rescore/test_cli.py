@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from rescore.cli import app, main
-from rescore.formats.coco import read_dataset, read_detections
+from rescore.formats.coco import read_detections
+from rescore.formats.coco_dataset import read_dataset
 
 Command = Callable[..., "Outcome"]
 COMMANDS = (
@@ -33,6 +34,9 @@ COMMANDS = (
     "reconstruct",
     "popup",
     "gallery",
+    "import",
+    "convert",
+    "doctor",
 )
 
 
