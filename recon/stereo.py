@@ -147,9 +147,20 @@ def read_disparity(path: Path, width_px: int, height_px: int) -> NDArray[np.floa
     Raises:
         RescoreError: No such file, not a whole PNG, not 16-bit grey, or of another size.
     """
+    return read_png16(path, width_px, height_px, "disparity", PNG_SCALE)
+
+
+def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: float) -> NDArray[np.float32]:
+    """Value / factor of a 16-bit grey PNG, shape (h, w); NaN where the value is 0.
+
+    ``what`` is "disparity" or "depth", for the errors.
+
+    Raises:
+        RescoreError: as ``read_disparity``.
+    """
     if not path.is_file():
         raise RescoreError(
-            f"{path}: expected a disparity PNG, found no file; check disparity_file_name in annotations.json"
+            f"{path}: expected a {what} PNG, found no file; check {what}_file_name in annotations.json"
         )
     try:
         # Pillow, since OpenCV gives back the first rows of a truncated PNG as if nothing were wrong
@@ -158,20 +169,20 @@ def read_disparity(path: Path, width_px: int, height_px: int) -> NDArray[np.floa
             mode, value = picture.mode, np.asarray(picture)
     except (OSError, SyntaxError, ValueError) as error:
         reason = str(error).splitlines()[0] if "BytesIO" not in str(error) else "not a PNG"
-        raise RescoreError(f"{path}: expected a whole disparity PNG, got {reason}; write it again") from error
+        raise RescoreError(f"{path}: expected a whole {what} PNG, got {reason}; write it again") from error
     if mode not in ("I;16", "I;16B", "I"):
         raise RescoreError(
-            f"{path}: expected 16-bit grey with value = 256 x disparity, got a PNG of mode {mode}; "
-            "8-bit files lose the fractions of a pixel: write 16 bits"
+            f"{path}: expected 16-bit grey with value = {factor:g} x {what}, got a PNG of mode {mode}; "
+            "8-bit files lose the fractions: write 16 bits"
         )
     if value.shape != (height_px, width_px):
         raise RescoreError(
             f"{path}: expected {width_px} x {height_px} pixels, got {value.shape[1]} x {value.shape[0]}; "
-            "the disparity must be that of the left picture"
+            f"the {what} must be that of the left picture"
         )
-    disparity = value.astype(np.float32) / np.float32(PNG_SCALE)
-    disparity[value == 0] = np.nan
-    return disparity
+    measured = value.astype(np.float32) / np.float32(factor)
+    measured[value == 0] = np.nan
+    return measured
 
 
 def write_disparity(path: Path, disparity_px: NDArray[np.float32]) -> None:

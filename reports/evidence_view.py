@@ -15,7 +15,7 @@ from reports.overlay import registered_depth
 from reports.run_folder import Run, boxes_px
 from rescore.align_depth import DepthAlignment, measured_depth
 from rescore.evidence_files import evidence_path, read_evidence
-from rescore.formats.coco import read_dataset
+from rescore.formats.open import read_dataset
 from rescore.frames import DataSet, Truth, load_frame
 
 FloatArray = NDArray[np.float64]

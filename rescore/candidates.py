@@ -19,6 +19,9 @@ class Candidates:
     """Raw detector score, shape (n,); any range."""
     likelihood: NDArray[np.float64]
     """l_i in [0, 1], shape (n,): the score after Platt scaling."""
+    azimuth_deg: NDArray[np.float64] | None = None
+    """From where the detector says that the object is seen (see ``rescore.frames.Truth``), shape (n,), NaN
+    where unknown; None where it never says."""
 
     def __post_init__(self) -> None:
         n = len(self.score)

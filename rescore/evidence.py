@@ -54,6 +54,9 @@ class CandidateTable:
     cues: FloatArray
     """Parts of the evidence of the other modes, shape (n, k), columns ``rescore.cues.CUES``; NaN where one
     is missing."""
+    azimuth_deg: FloatArray
+    """From where the object is seen, by the detector (see ``rescore.frames.Truth``), shape (n,); NaN where it
+    does not say."""
 
     def __len__(self) -> int:
         return len(self.image_id)
@@ -124,5 +127,6 @@ def _rows(
         status=np.array(status, dtype=object),
         reason_detail=np.array([o.detail if isinstance(o, Failure) else "" for o in outcome], dtype=object),
         cues=np.full((n, len(CUES)), np.nan),
+        azimuth_deg=np.full(n, np.nan) if candidates.azimuth_deg is None else candidates.azimuth_deg,
         **solved,
     )

@@ -1,5 +1,6 @@
 """Data sets: what is known of each frame and its cars, before any pixel is read; and loaded frames."""
 
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,8 +11,10 @@ from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, StereoCamera
 from recon.errors import RescoreError
-from recon.stereo import SgbmConfig, compute_disparity, read_disparity
+from recon.stereo import PNG_SCALE, SgbmConfig, compute_disparity
+from rescore.measured import MeasuredFile, Quantity, read_measured
 
+PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 SPLITS = ("train", "calibration", "validation", "test")
 """train: detectors and class model; calibration: Platt scaling; validation: w; test: the curves."""
 
@@ -33,6 +36,18 @@ class FrameRecord:
     """16-bit picture of instance numbers on rendered scenes, 0 where there is none."""
     instance_kinds: Mapping[int, str] = field(default_factory=dict)
     """What each instance number is, on rendered scenes."""
+    measured: MeasuredFile | None = None
+    """Measured depth or disparity in another form than ``disparity_path``, KITTI's."""
+    disparity_offset_px: float = 0.0
+    """cx of the right picture less cx of the left (Middlebury's doffs). Disparities, measured or matched, get
+    it added as they are loaded, so that all that follows has depth = fx baseline / disparity."""
+
+    @property
+    def measurement(self) -> MeasuredFile | None:
+        """The file of measured depth or disparity, if there is one."""
+        if self.disparity_path is not None:
+            return MeasuredFile(self.disparity_path, Quantity.DISPARITY, PNG_SCALE)
+        return self.measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +64,13 @@ class Truth:
     """Shape (n,): visible share in [0, 1], NaN where unknown."""
     shape_id: tuple[str, ...]
     """Length n: name of the car shape on rendered scenes, else empty."""
+    azimuth_deg: NDArray[np.float64] | None = None
+    """Shape (n,), from where the object is seen, counter-clockwise from above: 0 its front, 90 its left side;
+    NaN where unknown. None where no object of the image has one."""
+    truncated: NDArray[np.float64] | None = None
+    """Shape (n,), share outside the picture as KITTI gives it, NaN where unknown; None as above."""
+    occluded: NDArray[np.int64] | None = None
+    """Shape (n,), KITTI's level: 0 visible, 1 partly, 2 largely occluded, 3 unknown; None as above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +83,8 @@ class DataSet:
     frames: tuple[FrameRecord, ...]
     truth: Mapping[int, Truth]
     """By image id; every frame has an entry, empty where it holds no car."""
+    notes: tuple[str, ...] = ()
+    """What the reader left out, mapped or doubts, a line each, for the user to see."""
 
     def split(self, name: str) -> "DataSet":
         """The frames of one split."""
@@ -71,6 +95,7 @@ class DataSet:
             self.category,
             frames,
             {f.image_id: self.truth[f.image_id] for f in frames},
+            self.notes,
         )
 
 
@@ -188,15 +213,30 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     """The pixels of a picture file as OpenCV gives them; None where it is no whole picture."""
     # imdecode on bytes, since imread neither takes every path nor says why it failed
     data = path.read_bytes()
-    # of a file that was cut off OpenCV gives the first rows, or prints lines of its own
-    ends = {b"\x89PNG": b"IEND", b"\xff\xd8": b"\xff\xd9"}
-    cut_off = any(data.startswith(head) and end not in data for head, end in ends.items())
-    if not data or cut_off:
+    # of a damaged file OpenCV gives the rows before the damage, and prints lines of its own
+    damaged = (data.startswith(PNG_HEAD) and not _is_whole_png(data)) or (
+        data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data
+    )
+    if not data or damaged:
         return None
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         return None
+
+
+def _is_whole_png(data: bytes) -> bool:
+    """Whether the chunks of a PNG follow each other up to the last one, each with the checksum it names."""
+    place = len(PNG_HEAD)
+    while place + 12 <= len(data):
+        length = int.from_bytes(data[place : place + 4])
+        body, end = data[place + 4 : place + 8 + length], place + 12 + length
+        if end > len(data) or zlib.crc32(body) != int.from_bytes(data[end - 4 : end]):
+            return False
+        if body[:4] == b"IEND":
+            return True
+        place = end
+    return False
 
 
 def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
@@ -219,14 +259,41 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
 def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:
     """Read the left picture and the disparity, which is computed from the pair where no file is given."""
     left = read_rgb(record.left_path, record.width_px, record.height_px)
-    if record.disparity_path is not None:
-        disparity = read_disparity(record.disparity_path, record.width_px, record.height_px)
+    file = record.measurement
+    if file is not None:
+        disparity = read_measured(file, record.width_px, record.height_px, record.camera)
+        if file.quantity is Quantity.DISPARITY:
+            disparity = disparity + np.float32(record.disparity_offset_px)
     elif record.right_path is not None:
         right = read_rgb(record.right_path, record.width_px, record.height_px)
-        disparity = compute_disparity(left, right, stereo)
+        disparity = _pair_disparity(left, right, stereo, record.disparity_offset_px)
     else:
         raise RescoreError(
             f"image {record.image_id}: expected right_file_name or disparity_file_name, got neither; "
             "rescoring needs measured depth"
         )
     return Frame(record.image_id, left, disparity, record.camera, record.ground)
+
+
+def _pair_disparity(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], stereo: SgbmConfig, offset_px: float
+) -> NDArray[np.float32]:
+    """Disparity of a pair plus its offset, (h, w).
+
+    The right picture is moved by the whole pixels of the offset before matching: the search begins at
+    disparity 0, which is then infinitely far, as for a pair without offset.
+    """
+    columns, width = round(offset_px), left.shape[1]
+    if columns == 0:
+        return compute_disparity(left, right, stereo) + np.float32(offset_px)
+    if abs(columns) >= width:
+        raise RescoreError(
+            f"camera: expected a disparity offset below the width of {width} px, got {offset_px:g}; "
+            "check the principal points of the calibration"
+        )
+    source = np.clip(np.arange(width) + columns, 0, width - 1)
+    disparity = compute_disparity(left, np.ascontiguousarray(right[:, source]), stereo)
+    matched = np.arange(width, dtype=np.float32) - disparity + columns
+    # a match in the columns that were repeated to fill the moved picture is none
+    disparity[(matched < 0) | (matched > width - 1)] = np.nan
+    return disparity + np.float32(offset_px - columns)

@@ -14,7 +14,8 @@ from rescore.detectors.files import load_detector
 from rescore.evaluate import evaluate
 from rescore.evidence import CandidateTable
 from rescore.evidence_model import load_models, save_models, with_difference
-from rescore.formats.coco import read_dataset, read_detections, write_detections, write_rescored
+from rescore.formats.coco import read_detections, write_detections, write_rescored
+from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import DataSet
 from rescore.fuse import fuse
 from rescore.stages import Done, Stage, run_stage, run_stage_in_place

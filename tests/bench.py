@@ -42,7 +42,7 @@ from rescore.bootstrap import BootstrapConfig, bootstrap
 from rescore.candidates import Candidates
 from rescore.config import RunConfig, run_preset
 from rescore.detectors.hog_svm import HogDetector
-from rescore.formats.coco import read_dataset
+from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import DataSet, Frame, load_frame, read_rgb
 from rescore.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
 from rescore.metrics import Summary, summarise

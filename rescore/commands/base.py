@@ -4,6 +4,7 @@
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,7 +30,9 @@ app = typer.Typer(
 )
 
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
-Dataset = Annotated[Path, typer.Argument(help="Folder with annotations.json, pictures and disparities.")]
+Dataset = Annotated[
+    Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
+]
 Preset = Annotated[str, typer.Option(help="Settings to start from: paper, demo or tiny.")]
 Changes = Annotated[
     Path | None, typer.Option("--config", help="JSON file with settings that replace those of the preset.")
@@ -58,27 +61,47 @@ def config_of(preset: str, changes: Path | None) -> "RunConfig":
     return with_changes(config, changes) if changes else config
 
 
+def read_data(dataset: Path, class_name: str = "car", maps: Sequence[str] = ()) -> "DataSet":
+    """A data set of any layout; what its reader left out or doubts is told.
+
+    ``maps`` holds other names of the class, such as ``van=car``.
+    """
+    from rescore.formats.labels import ClassMap
+    from rescore.formats.open import read_dataset
+
+    data = read_dataset(dataset, class_name, ClassMap.of(class_name, maps))
+    for note in data.notes:
+        say(f"note: {note}")
+    return data
+
+
 def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
     """A data set cut to one split, or all of it."""
-    from rescore.formats.coco import read_dataset
     from rescore.frames import SPLITS
 
     if split not in (*SPLITS, "all"):
         raise RescoreError(
             f"--split: expected {', '.join(SPLITS)} or all, got {split!r}; choose one of these"
         )
-    data = read_dataset(dataset, class_name)
+    data = read_data(dataset, class_name)
     chosen = data if split == "all" else data.split(split)
     if not chosen.frames:
         raise RescoreError(f"{dataset}: expected frames of split {split!r}, got none; choose another --split")
     return chosen
 
 
-def detections_of(path: Path, data: "DataSet") -> "DetectionFile":
-    """The detections of a file on the images of a data set; says what was left out."""
-    from rescore.formats.coco import MAX_CANDIDATES, read_detections
+def detections_of(path: Path, data: "DataSet", maps: Sequence[str] = ()) -> "DetectionFile":
+    """The detections of a file or folder on the images of a data set; says what was left out.
 
-    file = read_detections(path, data)
+    ``maps`` as for ``read_data``.
+    """
+    from rescore.formats.coco import MAX_CANDIDATES
+    from rescore.formats.labels import ClassMap
+    from rescore.formats.open import read_detections
+
+    file = read_detections(path, data, classes=ClassMap.of(data.category, maps))
+    for note in file.notes:
+        say(f"note: {note}")
     if file.n_other_class:
         say(f"{path}: left out {file.n_other_class} detections of other classes")
     if file.n_beyond_max:

@@ -114,7 +114,8 @@ def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, 
     """Fit the evidence again without each of its parts; writes ablation.json."""
     from rescore.ablation import AblationInput, ablate
     from rescore.evidence import CandidateTable
-    from rescore.formats.coco import read_dataset, read_detections
+    from rescore.formats.coco import read_detections
+    from rescore.formats.coco_dataset import read_dataset
     from rescore.frames import Splits
     from rescore.reproduce import FITTED_ON, RunFolder
     from rescore.store import write_json
@@ -241,7 +242,7 @@ def run_config(root: Path) -> "RunConfig":
 
 
 def _test_frames(folder: "RunFolder", config: "RunConfig") -> "DataSet":
-    from rescore.formats.coco import read_dataset
+    from rescore.formats.coco_dataset import read_dataset
 
     return read_dataset(folder.data, config.class_name).split("test")
 

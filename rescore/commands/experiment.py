@@ -25,6 +25,7 @@ from rescore.commands.base import (
     config_of,
     detections_of,
     mode_of,
+    read_data,
     read_split,
     say,
 )
@@ -75,7 +76,6 @@ def train(
     """
     from rescore import steps
     from rescore.config import part_as_json
-    from rescore.formats.coco import read_dataset
     from rescore.store import write_provenance
 
     kinds = [k for k in steps.DetectorKind if detector in ("all", k.value)]
@@ -83,7 +83,7 @@ def train(
         known = ", ".join(steps.DetectorKind)
         raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")
     settings = config_of(preset, config)
-    data = read_dataset(dataset, settings.class_name)
+    data = read_data(dataset, settings.class_name)
     for kind in kinds:
         trained = steps.train(data, settings.detector(kind), seed, jobs)
         scaling = steps.calibrate(trained, data, jobs)

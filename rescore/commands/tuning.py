@@ -20,6 +20,7 @@ from rescore.commands.base import (
     config_of,
     detections_of,
     mode_of,
+    read_data,
     say,
 )
 
@@ -45,12 +46,11 @@ def fit_evidence(
     from rescore.config import part_as_json
     from rescore.evidence import CandidateTable
     from rescore.evidence_model import save_models
-    from rescore.formats.coco import read_dataset
     from rescore.frames import Splits
     from rescore.store import write_provenance
 
     settings = config_of(preset, config)
-    data = read_dataset(dataset, settings.class_name)
+    data = read_data(dataset, settings.class_name)
     fitting = Splits.of(data).fitting_set.data
     class_model = ClassModel.load(model)
     rescoring = steps.with_stereo_for(settings.rescore, fitting, None)
@@ -91,13 +91,12 @@ def tune(
     from rescore import steps
     from rescore.config import part_as_json
     from rescore.evidence_model import with_difference
-    from rescore.formats.coco import read_dataset
     from rescore.frames import Splits
     from rescore.store import write_json, write_provenance
 
     mode, learned = mode_of(registration, evidence_model)
     settings = config_of(preset, config)
-    data = read_dataset(dataset, settings.class_name)
+    data = read_data(dataset, settings.class_name)
     validation = Splits.of(data).validation
     file = detections_of(detections, validation)
     table = steps.find_evidence(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
+from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, read_data, say
 
 if TYPE_CHECKING:
     from rescore.config import RunConfig
@@ -48,14 +48,13 @@ def study_weight(
 
     from reports.weight_page import width_table, write_weight_study
     from rescore.evidence_model import load_models, with_difference
-    from rescore.formats.coco import read_dataset
     from rescore.frames import Splits
     from rescore.reproduce import RunFolder
     from rescore.weight_study import study_weight as study
 
     folder = RunFolder(run)
     config = _config_of(run)
-    validation = Splits.of(read_dataset(dataset or folder.data, config.class_name)).validation_set
+    validation = Splits.of(read_data(dataset or folder.data, config.class_name)).validation_set
     chosen = _sizes(sizes, len(validation.data.frames))
     studies = []
     for kind in config.detectors:

@@ -1,13 +1,19 @@
 """JSON files of a stated shape: read into typed values, or one line that says where they differ from it."""
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError
 
 from recon.errors import RescoreError
 
 T = TypeVar("T")
+Number = Annotated[int, Field(ge=-(2**63), lt=2**63)]
+"""An id: what 64 bits hold, as arrays of them do."""
+Pixels = Annotated[FiniteFloat, Field(ge=-1e7, le=1e7)]
+"""A length in a picture; the limits keep sums and areas finite."""
+Box = tuple[Pixels, Pixels, Pixels, Pixels]
+"""Left, top, width, height."""
 
 
 def read_checked(path: Path, shape: TypeAdapter[T], what: str) -> T:

@@ -1,87 +1,36 @@
-"""Data sets and detections as COCO JSON files."""
+"""Detections as COCO results files. Data sets: ``rescore.formats.coco_dataset``."""
 
 import json
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
+from pydantic import BaseModel, FiniteFloat, TypeAdapter
 
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.candidates import Candidates
 from rescore.cues import CUES, Registration
 from rescore.evidence import NOT_RESCORED, CandidateTable
-from rescore.formats.checked_json import read_checked
-from rescore.frames import SPLITS, DataSet, FrameRecord, Truth
+from rescore.formats.checked_json import Box, Number, read_checked
+from rescore.frames import DataSet
 from rescore.store import atomic_path
 
 FloatArray = NDArray[np.float64]
-Box = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""
 
 
-class _Camera(BaseModel):
-    fx: FiniteFloat
-    fy: FiniteFloat
-    cx: FiniteFloat
-    cy: FiniteFloat
-    baseline_m: FiniteFloat
-    height_m: FiniteFloat | None = None
-    pitch_rad: FiniteFloat | None = None
+class Detection(BaseModel):
+    """One detection, as files have it; ``bbox`` is left, top, width, height in pixel edges."""
 
-
-class _Instance(BaseModel):
-    id: int
-    kind: str
-
-
-class _Image(BaseModel):
-    id: int
-    file_name: str
-    width: PositiveInt
-    height: PositiveInt
-    right_file_name: str | None = None
-    disparity_file_name: str | None = None
-    instance_file_name: str | None = None
-    instances: list[_Instance] = []
-    split: str = "test"
-    camera: _Camera | None = None
-
-
-class _Annotation(BaseModel):
-    id: int
-    image_id: int
-    category_id: int
-    bbox: Box
-    iscrowd: bool = False
-    ignore: bool = False
-    visibility: FiniteFloat | None = None
-    shape_id: str | None = None
-
-
-class _Category(BaseModel):
-    id: int
-    name: str
-
-
-class _DataSet(BaseModel):
-    images: list[_Image]
-    annotations: list[_Annotation]
-    categories: list[_Category]
-
-
-class _Detection(BaseModel):
-    image_id: int
+    image_id: Number
     bbox: Box
     score: FiniteFloat
-    category_id: int | None = None
+    category_id: Number | None = None
     detector: str | None = None
     detector_score: FiniteFloat | None = None
     likelihood: FiniteFloat | None = None
@@ -96,108 +45,10 @@ class _Detection(BaseModel):
     w: FiniteFloat | None = None
     registration: Registration | None = None
     cues: dict[str, FiniteFloat] = {}
+    azimuth_deg: FiniteFloat | None = None
 
 
-_DATA_SET = TypeAdapter(_DataSet)
-_DETECTIONS = TypeAdapter(list[_Detection])
-
-
-def read_dataset(path: Path, category: str = "car") -> DataSet:
-    """The data set of a folder with ``annotations.json`` (or of that file itself); no picture is opened yet.
-
-    The class is the one named ``category``, or the only one of the file. Annotations of other classes are
-    left out. An image without ``split`` is in split "test".
-
-    Raises:
-        RescoreError: the file is missing, has another shape, or contradicts itself.
-    """
-    file = path / "annotations.json" if path.is_dir() or not path.suffix else path
-    parsed = read_checked(file, _DATA_SET, "a data set in COCO's form")
-    chosen = _category(file, parsed.categories, category)
-    _refuse_twice(file, "image id", [i.id for i in parsed.images])
-    _refuse_twice(file, "annotation id", [a.id for a in parsed.annotations])
-    cars: dict[int, list[_Annotation]] = {image.id: [] for image in parsed.images}
-    for a in parsed.annotations:
-        if a.image_id not in cars:
-            raise RescoreError(
-                f"{file}: annotation {a.id}: expected a listed image, got image_id {a.image_id}; mend it"
-            )
-        if not (a.bbox[2] > 0 and a.bbox[3] > 0):
-            raise RescoreError(
-                f"{file}: annotation {a.id}: expected [x, y, w, h] with positive sizes, "
-                f"got {list(a.bbox)}; mend bbox"
-            )
-        if a.category_id == chosen.id:
-            cars[a.image_id].append(a)
-    return DataSet(
-        root=file.parent,
-        category_id=chosen.id,
-        category=chosen.name,
-        frames=tuple(_frame(file, image) for image in parsed.images),
-        truth={image_id: _truth(annotations) for image_id, annotations in cars.items()},
-    )
-
-
-def _category(file: Path, categories: list[_Category], name: str) -> _Category:
-    named = [c for c in categories if c.name == name]
-    if not named and len(categories) != 1:
-        raise RescoreError(
-            f"{file}: expected a category named {name!r}, got {sorted(c.name for c in categories)}; "
-            "add or rename it"
-        )
-    return (named or categories)[0]
-
-
-def _refuse_twice(file: Path, what: str, ids: list[int]) -> None:
-    twice = [i for i, count in Counter(ids).items() if count > 1]
-    if twice:
-        raise RescoreError(f"{file}: expected each {what} once, got {twice[0]} twice; number them anew")
-
-
-def _frame(file: Path, image: _Image) -> FrameRecord:
-    if image.split not in SPLITS:
-        raise RescoreError(
-            f"{file}: image {image.id}: expected split {', '.join(SPLITS)}, got {image.split!r}; mend it"
-        )
-
-    def place(name: str | None) -> Path | None:
-        return file.parent / name if name else None
-
-    camera, ground = None, None
-    if image.camera is not None:
-        c = image.camera
-        try:
-            left = PinholeCamera(c.fx, c.fy, c.cx, c.cy, image.width, image.height)
-            camera = StereoCamera(left, c.baseline_m)
-            ground = GroundPlane(c.height_m, c.pitch_rad or 0.0) if c.height_m is not None else None
-        except RescoreError as error:
-            raise RescoreError(f"{file}: image {image.id}: {error}") from error
-    return FrameRecord(
-        image_id=image.id,
-        left_path=file.parent / image.file_name,
-        right_path=place(image.right_file_name),
-        disparity_path=place(image.disparity_file_name),
-        split=image.split,
-        width_px=image.width,
-        height_px=image.height,
-        camera=camera,
-        ground=ground,
-        instance_path=place(image.instance_file_name),
-        instance_kinds={i.id: i.kind for i in image.instances},
-    )
-
-
-def _truth(annotations: list[_Annotation]) -> Truth:
-    boxes = np.array([a.bbox for a in annotations], dtype=float).reshape(-1, 4)
-    return Truth(
-        annotation_id=np.array([a.id for a in annotations], dtype=np.int64),
-        xyxy_px=xyxy_from_xywh(boxes),
-        ignore=np.array([a.iscrowd or a.ignore for a in annotations], dtype=bool),
-        visibility=np.array(
-            [np.nan if a.visibility is None else a.visibility for a in annotations], dtype=float
-        ),
-        shape_id=tuple(a.shape_id or "" for a in annotations),
-    )
+_DETECTIONS = TypeAdapter(list[Detection])
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +68,8 @@ class DetectionFile:
     """Detections left out because their category is another."""
     n_beyond_max: int
     """Detections left out because their image has ``max_candidates`` better ones."""
+    notes: tuple[str, ...] = ()
+    """What the reader left out or mapped otherwise, a line each, for the user to see."""
 
     def candidates(self, data: DataSet) -> dict[int, Candidates]:
         """Candidates of every image, empty where none was found.
@@ -235,7 +88,10 @@ class DetectionFile:
         for row, image_id in enumerate(self.table.image_id.tolist()):
             rows[image_id].append(row)
         t = self.table
-        return {i: Candidates(i, t.xyxy_px[r], t.score[r], t.likelihood[r]) for i, r in rows.items()}
+        return {
+            i: Candidates(i, t.xyxy_px[r], t.score[r], t.likelihood[r], t.azimuth_deg[r])
+            for i, r in rows.items()
+        }
 
 
 def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_CANDIDATES) -> DetectionFile:
@@ -249,6 +105,17 @@ def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_
         number.
     """
     found = read_checked(path, _DETECTIONS, "detections as a list in COCO's results form")
+    return detection_file(path, found, data, max_candidates)
+
+
+def detection_file(
+    path: Path, found: list[Detection], data: DataSet, max_candidates: int | None = MAX_CANDIDATES
+) -> DetectionFile:
+    """Detections of any form, checked and ordered as ``read_detections`` does; ``path`` names them.
+
+    Raises:
+        RescoreError: as there.
+    """
     known = {f.image_id for f in data.frames}
     for number, d in enumerate(found):
         _check_detection(path, number, d, known)
@@ -272,7 +139,7 @@ def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_
     )
 
 
-def _check_detection(path: Path, number: int, d: _Detection, known: set[int]) -> None:
+def _check_detection(path: Path, number: int, d: Detection, known: set[int]) -> None:
     if d.image_id not in known:
         raise RescoreError(
             f"{path}: detection {number}: expected an image of the data set, got image_id {d.image_id}; "
@@ -290,15 +157,15 @@ def _check_detection(path: Path, number: int, d: _Detection, known: set[int]) ->
         )
 
 
-def _raw_score(d: _Detection) -> float:
+def _raw_score(d: Detection) -> float:
     return d.score if d.detector_score is None else d.detector_score
 
 
 def _best_of_each_image(
-    found: list[_Detection], data: DataSet, max_candidates: int | None
-) -> list[tuple[_Detection, int]]:
+    found: list[Detection], data: DataSet, max_candidates: int | None
+) -> list[tuple[Detection, int]]:
     """Detections with their rank, images in the order of the data set."""
-    by_image: dict[int, list[_Detection]] = {f.image_id: [] for f in data.frames}
+    by_image: dict[int, list[Detection]] = {f.image_id: [] for f in data.frames}
     for d in found:
         by_image[d.image_id].append(d)
     return [
@@ -308,7 +175,7 @@ def _best_of_each_image(
     ]
 
 
-def _table(kept: list[tuple[_Detection, int]]) -> CandidateTable:
+def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
     def column(name: str) -> FloatArray:
         values = [getattr(d, name) for d, _ in kept]
         return np.array([np.nan if v is None else v for v in values], dtype=float)
@@ -334,6 +201,7 @@ def _table(kept: list[tuple[_Detection, int]]) -> CandidateTable:
         cues=np.array([[d.cues.get(name, np.nan) for name in CUES] for d, _ in kept], dtype=float).reshape(
             -1, len(CUES)
         ),
+        azimuth_deg=column("azimuth_deg"),
     )
 
 
@@ -393,7 +261,8 @@ def _boxes(table: CandidateTable, data: DataSet) -> list[dict[str, object]]:
     boxes = xywh_from_xyxy(table.xyxy_px).tolist()
     return [
         {"image_id": int(i), "category_id": data.category_id, "bbox": box}
-        for i, box in zip(table.image_id, boxes, strict=True)
+        | ({} if np.isnan(azimuth) else {"azimuth_deg": float(azimuth)})
+        for i, box, azimuth in zip(table.image_id, boxes, table.azimuth_deg, strict=True)
     ]
 
 

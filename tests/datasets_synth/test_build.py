@@ -15,7 +15,7 @@ from datasets_synth.presets import CarConfig, SplitSize, SynthConfig, synth_pres
 from recon.errors import RescoreError
 from recon.part_views import load_part_views
 from recon.stereo import disparity_error, read_disparity
-from rescore.formats.coco import read_dataset
+from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import SPLITS, Splits
 
 TINY = replace(

@@ -18,7 +18,7 @@ from rescore.bootstrap import BootstrapConfig
 from rescore.boxes import xywh_from_xyxy
 from rescore.comparisons import certainty
 from rescore.evidence_files import evidence_path, write_evidence
-from rescore.formats.coco import read_dataset
+from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import DataSet, load_frame
 from rescore.fuse import fuse
 from rescore.matching import HIT, OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of

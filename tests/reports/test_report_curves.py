@@ -11,7 +11,7 @@ from reports.curves import curve_sets, match_table, scores
 from reports.palette import detector_colour, mode_colour, mode_dash
 from reports.roc import draw_candidate_roc, draw_car_roc, draw_weight, style, write_curves
 from reports.run_folder import Run, boxes_px
-from rescore.formats.coco import read_dataset
+from rescore.formats.coco_dataset import read_dataset
 from rescore.matching import TruthTable, greedy_match, ranking_of
 from rescore.metrics import candidate_roc, recall_curve, summarise
 

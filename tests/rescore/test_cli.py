@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from rescore.cli import app, main
-from rescore.formats.coco import read_dataset, read_detections
+from rescore.formats.coco import read_detections
+from rescore.formats.coco_dataset import read_dataset
 
 Command = Callable[..., "Outcome"]
 COMMANDS = (
@@ -33,6 +34,9 @@ COMMANDS = (
     "reconstruct",
     "popup",
     "gallery",
+    "import",
+    "convert",
+    "doctor",
 )
 
 
@@ -181,6 +185,37 @@ def test_real_frames_go_through_as_they_are(
     logged = rescore("log", run, "--frames", 2)
     assert logged.returncode == 0, logged.stderr
     assert (run / "recording.rrd").stat().st_size > 10_000
+
+
+def test_kitti_folders_are_rescored_as_our_own(
+    rescore: Command, tiny_run: Path, kitti: Path, tmp_path: Path
+) -> None:
+    value = json.loads((kitti / "annotations.json").read_text())
+    for image in value["images"]:
+        image["camera"].pop("height_m")  # which KITTI's files do not tell
+    found = {}
+    for layout in ("ours", "kitti"):
+        data = tmp_path / layout
+        data.mkdir()
+        for name in ("image_2", "image_3", "calib"):
+            (data / name).symlink_to(kitti / name)
+        if layout == "ours":
+            (data / "annotations.json").write_text(json.dumps(value))
+        detections = kitti / "detections.json"
+        if layout == "kitti":
+            detections = tmp_path / "text"
+            done = rescore("convert", data, kitti / "detections.json", "--out", detections)
+            assert done.returncode == 0, done.stderr
+        model = ("--model", tiny_run / "models" / "class_model.json", "--w", 0.5, "--jobs", 1)
+        done = rescore("apply", data, detections, *model, "--out", tmp_path / f"{layout}.json")
+        assert done.returncode == 0, done.stderr
+        rows = json.loads((tmp_path / f"{layout}.json").read_text())
+        found[layout] = {
+            (r["image_id"], *np.round(r["bbox"], 6)): r | {"bbox": 0, "detector": 0} for r in rows
+        }
+    assert len(found["ours"]) == 21
+    assert found["kitti"] == found["ours"]
+    assert any(r["depth_difference"] is not None for r in found["kitti"].values())
 
 
 def test_what_fails_leaves_a_run_folder_as_it_was(rescore: Command, tiny_run: Path, tmp_path: Path) -> None:

@@ -11,7 +11,8 @@ from recon.outcome import Failure, Reason
 from rescore.align_depth import DepthAlignment
 from rescore.candidates import Candidates
 from rescore.evidence import CandidateTable
-from rescore.formats.coco import read_dataset, read_detections, write_detections, write_rescored
+from rescore.formats.coco import read_detections, write_detections, write_rescored
+from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import DataSet
 
 Json = dict[str, Any]

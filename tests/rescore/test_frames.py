@@ -74,6 +74,21 @@ def test_load_frame_reads_or_computes_disparity(tmp_path: Path) -> None:
         load_frame(record(1, tmp_path / "left.png"), SgbmConfig())
 
 
+def test_a_damaged_picture_is_one_error_and_prints_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (20, 40, 3), dtype=np.uint8)
+    whole = bytearray(cv2.imencode(".png", noise)[1].tobytes())
+    path = tmp_path / "left.png"
+    for place in (20, 200, len(whole) - 30):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 255]) + whole[place + 1 :])
+        with pytest.raises(RescoreError, match="could not decode"):
+            read_rgb(path, 40, 20)
+    path.write_bytes(whole + b"what follows the end is nothing")
+    np.testing.assert_array_equal(read_rgb(path, 40, 20), noise[..., ::-1])
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 @pytest.mark.parametrize("share", [0.0, 0.6])
 def test_a_cut_off_picture_is_one_error_and_prints_nothing(

@@ -14,7 +14,8 @@ from rescore.align_depth import DepthAlignment
 from rescore.candidates import Candidates
 from rescore.evidence import CandidateTable
 from rescore.evidence_files import evidence_path, read_evidence, write_evidence
-from rescore.formats.coco import read_dataset, read_detections
+from rescore.formats.coco import read_detections
+from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import DataSet, Frame, load_frame
 from rescore.pipeline import (
     CameraChoice,

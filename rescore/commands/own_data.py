@@ -1,0 +1,96 @@
+"""The commands for one's own data: import, convert, doctor."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rescore.commands.base import Dataset, app, detections_of, read_data, say
+
+Maps = Annotated[
+    list[str] | None, typer.Option("--map", help="Take a class for another, as van=car; may be repeated.")
+]
+ClassName = Annotated[str, typer.Option("--class", help="Class whose boxes count.")]
+
+
+@app.command(name="import")
+def import_dataset(
+    dataset: Annotated[Path, typer.Argument(help="Folder of any layout that the README names.")],
+    out: Annotated[Path, typer.Option(help="Folder to write annotations.json to.")],
+    class_name: ClassName = "car",
+    maps: Maps = None,
+    copy: Annotated[bool, typer.Option("--copy", help="Copy the pictures too; else refer to them.")] = False,
+) -> None:
+    """Write a data set of any known layout as a folder with annotations.json, to look at and to change.
+
+    Example: [bold]rescore import kitti/training --map van=car --out data/kitti[/bold]
+    """
+    from rescore.formats.coco_write import write_dataset
+
+    data = read_data(dataset, class_name, maps or ())
+    file = write_dataset(out, data, copy=copy)
+    boxes = sum(len(t.annotation_id) for t in data.truth.values())
+    say(f"{len(data.frames)} frames, {boxes} boxes: {file}")
+
+
+@app.command()
+def convert(
+    dataset: Dataset,
+    out: Annotated[Path, typer.Option(help="A .json file for COCO's form, else a folder for KITTI's text.")],
+    detections: Annotated[
+        Path | None, typer.Argument(help="Detections to convert; without them the annotated boxes are.")
+    ] = None,
+    class_name: ClassName = "car",
+    maps: Maps = None,
+) -> None:
+    """Write boxes in another form: COCO JSON, or KITTI's text, a file a frame.
+
+    Example: [bold]rescore convert data/demo rescored.json --out kitti_results[/bold]
+    """
+    from recon.errors import RescoreError
+    from rescore.formats.coco import write_detections
+    from rescore.formats.kitti import write_kitti_detections, write_kitti_labels
+
+    as_json = out.suffix == ".json"
+    if detections is None:
+        if as_json:
+            raise RescoreError(f"{out}: expected a folder for KITTI's labels; `rescore import` writes JSON")
+        data = read_data(dataset, class_name, maps or ())
+        write_kitti_labels(out, data)
+        say(f"boxes of {len(data.frames)} frames: {out}")
+        return
+    data = read_data(dataset, class_name)
+    file = detections_of(detections, data, maps or ())
+    if as_json:
+        write_detections(out, file.detector, file.table, data)
+    else:
+        score = file.table.score if file.posterior is None else file.posterior
+        write_kitti_detections(out, file.table, score, data)
+    say(f"{len(file.table)} detections in {len(data.frames)} frames: {out}")
+
+
+@app.command()
+def doctor(
+    dataset: Annotated[Path | None, typer.Argument(help="Data set to examine too.")] = None,
+    class_name: ClassName = "car",
+    frames: Annotated[int, typer.Option(min=1, help="Frames whose pixels are examined, evenly spread.")] = 5,
+) -> None:
+    """Examine the installation and a data set; a line a finding, exit code 1 where something is wrong.
+
+    Example: [bold]rescore doctor my_data[/bold]
+    """
+    from rescore.doctor import examine_dataset, examine_installation
+    from rescore.doctor.findings import Level
+
+    findings = examine_installation()
+    if dataset is not None:
+        findings += examine_dataset(dataset, class_name, frames)
+    for finding in findings:
+        print(finding)
+    wrong = sum(f.level is Level.ERROR for f in findings)
+    doubtful = sum(f.level is Level.WARNING for f in findings)
+    say(f"{wrong} errors, {doubtful} warnings")
+    if wrong:
+        raise typer.Exit(1)

@@ -1,0 +1,123 @@
+"""Do left and right fit together, and does the matcher measure enough? From the pixels of some frames."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+from recon.stereo import SgbmConfig
+from rescore.doctor.findings import Finding, Level, graded
+from rescore.frames import DataSet, Frame, FrameRecord, load_frame, read_rgb
+from rescore.steps import automatic_stereo
+
+FloatArray = NDArray[np.float64]
+
+MAX_FEATURES = 1500
+RATIO = 0.75
+"""A feature is matched where its best partner is nearer than this times the second best (Lowe 2004)."""
+MIN_MATCHES = 12
+MAX_ROW_SHARE = 0.1
+"""Matches farther apart in rows than this share of the height are taken for wrong ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairMatches:
+    """Features of a left picture with their partners in the right one."""
+
+    row_px: FloatArray
+    """Right row less left row, shape (n,)."""
+    disparity_px: FloatArray
+    """Left column less right column, shape (n,)."""
+
+
+def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> PairMatches:
+    """SIFT features that choose each other and pass the ratio test; no use is made of rows being equal."""
+    sift = cv2.SIFT.create(MAX_FEATURES)
+    (points, own), (others, theirs) = (
+        sift.detectAndCompute(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), None) for rgb in (left_rgb, right_rgb)
+    )
+    if own is None or theirs is None or len(own) < 2 or len(theirs) < 2:
+        return PairMatches(np.zeros(0), np.zeros(0))
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    back = {m.queryIdx: m.trainIdx for m in matcher.match(theirs, own)}
+    good = [
+        first
+        for first, second in matcher.knnMatch(own, theirs, k=2)
+        if first.distance < RATIO * second.distance and back.get(first.trainIdx) == first.queryIdx
+    ]
+    a = np.array([points[m.queryIdx].pt for m in good]).reshape(-1, 2)
+    b = np.array([others[m.trainIdx].pt for m in good]).reshape(-1, 2)
+    rows = b[:, 1] - a[:, 1]
+    near = np.abs(rows) <= MAX_ROW_SHARE * left_rgb.shape[0]
+    return PairMatches(rows[near], (a[:, 0] - b[:, 0])[near])
+
+
+def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:
+    """Rectification, sides and measured disparity of some frames; a file that cannot be read is a finding."""
+    stereo = automatic_stereo(data)
+    return [finding for frame in frames for finding in _frame(frame, stereo)]
+
+
+def _frame(record: FrameRecord, stereo: SgbmConfig) -> list[Finding]:
+    where = f"image {record.image_id}"
+    try:
+        frame = load_frame(record, stereo)
+        matched = _matched(record, frame, where)
+    except RescoreError as error:
+        return [Finding(Level.ERROR, where, str(error))]
+    return [*matched, _density(record, frame, stereo, where)]
+
+
+def _matched(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
+    if record.right_path is None:
+        return []
+    right = read_rgb(record.right_path, record.width_px, record.height_px)
+    matches = match_pair(frame.left_rgb, right)
+    n = len(matches.row_px)
+    if n < MIN_MATCHES:
+        text = f"{n} features of the left picture found in the right one, {MIN_MATCHES} wanted"
+        return [Finding(Level.WARNING, where, text, "check that the pictures are of one moment and in focus")]
+    return [_rows(matches, where), *_sides(record, matches, where)]
+
+
+def _rows(matches: PairMatches, where: str) -> Finding:
+    off = np.abs(matches.row_px)
+    median, most = float(np.median(off)), float(np.percentile(off, 90))
+    level = max(graded(median, 0.75, 2.0), graded(most, 2.0, 8.0), key=list(Level).index)
+    text = f"rows of {len(off)} features differ by {median:.2f} px (median), {most:.2f} px (90th percentile)"
+    return Finding(level, where, text, "" if level is Level.OK else "rectify the pair again")
+
+
+def _sides(record: FrameRecord, matches: PairMatches, where: str) -> list[Finding]:
+    negative = float((matches.disparity_px + record.disparity_offset_px < -0.5).mean())
+    if negative <= 0.1:
+        return []
+    text = f"{negative:.0%} of the features lie farther right in the right picture"
+    if negative > 0.5:
+        return [Finding(Level.ERROR, where, text, "left and right are swapped: exchange them")]
+    return [Finding(Level.WARNING, where, text, "check principal points and rectification")]
+
+
+def _density(record: FrameRecord, frame: Frame, stereo: SgbmConfig, where: str) -> Finding:
+    """Range of the disparity, holes, and the share at the end of the search."""
+    disparity = frame.disparity_px
+    known = disparity[np.isfinite(disparity)]
+    holes = 1 - known.size / disparity.size
+    if not known.size:
+        return Finding(Level.ERROR, where, "no pixel has a disparity", "check the right picture or the file")
+    low, high = np.percentile(known, [2, 98])
+    text = f"disparity {low:.1f} to {high:.1f} px, holes {holes:.0%}"
+    level, advice = graded(holes, 0.6, 0.95), "check focus, exposure and rectification"
+    if record.measurement is None:
+        # the search ends at num_disparities - 1
+        at_limit = float((known >= stereo.num_disparities - 2).mean())
+        text += f", {at_limit:.1%} at the limit of {stereo.num_disparities}"
+        if at_limit > 0.02 and level is Level.OK:
+            level, advice = Level.WARNING, "search farther: --disparities"
+    else:
+        # a sparse file, as of a laser scanner, is no fault
+        level = graded(holes, 0.99, 0.999)
+    return Finding(level, where, text, "" if level is Level.OK else advice)

@@ -1,0 +1,343 @@
+"""Calibrations of rectified pairs: OpenCV and ROS YAML, Middlebury's and KITTI's calib.txt.
+
+All are read into pixels and metres. Nothing is rectified here: the numbers are those of rectified pictures.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import PinholeCamera, StereoCamera
+from recon.errors import RescoreError
+
+FloatArray = NDArray[np.float64]
+
+DEPTH_CAMERA_BASELINE_M = 0.1
+"""Baseline for cameras that measure depth without a pair: depth is turned to the disparity of a pair, as all
+that follows reads it, and this chooses the pair. The depth itself does not depend on it."""
+
+_MATRIX = re.compile(
+    r"^(\w+):[^\n\[]*\n(?:[ \t]+(?:rows|cols|dt):[^\n]*\n)*[ \t]+data:[ \t]*"
+    r"(?:\[([^\]]*)\]|\n((?:[ \t]*-[ \t][^\n]*\n?)+))",
+    re.MULTILINE,
+)
+_ROW = re.compile(r"^(\w+):[ \t]*\[([^\]]*)\]", re.MULTILINE)
+_SCALAR = re.compile(r"^(\w+):[ \t]*([-+.\deE]+|\.?nan|\.?inf)[ \t]*(?:#.*)?$", re.MULTILINE | re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rectified pair, or a camera that measures depth."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    baseline_m: float | None = None
+    """None where the file has one camera only."""
+    disparity_offset_px: float = 0.0
+    """cx of the right less cx of the left picture."""
+    width_px: int | None = None
+    """As the file says; None where it does not. So is the height."""
+    height_px: int | None = None
+    depth_factor: float | None = None
+    """Value of depth PNGs for one metre, where the file says."""
+
+    def camera(self, where: Path, width_px: int, height_px: int, *, measures_depth: bool) -> StereoCamera:
+        """The camera for pictures of a size.
+
+        Raises:
+            RescoreError: the calibration is of another size, has no baseline that a pair needs, or no
+                camera is like that.
+        """
+        said = (self.width_px or width_px, self.height_px or height_px)
+        if said != (width_px, height_px):
+            raise RescoreError(
+                f"{where}: expected the calibration of pictures of {width_px} x {height_px} pixels, got that "
+                f"of {said[0]} x {said[1]}; scale it or take the pictures it belongs to"
+            )
+        if self.baseline_m is None and not measures_depth:
+            raise RescoreError(
+                f"{where}: expected a calibrated pair (P1 and P2, Q, or a baseline), got one camera; add the "
+                "line 'baseline_m: ...' with metres"
+            )
+        baseline = DEPTH_CAMERA_BASELINE_M if self.baseline_m is None else self.baseline_m
+        try:
+            left = PinholeCamera(self.fx_px, self.fy_px, self.cx_px, self.cy_px, width_px, height_px)
+            return StereoCamera(left, baseline)
+        except RescoreError as error:
+            raise RescoreError(f"{where}: {error}") from error
+
+
+def read_calibration(
+    path: Path, right: Path | None = None, kitti_pair: tuple[str, str] = ("P2", "P3")
+) -> Calibration:
+    """A calibration file of any of the forms.
+
+    Args:
+        path: The file; that of the left camera for a ROS pair.
+        right: The right camera's file of a ROS pair.
+        kitti_pair: Which of KITTI's four cameras the pictures are of.
+
+    Raises:
+        RescoreError: a file is missing, or holds no calibration.
+    """
+    values = _values(path)
+    if right is not None:
+        return _of_projections(path, values, _values(right), "projection_matrix", "projection_matrix")
+    if "cam0" in values:
+        return _middlebury(path, values)
+    if path.suffix == ".txt" and "P0" in values:
+        return _of_projections(path, values, values, *kitti_pair)
+    for first, second in (("P1", "P2"), ("P2", "P3"), ("P_rect_02", "P_rect_03")):
+        if first in values and second in values:
+            return _of_projections(path, values, values, first, second)
+    if "Q" in values:
+        return _of_q(path, values)
+    return _of_one_matrix(path, values)
+
+
+def _values(path: Path) -> dict[str, FloatArray]:
+    """Every matrix, list and number of a calibration file by its name, flat."""
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a calibration, found no file; check the path")
+    try:
+        text = path.read_text(encoding="utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise RescoreError(f"{path}: expected a calibration as text, got other bytes; check it") from error
+    found: dict[str, str] = {}
+    if path.suffix == ".txt":
+        pairs = (re.split(r"[=:]", line, maxsplit=1) for line in text.splitlines())
+        found = {p[0].strip(): p[1].strip(" []").replace(";", " ") for p in pairs if len(p) == 2}
+    else:
+        found |= dict(_SCALAR.findall(text))
+        found |= dict(_ROW.findall(text))
+        found |= {name: row or block.replace("- ", " ") for name, row, block in _MATRIX.findall(text)}
+    return {name: _numbers(path, name, value) for name, value in found.items() if _is_wanted(name)}
+
+
+_ONE_CAMERA = [
+    "projection_matrix",
+    "K1",
+    "M1",
+    "cameraMatrix",
+    "camera_matrix",
+    "CameraMatrix",
+    "K",
+    "P1",
+    "P2",
+]
+"""Names of the matrix of one camera, best first."""
+_WANTED = re.compile(
+    r"(cam[01]|doffs|baseline(_m)?|width|height|P[0-3]|P_rect_0[23]|[KMQT]|[KM][12]|camera_?matrix|"
+    r"projection_matrix|image_(width|height)|image_?Size|depth_?(map_?)?factor|f[xy]|c[xy]|Camera_?(f|c)[xy])",
+    re.IGNORECASE,
+)
+
+
+def _is_wanted(name: str) -> bool:
+    return _WANTED.fullmatch(name) is not None
+
+
+def _numbers(path: Path, name: str, text: str) -> FloatArray:
+    try:
+        # YAML writes .nan and .inf
+        plain = re.sub(r"\.(nan|inf)", r"\1", text, flags=re.IGNORECASE)
+        values = np.array([float(v) for v in re.split(r"[\s,]+", plain.strip()) if v])
+    except ValueError as error:
+        raise RescoreError(f"{path}: {name}: expected numbers, got {text.strip()[:40]!r}; mend it") from error
+    if not len(values) or not np.isfinite(values).all():
+        raise RescoreError(f"{path}: {name}: expected finite numbers, got {text.strip()[:40]!r}; mend it")
+    return values
+
+
+def _matrix(path: Path, values: dict[str, FloatArray], name: str, rows: int, columns: int) -> FloatArray:
+    value = values.get(name)
+    if value is None or value.size != rows * columns:
+        got = "no such entry" if value is None else f"{value.size} numbers"
+        raise RescoreError(f"{path}: {name}: expected {rows} x {columns} numbers, got {got}; mend it")
+    return value.reshape(rows, columns)
+
+
+def _size(values: dict[str, FloatArray]) -> tuple[int | None, int | None]:
+    both = next((values[k] for k in ("imageSize", "image_size") if k in values and values[k].size == 2), None)
+    if both is not None:
+        return int(both[0]), int(both[1])
+    width, height = (
+        next((int(values[k][0]) for k in (name, f"image_{name}") if k in values), None)
+        for name in ("width", "height")
+    )
+    return width, height
+
+
+def _of_projections(
+    path: Path, left: dict[str, FloatArray], right: dict[str, FloatArray], first: str, second: str
+) -> Calibration:
+    """From two 3 x 4 projection matrices: column 3 of each is -fx times the camera's x."""
+    p, q = _matrix(path, left, first, 3, 4), _matrix(path, right, second, 3, 4)
+    if not p[0, 0] > 0 or abs(q[0, 0] - p[0, 0]) > 0.01 * p[0, 0]:
+        raise RescoreError(
+            f"{path}: expected projections of a rectified pair with one focal length, got fx {p[0, 0]:g} and "
+            f"{q[0, 0]:g}; calibrate after rectification"
+        )
+    baseline = (p[0, 3] - q[0, 3]) / p[0, 0]
+    width, height = _size(left)
+    return _checked(
+        path,
+        Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline, q[0, 2] - p[0, 2], width, height),
+    )
+
+
+def _of_q(path: Path, values: dict[str, FloatArray]) -> Calibration:
+    """From OpenCV's Q, which takes (u, v, disparity, 1) to the homogeneous point."""
+    q = _matrix(path, values, "Q", 4, 4)
+    if not q[3, 2] or not q[2, 3] > 0:
+        raise RescoreError(f"{path}: Q: expected Q[2, 3] > 0 and Q[3, 2] other than 0; mend Q")
+    # stereoRectify writes -1 / Tx with Tx negative where the second camera stands on the right
+    baseline, offset = 1 / q[3, 2], q[3, 3] / q[3, 2]
+    width, height = _size(values)
+    return _checked(path, Calibration(q[2, 3], q[2, 3], -q[0, 3], -q[1, 3], baseline, offset, width, height))
+
+
+def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
+    """cam0 is [f 0 cx; 0 f cy; 0 0 1], baseline in millimetres, doffs in pixels (Scharstein et al. 2014)."""
+    k = _matrix(path, values, "cam0", 3, 3)
+    width, height = _size(values)
+    return _checked(
+        path,
+        Calibration(
+            fx_px=k[0, 0],
+            fy_px=k[1, 1],
+            cx_px=k[0, 2],
+            cy_px=k[1, 2],
+            baseline_m=_matrix(path, values, "baseline", 1, 1)[0, 0] / 1000,
+            disparity_offset_px=float(values.get("doffs", np.zeros(1))[0]),
+            width_px=width,
+            height_px=height,
+        ),
+    )
+
+
+def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
+    """From the matrix of the left camera, or ROS's projection of it, and a baseline if there is one."""
+    names = (
+        "projection_matrix",
+        "K1",
+        "M1",
+        "cameraMatrix",
+        "camera_matrix",
+        "CameraMatrix",
+        "K",
+        "P1",
+        "P2",
+    )
+    name = next((n for n in names if n in values), None)
+    if name is None:
+        raise RescoreError(
+            f"{path}: expected a calibration (P1 and P2, Q, K1, cameraMatrix, projection_matrix, or cam0), "
+            f"got {', '.join(sorted(values)) or 'none of them'}; write one"
+        )
+    columns = 4 if values[name].size == 12 else 3
+    k = _matrix(path, values, name, 3, columns)
+    width, height = _size(values)
+    factor = next((values[n][0] for n in ("depth_factor", "DepthMapFactor") if n in values), None)
+    return _checked(
+        path,
+        Calibration(
+            fx_px=k[0, 0],
+            fy_px=k[1, 1],
+            cx_px=k[0, 2],
+            cy_px=k[1, 2],
+            baseline_m=_baseline(values),
+            disparity_offset_px=_offset(path, values, k),
+            width_px=width,
+            height_px=height,
+            depth_factor=None if factor is None else float(factor),
+        ),
+    )
+
+
+def _baseline(values: dict[str, FloatArray]) -> float | None:
+    """The baseline that is written out, or the length of T along the rows."""
+    for name in ("baseline_m", "baseline"):
+        if name in values:
+            return float(values[name][0])
+    if "T" in values and values["T"].size == 3:
+        return float(-values["T"][0])
+    return None
+
+
+def _offset(path: Path, values: dict[str, FloatArray], left: FloatArray) -> float:
+    other = next((n for n in ("K2", "M2") if n in values), None)
+    return 0.0 if other is None else float(_matrix(path, values, other, 3, 3)[0, 2] - left[0, 2])
+
+
+def _checked(path: Path, c: Calibration) -> Calibration:
+    """The calibration as plain numbers, where a camera can be like that.
+
+    Raises:
+        RescoreError: a focal length or the baseline is not positive.
+    """
+    if not (c.fx_px > 0 and c.fy_px > 0):
+        raise RescoreError(
+            f"{path}: expected positive focal lengths, got {c.fx_px:g} and {c.fy_px:g}; mend it"
+        )
+    if c.baseline_m is not None and not c.baseline_m > 0:
+        raise RescoreError(
+            f"{path}: expected a right camera to the right of the left one, got a baseline of "
+            f"{c.baseline_m:g}; left and right may be swapped"
+        )
+    return Calibration(
+        fx_px=float(c.fx_px),
+        fy_px=float(c.fy_px),
+        cx_px=float(c.cx_px),
+        cy_px=float(c.cy_px),
+        baseline_m=None if c.baseline_m is None else float(c.baseline_m),
+        disparity_offset_px=float(c.disparity_offset_px),
+        width_px=c.width_px,
+        height_px=c.height_px,
+        depth_factor=c.depth_factor,
+    )
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something unlikely about a calibration."""
+
+    text: str
+    """What is, and what to do."""
+    serious: bool
+    """Whether depth must be wrong if it is as it looks."""
+
+
+def doubts(camera: StereoCamera) -> list[Doubt]:
+    """What of a calibration is unlikely."""
+    left, found = camera.left, []
+    if not 0.3 <= left.fx_px / left.width_px <= 4:
+        text = f"fx of {left.fx_px:g} px is outside 0.3 to 4 picture widths ({left.width_px} px)"
+        found.append(Doubt(f"{text}; calibrate in pixels of these pictures", True))
+    if abs(left.fy_px / left.fx_px - 1) > 0.1:
+        text = f"fx {left.fx_px:g} and fy {left.fy_px:g} px differ by over 10 %"
+        found.append(Doubt(f"{text}; check the calibration", False))
+    x, y = left.cx_px / left.width_px, left.cy_px / left.height_px
+    if not (0.25 <= x <= 0.75 and 0.25 <= y <= 0.75):
+        text = (
+            f"principal point ({left.cx_px:g}, {left.cy_px:g}) is outside the middle half of "
+            f"{left.width_px} x {left.height_px} pixels"
+        )
+        found.append(Doubt(f"{text}; check that the calibration is of this picture size", False))
+    if not 0.02 <= camera.baseline_m <= 2:
+        text = f"baseline of {camera.baseline_m:g} m is outside 0.02 to 2 m"
+        found.append(Doubt(f"{text}; {_unit(camera.baseline_m)}", True))
+    return found
+
+
+def _unit(baseline: float) -> str:
+    """Which unit the baseline is likely in."""
+    for name, factor in (("centimetres", 100), ("millimetres", 1000)):
+        if baseline > 2 and 0.02 <= baseline / factor <= 0.8:
+            return f"if it is in {name}, write {baseline / factor:g}"
+    return "write it in metres"

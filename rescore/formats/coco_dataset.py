@@ -1,0 +1,206 @@
+"""Our own data sets: ``annotations.json`` in COCO's form, with what COCO has no place for beside it."""
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
+
+from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.errors import RescoreError
+from rescore.boxes import xyxy_from_xywh
+from rescore.formats.checked_json import Box, Number, read_checked
+from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
+from rescore.frames import SPLITS, DataSet, FrameRecord, Truth
+from rescore.measured import MeasuredFile, Quantity
+
+
+class _Camera(BaseModel):
+    fx: FiniteFloat
+    fy: FiniteFloat
+    cx: FiniteFloat
+    cy: FiniteFloat
+    baseline_m: FiniteFloat
+    height_m: FiniteFloat | None = None
+    pitch_rad: FiniteFloat | None = None
+    disparity_offset_px: FiniteFloat = 0.0
+
+
+class _Measured(BaseModel):
+    file_name: str
+    quantity: Quantity
+    factor: FiniteFloat = 1.0
+
+
+class _Instance(BaseModel):
+    id: Number
+    kind: str
+
+
+class _Image(BaseModel):
+    id: Number
+    file_name: str
+    width: PositiveInt
+    height: PositiveInt
+    right_file_name: str | None = None
+    disparity_file_name: str | None = None
+    measured: _Measured | None = None
+    instance_file_name: str | None = None
+    instances: list[_Instance] = []
+    split: str = "test"
+    camera: _Camera | None = None
+
+
+class _Annotation(BaseModel):
+    id: Number
+    image_id: Number
+    category_id: Number
+    bbox: Box
+    iscrowd: bool = False
+    ignore: bool = False
+    visibility: FiniteFloat | None = None
+    shape_id: str | None = None
+    azimuth_deg: FiniteFloat | None = None
+    truncated: FiniteFloat | None = None
+    occluded: Number | None = None
+
+
+class _Category(BaseModel):
+    id: Number
+    name: str
+
+
+class _DataSet(BaseModel):
+    images: list[_Image]
+    annotations: list[_Annotation]
+    categories: list[_Category]
+
+
+_DATA_SET = TypeAdapter(_DataSet)
+
+
+def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = None) -> DataSet:
+    """The data set of a folder with ``annotations.json`` (or of that file itself); no picture is opened yet.
+
+    The class is the one named ``category``, or the only one of the file, and those that ``classes`` maps to
+    it. Annotations of other classes are left out and counted. An image without ``split`` is in split "test".
+
+    Raises:
+        RescoreError: the file is missing, has another shape, or contradicts itself.
+    """
+    file = path / "annotations.json" if path.is_dir() or not path.suffix else path
+    parsed = read_checked(file, _DATA_SET, "a data set in COCO's form")
+    classes = classes or ClassMap(category)
+    chosen = _category(file, parsed.categories, classes)
+    names = {c.id: c.name for c in parsed.categories}
+    counts: Counter[str] = Counter()
+    _refuse_twice(file, "category id", [c.id for c in parsed.categories])
+    _refuse_twice(file, "image id", [i.id for i in parsed.images])
+    _refuse_twice(file, "annotation id", [a.id for a in parsed.annotations])
+    cars: dict[int, list[_Annotation]] = {image.id: [] for image in parsed.images}
+    for a in parsed.annotations:
+        if a.image_id not in cars:
+            raise RescoreError(
+                f"{file}: annotation {a.id}: expected a listed image, got image_id {a.image_id}; mend it"
+            )
+        if not (a.bbox[2] > 0 and a.bbox[3] > 0):
+            raise RescoreError(
+                f"{file}: annotation {a.id}: expected [x, y, w, h] with positive sizes, "
+                f"got {list(a.bbox)}; mend bbox"
+            )
+        if a.category_id not in names:
+            raise RescoreError(
+                f"{file}: annotation {a.id}: expected a listed category, got category_id {a.category_id}; "
+                "add it to categories"
+            )
+        counts[names[a.category_id]] += 1
+        if a.category_id == chosen.id or classes.takes(names[a.category_id]):
+            cars[a.image_id].append(a)
+    return DataSet(
+        root=file.parent,
+        category_id=chosen.id,
+        category=chosen.name,
+        frames=tuple(_frame(file, image) for image in parsed.images),
+        truth={image_id: _truth(annotations) for image_id, annotations in cars.items()},
+        notes=replace(classes, target=chosen.name).notes(file, counts),
+    )
+
+
+def _category(file: Path, categories: list[_Category], classes: ClassMap) -> _Category:
+    """The category of the class: by its own name, else the first that is mapped to it, else the only one."""
+    named = sorted((c for c in categories if classes.takes(c.name)), key=lambda c: c.name != classes.target)
+    if not named and len(categories) != 1:
+        names = sorted(c.name for c in categories)
+        raise RescoreError(
+            f"{file}: expected a category named {classes.target!r}, got {names}; add or rename it"
+        )
+    return (named or categories)[0]
+
+
+def _refuse_twice(file: Path, what: str, ids: list[int]) -> None:
+    twice = [i for i, count in Counter(ids).items() if count > 1]
+    if twice:
+        raise RescoreError(f"{file}: expected each {what} once, got {twice[0]} twice; number them anew")
+
+
+def _frame(file: Path, image: _Image) -> FrameRecord:
+    if image.split not in SPLITS:
+        raise RescoreError(
+            f"{file}: image {image.id}: expected split {', '.join(SPLITS)}, got {image.split!r}; mend it"
+        )
+
+    def place(name: str | None) -> Path | None:
+        return file.parent / name if name else None
+
+    camera, ground = None, None
+    if image.camera is not None:
+        c = image.camera
+        try:
+            left = PinholeCamera(c.fx, c.fy, c.cx, c.cy, image.width, image.height)
+            camera = StereoCamera(left, c.baseline_m)
+            ground = GroundPlane(c.height_m, c.pitch_rad or 0.0) if c.height_m is not None else None
+        except RescoreError as error:
+            raise RescoreError(f"{file}: image {image.id}: {error}") from error
+    m = image.measured
+    return FrameRecord(
+        image_id=image.id,
+        left_path=file.parent / image.file_name,
+        right_path=place(image.right_file_name),
+        disparity_path=place(image.disparity_file_name),
+        split=image.split,
+        width_px=image.width,
+        height_px=image.height,
+        camera=camera,
+        ground=ground,
+        instance_path=place(image.instance_file_name),
+        instance_kinds={i.id: i.kind for i in image.instances},
+        measured=MeasuredFile(file.parent / m.file_name, m.quantity, m.factor) if m else None,
+        disparity_offset_px=image.camera.disparity_offset_px if image.camera else 0.0,
+    )
+
+
+def _truth(annotations: list[_Annotation]) -> Truth:
+    boxes = np.array([a.bbox for a in annotations], dtype=float).reshape(-1, 4)
+    return Truth(
+        annotation_id=np.array([a.id for a in annotations], dtype=np.int64),
+        xyxy_px=xyxy_from_xywh(boxes),
+        ignore=np.array([a.iscrowd or a.ignore for a in annotations], dtype=bool),
+        visibility=np.array(
+            [np.nan if a.visibility is None else a.visibility for a in annotations], dtype=float
+        ),
+        shape_id=tuple(a.shape_id or "" for a in annotations),
+        azimuth_deg=_known([a.azimuth_deg for a in annotations]),
+        truncated=_known([a.truncated for a in annotations]),
+        occluded=None
+        if all(a.occluded is None for a in annotations)
+        else np.array([UNKNOWN_OCCLUSION if a.occluded is None else a.occluded for a in annotations]),
+    )
+
+
+def _known(values: list[float | None]) -> NDArray[np.float64] | None:
+    """Shape (n,) with NaN for None; None where all are."""
+    if all(v is None for v in values):
+        return None
+    return np.array([np.nan if v is None else v for v in values], dtype=float)

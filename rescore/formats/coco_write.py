@@ -1,0 +1,119 @@
+"""Writing data sets of any layout as our own: ``annotations.json``, pictures referred to or copied."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.errors import RescoreError
+from rescore.boxes import xywh_from_xyxy
+from rescore.formats.kitti import frame_names
+from rescore.frames import DataSet, FrameRecord, Truth
+from rescore.store import write_json
+
+
+def write_dataset(out: Path, data: DataSet, *, copy: bool) -> Path:
+    """Write a data set to a folder and return its ``annotations.json``.
+
+    Args:
+        out: The folder.
+        data: What to write.
+        copy: Whether pictures are copied into the folder; else they are referred to where they are, by paths
+            relative to the folder.
+
+    Raises:
+        RescoreError: the folder holds a data set already, or cannot be written.
+    """
+    file = out / "annotations.json"
+    if file.exists():
+        raise RescoreError(f"{file}: expected no data set here yet, found one; choose another --out")
+    names = frame_names(data)
+    images = [_image(f, _Placing(out, names[f.image_id], copy)) for f in data.frames]
+    annotations = [a for f in data.frames for a in _annotations(f.image_id, data.truth[f.image_id], data)]
+    categories = [{"id": data.category_id, "name": data.category}]
+    write_json(file, {"images": images, "annotations": annotations, "categories": categories})
+    return file
+
+
+class _Placing:
+    """Where the files of one frame go."""
+
+    def __init__(self, out: Path, name: str, copy: bool) -> None:
+        self._out, self._name, self._copy = out, name, copy
+
+    def __call__(self, path: Path | None, kind: str) -> str | None:
+        """The name to write for a file, which is copied first where that is asked for."""
+        if path is None:
+            return None
+        if not self._copy:
+            return os.path.relpath(path.resolve(), self._out.resolve())
+        name = f"{kind}/{self._name}{path.suffix}"
+        (self._out / kind).mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, self._out / name)
+        return name
+
+
+def _image(frame: FrameRecord, place: Callable[[Path | None, str], str | None]) -> dict[str, Any]:
+    measured = frame.measured and {
+        "file_name": place(frame.measured.path, frame.measured.quantity.value),
+        "quantity": frame.measured.quantity.value,
+        "factor": frame.measured.factor,
+    }
+    values = {
+        "id": frame.image_id,
+        "file_name": place(frame.left_path, "left"),
+        "width": frame.width_px,
+        "height": frame.height_px,
+        "split": frame.split,
+        "right_file_name": place(frame.right_path, "right"),
+        "disparity_file_name": place(frame.disparity_path, "disparity"),
+        "measured": measured,
+        "instance_file_name": place(frame.instance_path, "instances"),
+        "instances": [{"id": i, "kind": k} for i, k in frame.instance_kinds.items()] or None,
+        "camera": _camera(frame),
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _camera(frame: FrameRecord) -> dict[str, float] | None:
+    if frame.camera is None:
+        return None
+    c = frame.camera.left
+    camera = {
+        "fx": c.fx_px,
+        "fy": c.fy_px,
+        "cx": c.cx_px,
+        "cy": c.cy_px,
+        "baseline_m": frame.camera.baseline_m,
+    }
+    if frame.ground is not None:
+        camera |= {"height_m": frame.ground.height_m, "pitch_rad": frame.ground.pitch_rad}
+    if frame.disparity_offset_px:
+        camera["disparity_offset_px"] = frame.disparity_offset_px
+    return camera
+
+
+def _annotations(image_id: int, truth: Truth, data: DataSet) -> list[dict[str, Any]]:
+    boxes = xywh_from_xyxy(truth.xyxy_px).tolist()
+    columns = {
+        "visibility": truth.visibility,
+        "azimuth_deg": truth.azimuth_deg,
+        "truncated": truth.truncated,
+        "occluded": truth.occluded,
+    }
+    rows = []
+    for i, box in enumerate(boxes):
+        row = {
+            "id": int(truth.annotation_id[i]),
+            "image_id": image_id,
+            "category_id": data.category_id,
+            "bbox": box,
+            "ignore": bool(truth.ignore[i]),
+        }
+        known = {k: v[i].item() for k, v in columns.items() if v is not None and not np.isnan(v[i])}
+        shape = {"shape_id": truth.shape_id[i]} if truth.shape_id[i] else {}
+        rows.append(row | known | shape)
+    return rows

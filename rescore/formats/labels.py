@@ -1,0 +1,205 @@
+"""What the readers of boxes share: a row a box, classes by name, and what was left out or mapped, counted."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from recon.errors import RescoreError
+from rescore.frames import Truth
+
+UNKNOWN_OCCLUSION = 3
+"""KITTI's level of occlusion where nothing is known."""
+PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
+
+
+@dataclass(frozen=True)
+class LabelRow:
+    """One box of a label or detection file."""
+
+    name: str
+    """The class as the file has it."""
+    xyxy_px: tuple[float, float, float, float]
+    """Left, top, right, bottom, pixel edges."""
+    ignore: bool = False
+    azimuth_deg: float = math.nan
+    """See ``rescore.frames.Truth``; NaN where unknown."""
+    truncated: float = math.nan
+    """Share outside the picture, NaN where unknown."""
+    occluded: int = UNKNOWN_OCCLUSION
+    score: float | None = None
+    """Of a detection; None in a label."""
+
+    @property
+    def visibility(self) -> float:
+        """Visible share: known where nothing occludes the object, since levels of occlusion are no shares."""
+        return 1.0 - self.truncated if self.occluded == 0 else math.nan
+
+
+@dataclass(frozen=True)
+class ClassMap:
+    """Which class of a file is taken for which; names are compared without regard to case."""
+
+    target: str
+    """The class of the data set."""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    """New names by the file's names."""
+
+    @staticmethod
+    def of(target: str, pairs: Sequence[str] = ()) -> "ClassMap":
+        """From texts such as ``van=car``.
+
+        Raises:
+            RescoreError: a text is no such pair, or one name is mapped twice.
+        """
+        renamed: dict[str, str] = {}
+        for pair in pairs:
+            old, equals, new = (part.strip() for part in pair.partition("="))
+            if not (old and equals and new):
+                raise RescoreError(f"--map: expected OLD=NEW, as van=car, got {pair!r}; write it so")
+            if renamed.setdefault(old.casefold(), new) != new:
+                raise RescoreError(f"--map: expected each class once, got {old!r} twice; keep one")
+        return ClassMap(target, renamed)
+
+    def name(self, name: str) -> str:
+        """The class that a class of a file is taken for."""
+        return self.renamed.get(name.casefold(), name)
+
+    def takes(self, name: str) -> bool:
+        """Whether a class of a file is the one of the data set."""
+        return self.name(name).casefold() == self.target.casefold()
+
+    def notes(self, where: object, counts: Counter[str]) -> tuple[str, ...]:
+        """What became of the boxes of each class, at most two lines.
+
+        Raises:
+            RescoreError: a class to map does not occur.
+        """
+        known = {name.casefold() for name in counts}
+        strangers = sorted(set(self.renamed) - known)
+        if strangers and counts:
+            raise RescoreError(
+                f"{where}: --map names class {strangers[0]!r}, the labels have {_counted(counts)}; mend --map"
+            )
+        mapped = Counter(
+            {f"{n} as {self.name(n)}": c for n, c in counts.items() if n.casefold() in self.renamed}
+        )
+        left_out = Counter({n: c for n, c in counts.items() if not self.takes(n)})
+        lines = []
+        if mapped:
+            lines.append(f"{where}: took boxes of {_counted(mapped)}")
+        if left_out:
+            lines.append(f"{where}: left out boxes of other classes: {_counted(left_out)}")
+        return tuple(lines)
+
+
+def _counted(counts: Counter[str]) -> str:
+    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items()))
+
+
+def truth_of(rows: Sequence[LabelRow], first_id: int) -> Truth:
+    """The truth of one image; annotations are numbered from ``first_id``."""
+    azimuth = np.array([r.azimuth_deg for r in rows], dtype=float)
+    truncated = np.array([r.truncated for r in rows], dtype=float)
+    occluded = np.array([r.occluded for r in rows], dtype=np.int64)
+    return Truth(
+        annotation_id=np.arange(first_id, first_id + len(rows), dtype=np.int64),
+        xyxy_px=np.array([r.xyxy_px for r in rows], dtype=float).reshape(-1, 4),
+        ignore=np.array([r.ignore for r in rows], dtype=bool),
+        visibility=np.array([r.visibility for r in rows], dtype=float),
+        shape_id=("",) * len(rows),
+        azimuth_deg=None if np.isnan(azimuth).all() else azimuth,
+        truncated=None if np.isnan(truncated).all() else truncated,
+        occluded=None if (occluded == UNKNOWN_OCCLUSION).all() else occluded,
+    )
+
+
+def checked_box(where: str, values: Sequence[float]) -> tuple[float, float, float, float]:
+    """Left, top, right, bottom, of positive size.
+
+    Raises:
+        RescoreError: they are not; ``where`` names the place.
+    """
+    x0, y0, x1, y1 = values
+    if not (x1 > x0 and y1 > y0):
+        raise RescoreError(
+            f"{where}: expected left < right and top < bottom, got {list(values)}; mend the box"
+        )
+    return (x0, y0, x1, y1)
+
+
+def number(where: str, what: str, text: str) -> float:
+    """The finite number that a text holds.
+
+    Raises:
+        RescoreError: it holds none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RescoreError(f"{where}: expected a finite number for {what}, got {text[:40]!r}; mend it")
+    return value
+
+
+def read_lines(path: Path) -> list[tuple[str, list[str]]]:
+    """Place ("file:line") and words of every line of a text file that is not blank.
+
+    Raises:
+        RescoreError: it is no text.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise RescoreError(f"{path}: expected text in UTF-8, got other bytes; write it again") from error
+    return [(f"{path}:{i}", line.split()) for i, line in enumerate(lines, 1) if line.strip()]
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Width and height of a picture, from its head alone.
+
+    Raises:
+        RescoreError: no such file, or no picture.
+    """
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a picture, found no file; check the folder")
+    try:
+        with Image.open(path) as picture:
+            return picture.size
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise RescoreError(
+            f"{path}: expected a picture, could not read its head; write it again as PNG"
+        ) from error
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures of a folder in the order of their names; hidden files are none.
+
+    Raises:
+        RescoreError: there is none, or two bear one name.
+    """
+    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in PICTURES and not p.name.startswith("."))
+    if not found:
+        raise RescoreError(
+            f"{folder}: expected pictures ({', '.join(PICTURES)}), found none; check the folder"
+        )
+    twice = [name for name, n in Counter(p.stem for p in found).items() if n > 1]
+    if twice:
+        raise RescoreError(
+            f"{folder}: expected one picture of each name, got two of {twice[0]!r}; remove one"
+        )
+    return found
+
+
+def image_ids(stems: Sequence[str]) -> list[int]:
+    """The numbers that the names are, where all are different numbers; else 1, 2, ..."""
+    if all(s.isdecimal() and s.isascii() and len(s) < 16 for s in stems):
+        numbers = [int(s) for s in stems]
+        if len(set(numbers)) == len(numbers):
+            return numbers
+    return list(range(1, len(stems) + 1))

@@ -1,0 +1,114 @@
+"""Any data set and any detections that are known here, by what their folders hold."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from recon.errors import RescoreError
+from rescore.boxes import FloatArray, xywh_from_xyxy
+from rescore.formats import coco, coco_dataset
+from rescore.formats.box_files import class_names, is_kitti_text, read_yolo
+from rescore.formats.folders import calibration_notes
+from rescore.formats.kitti import frame_names, is_kitti, read_kitti, read_rows
+from rescore.formats.labels import ClassMap, LabelRow
+from rescore.formats.pair_folders import LOOKED_FOR, is_plain, read_plain
+from rescore.frames import DataSet
+
+
+def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None = None) -> DataSet:
+    """The data set of a folder of any known layout, or of a file in COCO's form; no picture is decoded yet.
+
+    Args:
+        path: Folder or file.
+        class_name: The class whose boxes are the truth.
+        classes: Other names of it, if there are any.
+
+    Raises:
+        RescoreError: there is no such layout, or its reader finds something missing, damaged or
+            contradictory.
+    """
+    classes = classes or ClassMap(class_name)
+    annotations = path / "annotations.json"
+    if not path.is_dir() or annotations.is_file():
+        data = coco_dataset.read_dataset(path, classes.target, classes)
+        return replace(data, notes=(*data.notes, *calibration_notes(data.frames, path)))
+    # KITTI keeps its two halves in folders of these names
+    for root in (path, path / "training"):
+        if root.is_dir() and is_kitti(root):
+            return read_kitti(root, classes)
+        if root.is_dir() and is_plain(root):
+            return read_plain(root, classes)
+    inside = sorted(p.name for p in path.iterdir())[:6]
+    raise RescoreError(
+        f"{path}: expected a data set, looked for {LOOKED_FOR}; found {', '.join(inside) or 'nothing'}; see "
+        "docs/own-data.md"
+    )
+
+
+def read_detections(
+    path: Path,
+    data: DataSet,
+    max_candidates: int | None = coco.MAX_CANDIDATES,
+    classes: ClassMap | None = None,
+) -> coco.DetectionFile:
+    """Detections of a COCO results file, or of a folder of KITTI's or YOLO's text, a file a frame.
+
+    Frames without a file have no detections; ``notes`` of the result counts them.
+
+    Raises:
+        RescoreError: something is missing or damaged, or names an unknown image.
+    """
+    if not path.is_dir():
+        return coco.read_detections(path, data, max_candidates)
+    classes = classes or ClassMap(data.category)
+    names = {name: image_id for image_id, name in frame_names(data).items()}
+    files = [p for p in sorted(path.glob("*.txt")) if p.name != "classes.txt"]
+    if not files:
+        raise RescoreError(f"{path}: expected detections, a .txt a frame, found none; check the folder")
+    strangers = [p for p in files if p.stem not in names]
+    if strangers:
+        raise RescoreError(
+            f"{strangers[0]}: expected the name of a frame, as {next(iter(names), '')!r}; use the detections "
+            "of this data set and split"
+        )
+    rows = {names[p.stem]: own for p, own in zip(files, _rows(path, files, names, data), strict=True)}
+    counts = Counter(r.name for own in rows.values() for r in own)
+    found = [d for image_id, own in rows.items() for d in _detections(path, image_id, own, classes, data)]
+    missing = len(names) - len(files)
+    notes = (f"{path}: {missing} of {len(names)} frames have no file, so no detections",) if missing else ()
+    file = coco.detection_file(path, found, data, max_candidates)
+    return replace(file, notes=(*notes, *classes.notes(path, counts)))
+
+
+def _rows(folder: Path, files: Sequence[Path], names: dict[str, int], data: DataSet) -> list[list[LabelRow]]:
+    if is_kitti_text(files):
+        return [read_rows(p) for p in files]
+    sizes = {f.image_id: (f.width_px, f.height_px) for f in data.frames}
+    known = class_names(folder)
+    return [read_yolo(p, *sizes[names[p.stem]], known) for p in files]
+
+
+def _detections(
+    path: Path, image_id: int, rows: Sequence[LabelRow], classes: ClassMap, data: DataSet
+) -> list[coco.Detection]:
+    kept = [r for r in rows if classes.takes(r.name)]
+    unscored = [r for r in kept if r.score is None]
+    if unscored:
+        raise RescoreError(
+            f"{path}: image {image_id}: expected a score in the last column, got a box without; labels are "
+            "no detections"
+        )
+    boxes: FloatArray = xywh_from_xyxy(np.array([r.xyxy_px for r in kept], dtype=float).reshape(-1, 4))
+    return [
+        coco.Detection(
+            image_id=image_id,
+            category_id=data.category_id,
+            bbox=tuple(box),
+            score=r.score or 0.0,
+            azimuth_deg=None if np.isnan(r.azimuth_deg) else r.azimuth_deg,
+        )
+        for r, box in zip(kept, boxes.tolist(), strict=True)
+    ]
