@@ -69,21 +69,22 @@ def ablate(
     for name, without in left_out:
         model = fit_evidence(cues, is_car, Registration.METRIC, evidence, without)
         validation = with_difference(given.validation, model)
-        w = tune_weight(name, validation, given.splits.validation_set, tune).w
+        drawn = np.random.default_rng(seed)
+        w = tune_weight(name, validation, given.splits.validation_set, tune, drawn).w
         matches[name] = match_at(with_difference(given.test, model), truth, w, tune.min_iou)
         weights.append(w)
     whole = left_out[0][0]
     pairs = [(name, whole) for name, _ in left_out[1:]]
     rng = np.random.default_rng(seed)
-    drawn = bootstrap(matches, truth.cars_of_image, pairs, rng, BootstrapConfig(n_resamples=1000))
+    intervals = bootstrap(matches, truth.cars_of_image, pairs, rng, BootstrapConfig(n_resamples=1000))
     return tuple(
         AblationRow(
             name,
             len(without),
             w,
-            drawn.tables[name].fppi_at_recall[RECALL],
-            drawn.tables[name].auc,
-            drawn.comparisons[name, whole].reduction[RECALL] if name != whole else None,
+            intervals.tables[name].fppi_at_recall[RECALL],
+            intervals.tables[name].auc,
+            intervals.comparisons[name, whole].reduction[RECALL] if name != whole else None,
         )
         for (name, without), w in zip(left_out, weights, strict=True)
     )

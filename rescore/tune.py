@@ -102,17 +102,18 @@ def tune_weight(
     config: TuneConfig,
     rng: np.random.Generator | None = None,
 ) -> Tuning:
-    """The w on the grid with the best objective on the validation set.
+    """The w of eq. 7 for the best objective on the validation set.
 
-    Many w rank a small validation set alike, so the best value is often a plateau: then the middle of its
-    longest run is taken (see ``middle_of_plateau`` for ties).
+    A small validation set does not tell many w apart, and the very best of them is chance. So the middle of
+    those within one standard error of the best is taken (``WeightUncertainty.plateau``); without ``rng``,
+    the best itself, or the middle of the longest run of equal ones.
 
     Args:
         detector: its name.
         table: its candidates with D on the validation set.
         validation: the images.
         config: settings.
-        rng: draws images for the interval of w, which is left out without.
+        rng: draws images for the standard error and the interval of w, which are left out without.
 
     Raises:
         RescoreError: the validation set holds no car, or the objective is undefined on it.
@@ -131,13 +132,13 @@ def tune_weight(
     value = objective_on_grid(table, truth, config, weight)
     _check_defined(detector, value[:, 0], config)
     gain = config.objective.sign * value
-    chosen = middle_of_plateau(gain[:, 0])
+    best = middle_of_plateau(gain[:, 0])
     uncertainty = None
     if len(weight) > 1:
-        uncertainty = weight_uncertainty(grid, chosen, gain[:, 0], gain[:, 1:], truth.n_images)
+        uncertainty = weight_uncertainty(grid, best, gain[:, 0], gain[:, 1:], truth.n_images)
     return Tuning(
         detector,
-        float(grid[chosen]),
+        float(grid[best]) if uncertainty is None else uncertainty.w,
         config.objective,
         grid,
         value[:, 0],

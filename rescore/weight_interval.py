@@ -17,16 +17,19 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, eq=False)
 class WeightUncertainty:
-    """What resamples of the validation images say of a chosen w."""
+    """What resamples of the validation images say of w."""
 
+    w: float
+    """The middle of the plateau: where the data cannot tell weights apart, the one farthest from those that
+    they can tell are worse."""
     low: float
     """Ends of the interval of w: quantiles of the w that resamples choose. One that chooses none, since it
     has no car, may hide any."""
     high: float
     standard_error: float
-    """Of the objective at the chosen w, over resamples where it is finite; NaN where there are none."""
+    """Of the best objective, over resamples where it is finite; NaN where there are none."""
     plateau: tuple[float, float]
-    """The run of w around the chosen one whose objective is within one standard error of the best."""
+    """The run of w around the best one whose objective is within one standard error of the best."""
     separable: BoolArray
     """Whether each w of the grid is told from the chosen one, shape (n_grid,): it lies outside the interval,
     and the chosen w has the better objective in all but 2.5 % of the resamples."""
@@ -36,24 +39,26 @@ class WeightUncertainty:
 
 
 def weight_uncertainty(
-    grid: FloatArray, chosen: int, gain: FloatArray, sample: FloatArray, n_images: int
+    grid: FloatArray, best: int, gain: FloatArray, sample: FloatArray, n_images: int
 ) -> WeightUncertainty:
-    """The uncertainty of a choice.
+    """The choice of w, and how uncertain it is.
 
     Args:
         grid: every w tried, shape (g,).
-        chosen: index of the chosen one.
+        best: index of the one with the best objective.
         gain: objective on the validation set, larger is better, shape (g,); NaN or infinite where undefined.
         sample: the same on r resamples, shape (g, r).
         n_images: size of the validation set.
     """
     again = choices(grid, sample)
-    ends = interval(np.concatenate([[grid[chosen]], again]), Kind(0, 1), CONFIDENCE, n_images)
-    at_chosen = sample[chosen][np.isfinite(sample[chosen])]
-    error = float(at_chosen.std()) if len(at_chosen) else float("nan")
-    low, high = run_around(gain >= gain[chosen] - (0.0 if np.isnan(error) else error), chosen)
+    ends = interval(np.concatenate([[grid[best]], again]), Kind(0, 1), CONFIDENCE, n_images)
+    at_best = sample[best][np.isfinite(sample[best])]
+    error = float(at_best.std()) if len(at_best) else float("nan")
+    low, high = run_around(gain >= gain[best] - (0.0 if np.isnan(error) else error), best)
+    chosen = (low + high + 1) // 2
     outside = (grid < ends.low) | (grid > ends.high)
     return WeightUncertainty(
+        float(grid[chosen]),
         ends.low,
         ends.high,
         error,
@@ -122,6 +127,7 @@ def uncertainty_as_json(uncertainty: WeightUncertainty | None) -> dict[str, Any]
         return None
     u = uncertainty
     return {
+        "w": u.w,
         "low": u.low,
         "high": u.high,
         "confidence": CONFIDENCE,
@@ -139,6 +145,7 @@ def uncertainty_of_json(value: Mapping[str, Any] | None) -> WeightUncertainty | 
         return None
     error, (low, high) = value["standard_error"], value["plateau"]
     return WeightUncertainty(
+        float(value["w"]),
         float(value["low"]),
         float(value["high"]),
         float("nan") if error is None else float(error),

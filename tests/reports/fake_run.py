@@ -190,7 +190,7 @@ def _tuning(w: float) -> dict[str, object]:
     value = [None, *(0.7 - 0.3 * (grid[1:] - w) ** 2).tolist()]
     one = {"w": w, "objective_name": "average_precision", "w_grid": grid.tolist(), "objective": value}
     separable = np.abs(grid - w) > 0.36
-    uncertainty = WeightUncertainty(w - 0.25, w + 0.25, 0.02, (w - 0.2, w + 0.2), separable, 100, 0)
+    uncertainty = WeightUncertainty(w, w - 0.25, w + 0.25, 0.02, (w - 0.2, w + 0.2), separable, 100, 0)
     one |= {
         "uncertainty": uncertainty_as_json(uncertainty),
         "sentence": describe(grid, w, uncertainty),
