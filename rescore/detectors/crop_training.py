@@ -36,7 +36,7 @@ class SceneConfig:
     """Tiles of street above one another."""
     columns: int = 3
     """Tiles of street beside one another."""
-    folds: int = 5
+    folds: int = 3
     """Parts of the crops, each held out once."""
     mirror: bool = True
     """Learn from mirrored copies of all crops as well: cars face both ways."""
@@ -73,7 +73,7 @@ def train_on_crops(
     street = learner.features(_cut(crops.street, config, scenes, 0, rng))
     detector = learner.fit(cars, street, rng)
     for _ in range(config.mining.rounds):
-        mined = _mine(at_one_size(detector), scenes_of(crops, scenes, rng), jobs)
+        mined = _mine(at_one_size(detector), list(scenes_of(crops, scenes, rng)), jobs)
         street = np.concatenate([street, learner.features(mined)])
         detector = learner.fit(cars, street, rng)
     return detector
@@ -155,19 +155,21 @@ def _cut(
     return np.concatenate(cut)
 
 
-def _mine(detector: Trained, scenes: Iterator[Scene], jobs: int) -> GrayImage:
-    style = detector.config.crop_style
-    tasks = (delayed(_mined_of)(scene, detector) for scene in scenes)
-    none = np.empty((0, style.window.height_px, style.window.width_px), np.uint8)
+def _mine(detector: Trained, scenes: list[Scene], jobs: int) -> GrayImage:
+    window, mining = detector.config.window, detector.config.mining
+    limit = max(1, mining.max_negatives // (2 * mining.rounds * len(scenes)))
+    per_scene = min(mining.hard_per_frame, limit)
+    tasks = (delayed(_mined_of)(scene, detector, per_scene) for scene in scenes)
+    none = np.empty((0, window.height_px, window.width_px), np.uint8)
     mined: list[GrayImage] = Parallel(n_jobs=jobs, batch_size=16)(tasks)
     return np.concatenate([none, *mined])
 
 
-def _mined_of(scene: Scene, detector: Trained) -> GrayImage:
+def _mined_of(scene: Scene, detector: Trained, max_count: int) -> GrayImage:
     style = detector.config.crop_style
     with one_thread():
         found = detector.scan(scene.picture)
-    hard = found.xyxy_px[hard_negatives(found, scene.truth, style.mining, style.mining.hard_per_frame)]
+    hard = found.xyxy_px[hard_negatives(found, scene.truth, style.mining, max_count)]
     return crop_windows(scene.picture, style.window.windows(hard), style.window, style.interpolation)
 
 

@@ -24,11 +24,14 @@ from rescore.detectors.mining import MiningConfig
 from rescore.detectors.windows import WindowGeometry
 
 WIDTH, HEIGHT = 100, 40
-MINING = MiningConfig(jitter_copies=1, hard_per_frame=5, rounds=1)
+MINING = MiningConfig(jitter_copies=1, hard_per_frame=5, rounds=2)
 HOG = config_for_crops(HogConfig(mining=MINING), WIDTH, HEIGHT)
 BOOSTED = config_for_crops(
     BoostedConfig(
-        mining=MINING, fragments=FragmentConfig(count=60), boosting=BoostConfig(rounds=20), floor=-50.0
+        mining=MINING,
+        fragments=FragmentConfig(count=100),
+        boosting=BoostConfig(rounds=40, features_per_round=15),
+        floor=-50.0,
     ),
     WIDTH,
     HEIGHT,
@@ -149,8 +152,8 @@ def test_same_seed_same_detector_whatever_the_jobs():
 
 
 def test_too_few_crops_to_hold_some_out_are_refused():
-    with pytest.raises(RescoreError, match="expected at least 5 of cars and of street"):
-        cross_validate(toy_crops(4, 0), HOG, SceneConfig(), np.random.default_rng(0), 1)
+    with pytest.raises(RescoreError, match="expected at least 3 of cars and of street"):
+        cross_validate(toy_crops(2, 0), HOG, SceneConfig(), np.random.default_rng(0), 1)
 
 
 def test_the_commands_train_on_folders_and_evaluate_the_set(tmp_path):
