@@ -145,6 +145,19 @@ def test_finds_cars_of_other_sizes_in_a_whole_picture():
     assert widths == pytest.approx(100)
 
 
+def test_mirrored_copies_serve_cars_that_face_the_other_way():
+    crops = toy_crops(40, 2)
+    picture, _ = toy_picture(np.random.default_rng(3), [(60.0, 90.0, 160.0)])
+    loss = {}
+    for mirror in (True, False):
+        detector = train_on_crops(crops, HOG, SceneConfig(mirror=mirror), np.random.default_rng(0), 1)
+        other_way = np.ascontiguousarray(picture[:, ::-1])
+        loss[mirror] = detector.detect(picture).score[0] - detector.detect(other_way).score[0]
+    # every toy car's nose is on the left
+    assert loss[False] > 0.2
+    assert abs(loss[True]) < 0.5 * loss[False]
+
+
 def test_same_seed_same_detector_whatever_the_jobs():
     crops = toy_crops(10, 4)
     one, two = (train_on_crops(crops, HOG, SceneConfig(), np.random.default_rng(5), jobs) for jobs in (1, 2))
