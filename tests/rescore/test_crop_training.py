@@ -22,6 +22,8 @@ from rescore.detectors.fragments import FragmentConfig
 from rescore.detectors.hog_svm import HogConfig
 from rescore.detectors.mining import MiningConfig
 from rescore.detectors.windows import WindowGeometry
+from rescore.formats.uiuc import CARS_PATTERN, STREET_PATTERN, read_uiuc
+from rescore.uiuc_evaluation import evaluate_uiuc
 
 WIDTH, HEIGHT = 100, 40
 MINING = MiningConfig(jitter_copies=1, hard_per_frame=5, rounds=2)
@@ -200,3 +202,25 @@ def test_the_commands_train_on_folders_and_evaluate_the_set(tmp_path):
 def test_a_data_set_or_crops(tmp_path):
     done = CliRunner().invoke(app, ["train", "--out", str(tmp_path)])
     assert "expected a data set or --crops, got both or neither" in str(done.exception)
+
+
+def test_a_third_of_the_real_crops_makes_a_detector_for_real_pictures(uiuc):
+    crops = read_crops(uiuc / CARS_PATTERN, uiuc / STREET_PATTERN)
+    third = Crops(crops.cars[::3], crops.street[::3])
+    config = config_for_crops(HogConfig(), crops.width_px, crops.height_px)
+    detector = train_on_crops(third, config, SceneConfig(), np.random.default_rng(0), 1)
+    curve = evaluate_uiuc(detector, read_uiuc(uiuc), 1)
+    assert curve.n_cars == 200
+    assert curve.equal_error_recall > 0.9
+
+
+def test_a_detector_of_other_windows_is_not_evaluated_on_the_set():
+    other = train_on_crops(
+        toy_crops(5, 0),
+        config_for_crops(HogConfig(mining=MINING), 90, 40),
+        SceneConfig(),
+        np.random.default_rng(0),
+        1,
+    )
+    with pytest.raises(RescoreError, match="expected one trained on the set's crops, 100 px wide"):
+        evaluate_uiuc(other, (), 1)
