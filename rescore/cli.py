@@ -14,6 +14,7 @@ from rescore.commands import (
     own_data,
     reconstruct,
     tuning,
+    uiuc,
     weight,
 )
 from rescore.commands.base import app
@@ -30,6 +31,7 @@ __all__ = [
     "own_data",
     "reconstruct",
     "tuning",
+    "uiuc",
     "weight",
 ]
 

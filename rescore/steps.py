@@ -20,6 +20,9 @@ from rescore.candidates import Candidates
 from rescore.cues import Registration
 from rescore.detectors.base import Detections, Detector
 from rescore.detectors.boosted import BoostedConfig, train_boosted
+from rescore.detectors.crop_training import CrossValidation, SceneConfig, cross_validate
+from rescore.detectors.crop_training import train_on_crops as train_in_scenes
+from rescore.detectors.crops import Crops
 from rescore.detectors.hog_svm import HogConfig, train_hog
 from rescore.evidence import CandidateTable
 from rescore.evidence_model import EvidenceConfig, EvidenceModel, fit_modes
@@ -59,6 +62,19 @@ def train(data: DataSet, config: HogConfig | BoostedConfig, seed: int, jobs: int
     if isinstance(config, HogConfig):
         return train_hog(training, config, np.random.default_rng([seed, 1]), jobs)
     return train_boosted(training, config, np.random.default_rng([seed, 2]), jobs)
+
+
+def train_on_crops(
+    crops: Crops, config: HogConfig | BoostedConfig, seed: int, jobs: int
+) -> tuple[Detector, CrossValidation]:
+    """A detector trained on all crops, and what cross-validation tells of it, with its Platt scaling.
+
+    The scaling comes from detectors trained on fewer crops, each on scenes of the crops it has not seen.
+    """
+    number = 1 if isinstance(config, HogConfig) else 2
+    validation = cross_validate(crops, config, SceneConfig(), np.random.default_rng([seed, number, 1]), jobs)
+    detector = train_in_scenes(crops, config, SceneConfig(), np.random.default_rng([seed, number]), jobs)
+    return detector, validation
 
 
 def calibrate(detector: Detector, data: DataSet, jobs: int, show: bool = True) -> PlattScaling:

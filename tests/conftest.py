@@ -42,3 +42,12 @@ def kitti() -> Path:
     if not (folder / "annotations.json").is_file():
         pytest.skip(f"no real frames at {folder}; set RESCORE_KITTI to a folder that holds annotations.json")
     return folder
+
+
+@pytest.fixture(scope="session")
+def uiuc() -> Path:
+    """The folder of the UIUC car set: that of the variable RESCORE_UIUC, else one beside the project."""
+    folder = Path(os.environ.get("RESCORE_UIUC", ROOT.parent / "shared" / "data" / "uiuc_cars"))
+    if not (folder / "trueLocations.txt").is_file():
+        pytest.skip(f"no UIUC car set at {folder}; set RESCORE_UIUC to a folder that holds trueLocations.txt")
+    return folder

@@ -62,8 +62,18 @@ def synth(
 
 @app.command()
 def train(
-    dataset: Dataset,
     out: Annotated[Path, typer.Option(help="Folder for <detector>.npz and <detector>.platt.json.")],
+    dataset: Annotated[
+        Path | None,
+        typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md)."),
+    ] = None,
+    crops: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(
+            help="In place of a data set: folders of crops of cars and of street, or patterns in quotes.",
+            metavar="CARS STREET",
+        ),
+    ] = None,
     detector: Annotated[str, typer.Option(help="Detector to train: hog, boosted or all.")] = "all",
     preset: Preset = "paper",
     config: Changes = None,
@@ -72,24 +82,39 @@ def train(
 ) -> None:
     """Train detectors on the split "train", and fit their Platt scaling on "calibration".
 
+    With --crops, on pictures of one size, each a car or street; Platt scaling is fitted by cross-validation,
+    on scenes made of crops that were held out.
+
     Example: [bold]rescore train data/demo --detector hog --out models[/bold]
     """
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.detectors.crops import config_for_crops, read_crops
     from rescore.store import write_provenance
 
     kinds = [k for k in steps.DetectorKind if detector in ("all", k.value)]
     if not kinds:
         known = ", ".join(steps.DetectorKind)
         raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")
+    if (dataset is None) == (crops is None):
+        raise RescoreError("train: expected a data set or --crops, got both or neither; give one of them")
     settings = config_of(preset, config)
-    data = read_data(dataset, settings.class_name)
+    data = None if dataset is None else read_data(dataset, settings.class_name)
+    examples = None if crops is None else read_crops(*crops)
     for kind in kinds:
-        trained = steps.train(data, settings.detector(kind), seed, jobs)
-        scaling = steps.calibrate(trained, data, jobs)
+        chosen = settings.detector(kind)
+        if data is not None:
+            trained = steps.train(data, chosen, seed, jobs)
+            scaling = steps.calibrate(trained, data, jobs)
+        else:
+            assert examples is not None
+            chosen = config_for_crops(chosen, examples.width_px, examples.height_px)
+            trained, validation = steps.train_on_crops(examples, chosen, seed, jobs)
+            scaling = validation.scaling
+            say(f"{kind}, scenes of held-out crops: {validation.curve.summary()}")
         trained.save(out / f"{kind}.npz")
         steps.save_scaling(_scaling_of(out / f"{kind}.npz"), scaling)
-        write_provenance(out / f"{kind}.npz", "train", part_as_json(settings.detector(kind)), seed)
+        write_provenance(out / f"{kind}.npz", "train", part_as_json(chosen), seed)
         say(f"detector: {out / f'{kind}.npz'}")
 
 

@@ -183,6 +183,32 @@ def train_boosted_on_crops(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class BoostedLearner:
+    """Training on features of one dictionary that are kept from round to round."""
+
+    dictionary: Dictionary
+    config: BoostedConfig
+    jobs: int
+
+    @staticmethod
+    def of(
+        cars: NDArray[np.uint8], config: BoostedConfig, rng: np.random.Generator, jobs: int
+    ) -> "BoostedLearner":
+        """A learner whose fragments are cut from canonical crops (n, height, width) of cars."""
+        return BoostedLearner(cut_dictionary(cars, config.window, config.fragments, rng), config, jobs)
+
+    def features(self, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Features (n, f) of canonical crops (n, height, width)."""
+        return _features(crops, self.dictionary, self.jobs).T
+
+    def fit(
+        self, cars: NDArray[np.float32], street: NDArray[np.float32], rng: np.random.Generator
+    ) -> BoostedDetector:
+        """A detector that parts the features (n, f) of cars and of street."""
+        return _fit(self.dictionary, cars.T, street.T, self.config, rng)
+
+
 def _fit(
     dictionary: Dictionary,
     cars: NDArray[np.float32],

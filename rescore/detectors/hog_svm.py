@@ -217,3 +217,20 @@ def train_hog_on_descriptors(
     svm = LinearSVC(C=config.svm_c, dual="auto", max_iter=5000, random_state=int(rng.integers(2**31)))
     svm.fit(np.concatenate([cars, street]), np.repeat([1, 0], [len(cars), len(street)]))
     return HogDetector(svm.coef_[0].astype(np.float32), float(svm.intercept_[0]), config)
+
+
+@dataclass(frozen=True)
+class HogLearner:
+    """Training on features that are kept from round to round."""
+
+    config: HogConfig
+
+    def features(self, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Descriptors (n, length) of canonical crops (n, height, width)."""
+        return descriptors(crops, self.config)
+
+    def fit(
+        self, cars: NDArray[np.float32], street: NDArray[np.float32], rng: np.random.Generator
+    ) -> HogDetector:
+        """A detector that parts the descriptors (n, length) of cars and of street."""
+        return train_hog_on_descriptors(cars, street, self.config, rng)

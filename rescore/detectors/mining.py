@@ -166,11 +166,12 @@ def _car_crops_of(task: _FrameTask) -> GrayImage:
     windows = style.window.windows(boxes)
     inside = np.clip(windows, 0, [record.width_px, record.height_px] * 2)
     share = np.prod(inside[:, 2:] - inside[:, :2], axis=1) / np.prod(windows[:, 2:] - windows[:, :2], axis=1)
-    windows = _jittered(windows[share >= config.min_inside], config, task.rng)
+    windows = jittered(windows[share >= config.min_inside], config, task.rng)
     return task.cut(task.picture(), windows)
 
 
-def _jittered(windows_px: FloatArray, config: MiningConfig, rng: np.random.Generator) -> FloatArray:
+def jittered(windows_px: FloatArray, config: MiningConfig, rng: np.random.Generator) -> FloatArray:
+    """Windows (n, 4), followed by their shifted and scaled copies."""
     n = config.jitter_copies * len(windows_px)
     copies = np.repeat(windows_px, config.jitter_copies, axis=0)
     size = copies[:, 2:] - copies[:, :2]

@@ -1,0 +1,187 @@
+"""Training on crops: scenes made of them bring what pictures with boxes bring.
+
+A crop of a car shows the car in its place and nothing beside it. A scan also looks at half a car, at the
+ground between two cars and across the edges of things. Crops of street are therefore laid out as tiles, a
+crop of a car is put among them, and the detector's false alarms in such scenes are mined as in frames.
+Scenes of held-out crops tell, by cross-validation, what a detector finds, and fit its Platt scaling.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from recon.errors import RescoreError
+from rescore.calibration import PlattScaling, fit_platt, label_candidates
+from rescore.detectors.base import best_candidates
+from rescore.detectors.boosted import BoostedConfig, BoostedDetector, BoostedLearner
+from rescore.detectors.crops import Crops
+from rescore.detectors.hog_svm import HogConfig, HogDetector, HogLearner
+from rescore.detectors.mining import hard_negatives, jittered
+from rescore.detectors.windows import GrayImage, crop_windows
+from rescore.frames import Truth
+from rescore.threads import one_thread
+from rescore.uiuc_rule import RecallPrecision, hits, lone, recall_precision
+
+Config = HogConfig | BoostedConfig
+Trained = HogDetector | BoostedDetector
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """How scenes are made of crops, and how they are used."""
+
+    rows: int = 3
+    """Tiles of street above one another."""
+    columns: int = 3
+    """Tiles of street beside one another."""
+    folds: int = 3
+    """Parts of the crops, each held out once."""
+    mirror: bool = True
+    """Learn from mirrored copies of all crops as well: cars face both ways."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A picture made of crops."""
+
+    picture: GrayImage
+    truth: Truth
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """What detectors find in scenes of crops that have not trained them."""
+
+    scaling: PlattScaling
+    """Fitted to the candidates of all held-out scenes."""
+    curve: RecallPrecision
+    """By the rule of the UIUC car set."""
+
+
+def train_on_crops(
+    crops: Crops, config: Config, scenes: SceneConfig, rng: np.random.Generator, jobs: int
+) -> Trained:
+    """A detector trained on all crops, with rounds of mining in scenes made of them.
+
+    ``config`` is one of ``config_for_crops``. The detector scans for all its sizes of cars; mining looks for
+    the crops' own size alone, since scenes hold no other.
+    """
+    learner = _learner(crops, config, scenes, rng, jobs)
+    cars = learner.features(_cut(crops.cars, config, scenes, config.mining.jitter_copies, rng))
+    street = learner.features(_cut(crops.street, config, scenes, 0, rng))
+    detector = learner.fit(cars, street, rng)
+    for _ in range(config.mining.rounds):
+        mined = _mine(at_one_size(detector), list(scenes_of(crops, scenes, rng)), jobs)
+        street = np.concatenate([street, learner.features(mined)])
+        detector = learner.fit(cars, street, rng)
+    return detector
+
+
+def cross_validate(
+    crops: Crops, config: Config, scenes: SceneConfig, rng: np.random.Generator, jobs: int
+) -> CrossValidation:
+    """Train on all parts of the crops but one, and detect in scenes of that one; for each part.
+
+    Raises:
+        RescoreError: fewer crops than parts.
+    """
+    scores, is_car, curve = [], [], []
+    for training, held_out in _folds(crops, scenes.folds, rng):
+        detector = at_one_size(train_on_crops(training, config, scenes, rng, jobs))
+        for scene in scenes_of(held_out, scenes, rng):
+            with one_thread():
+                found = detector.scan(scene.picture)
+            height_px, width_px = scene.picture.shape
+            candidates = best_candidates(found, config.suppression, width_px, height_px)
+            car, counts = label_candidates(candidates, scene.truth)
+            scores.append(candidates.score[counts])
+            is_car.append(car[counts])
+            apart, places = lone(found), scene.truth.xyxy_px[:, :2]
+            hit = hits(apart.xyxy_px[:, :2], apart.score, places, crops.width_px, crops.height_px)
+            curve.append((apart.score, hit, len(places)))
+    return CrossValidation(fit_platt(np.concatenate(scores), np.concatenate(is_car)), recall_precision(curve))
+
+
+def at_one_size(detector: Trained) -> Trained:
+    """The detector, looking for cars of the smallest size that it knows and no other."""
+    scan = detector.config.scan
+    one = replace(scan, largest_car_px=scan.smallest_car_px)
+    if isinstance(detector, HogDetector):
+        return replace(detector, config=replace(detector.config, scan=one))
+    return replace(detector, config=replace(detector.config, scan=one))
+
+
+def scenes_of(crops: Crops, config: SceneConfig, rng: np.random.Generator) -> Iterator[Scene]:
+    """One scene a car: tiles of street in random order, the car at a random place among them."""
+    n_tiles = config.rows * config.columns
+    height, width = crops.height_px, crops.width_px
+    for car in crops.cars:
+        tiles = [_turned(crops.street[i], config, rng) for i in rng.integers(len(crops.street), size=n_tiles)]
+        rows = [np.hstack(tiles[i : i + config.columns]) for i in range(0, n_tiles, config.columns)]
+        picture = np.vstack(rows)
+        y, x = (int(rng.integers(free + 1)) for free in np.subtract(picture.shape, (height, width)))
+        picture[y : y + height, x : x + width] = _turned(car, config, rng)
+        box = np.array([[x, y, x + width, y + height]], dtype=float)
+        truth = Truth(np.zeros(1, np.int64), box, np.zeros(1, bool), np.ones(1), ("",))
+        yield Scene(picture, truth)
+
+
+def _turned(crop: GrayImage, config: SceneConfig, rng: np.random.Generator) -> GrayImage:
+    return crop[:, ::-1] if config.mirror and rng.integers(2) else crop
+
+
+def _learner(
+    crops: Crops, config: Config, scenes: SceneConfig, rng: np.random.Generator, jobs: int
+) -> HogLearner | BoostedLearner:
+    if isinstance(config, HogConfig):
+        return HogLearner(config)
+    return BoostedLearner.of(_cut(crops.cars, config, scenes, 0, rng), config, rng, jobs)
+
+
+def _cut(
+    crops: GrayImage, config: Config, scenes: SceneConfig, copies: int, rng: np.random.Generator
+) -> GrayImage:
+    """Canonical crops, and ``copies`` jittered ones of each; the same number again mirrored."""
+    window, interpolation = config.window, config.crop_style.interpolation
+    mining = replace(config.mining, jitter_copies=copies)
+    whole = np.array([[0.0, 0.0, crops.shape[2], crops.shape[1]]])
+    both = np.concatenate([crops, crops[:, :, ::-1]]) if scenes.mirror else crops
+    cut = [
+        crop_windows(np.ascontiguousarray(crop), jittered(whole, mining, rng), window, interpolation)
+        for crop in both
+    ]
+    return np.concatenate(cut)
+
+
+def _mine(detector: Trained, scenes: list[Scene], jobs: int) -> GrayImage:
+    window, mining = detector.config.window, detector.config.mining
+    limit = max(1, mining.max_negatives // (2 * mining.rounds * len(scenes)))
+    per_scene = min(mining.hard_per_frame, limit)
+    tasks = (delayed(_mined_of)(scene, detector, per_scene) for scene in scenes)
+    none = np.empty((0, window.height_px, window.width_px), np.uint8)
+    mined: list[GrayImage] = Parallel(n_jobs=jobs, batch_size=16)(tasks)
+    return np.concatenate([none, *mined])
+
+
+def _mined_of(scene: Scene, detector: Trained, max_count: int) -> GrayImage:
+    style = detector.config.crop_style
+    with one_thread():
+        found = detector.scan(scene.picture)
+    hard = found.xyxy_px[hard_negatives(found, scene.truth, style.mining, max_count)]
+    return crop_windows(scene.picture, style.window.windows(hard), style.window, style.interpolation)
+
+
+def _folds(crops: Crops, n: int, rng: np.random.Generator) -> Iterator[tuple[Crops, Crops]]:
+    """Each part of the crops, (the others, the part); parts are drawn at random, as equal as can be."""
+    if min(len(crops.cars), len(crops.street)) < n or n < 2:
+        raise RescoreError(
+            f"crops: expected at least {max(n, 2)} of cars and of street to hold some out, got "
+            f"{len(crops.cars)} and {len(crops.street)}; add crops"
+        )
+    car_part = rng.permutation(len(crops.cars)) % n
+    street_part = rng.permutation(len(crops.street)) % n
+    for part in range(n):
+        car, street = car_part == part, street_part == part
+        yield Crops(crops.cars[~car], crops.street[~street]), Crops(crops.cars[car], crops.street[street])
