@@ -258,7 +258,8 @@ def reproduce(
 
     Example: [bold]rescore reproduce --preset demo --out runs/demo[/bold]
     """
-    from rescore.reproduce import Run, RunFolder
+    from rescore.reproduce import Run
+    from rescore.run_folder import RunFolder
 
     folder = RunFolder(out)
     settings = config_of(preset, config)
