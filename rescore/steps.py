@@ -223,6 +223,21 @@ def load_tuning(path: Path) -> Tuning:
     return tuning
 
 
+def tuned_weight(path: Path, mode: Registration) -> float:
+    """The w that was tuned for a mode.
+
+    Raises:
+        RescoreError: no such file, or a weight for another mode.
+    """
+    tuning = load_tuning(path)
+    if tuning.registration is not mode:
+        raise RescoreError(
+            f"{path}: expected a weight tuned for registration {mode}, got one for {tuning.registration}; "
+            "tune again in this mode"
+        )
+    return tuning.w
+
+
 def with_stereo_for(config: RescoreConfig, data: DataSet, num_disparities: int | None) -> RescoreConfig:
     """The config with the disparities asked for, or at least as many as ``automatic_stereo`` advises."""
     advised = max(config.stereo.num_disparities, automatic_stereo(data).num_disparities)
