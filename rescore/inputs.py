@@ -261,7 +261,7 @@ def _check_column(name: str, value: Any, n: int) -> None:
 
 def _check_finite(name: str, value: Number, bad: str = "NaN or infinity") -> None:
     wrong = np.isinf(value) if bad == "infinity" else ~np.isfinite(value)
-    rows = np.flatnonzero(wrong.reshape(len(value), -1).any(axis=1))
+    rows = np.nonzero(wrong)[0]
     if len(rows):
         raise RescoreError(
             f"{name}: expected finite numbers, got {bad} for box {rows[0]}; leave such detections out"

@@ -4,7 +4,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.camera import GroundPlane
 from recon.reconstruct import Reconstruction
 from rescore import Boxes, Camera, Rescored, RescoreError, Rescorer, StereoFrame
 from rescore.cues import Registration
@@ -129,8 +128,8 @@ def test_threads_share_a_rescorer(tiny_run: Path, data: DataSet) -> None:
     # in one mode of each kind of bin, so that threads meet in what is remembered of the class model
     plain = Rescorer.from_run(tiny_run, "hog", "metric")
     chosen = replace(plain, config=replace(plain.config, view_bin="model"))
-    few = [replace_boxes(g, 4) for g in given_of(tiny_run, data, "metric")]
-    work = [(r, g) for r in (plain, chosen) for g in few] * 3
+    few = [replace_boxes(g, 3) for g in given_of(tiny_run, data, "metric")]
+    work = [(r, g) for r in (plain, chosen) for g in few] * 2
     before = cv2.getNumThreads()
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda w: w[0].rescore(w[1].frame, w[1].boxes), work))
@@ -195,7 +194,7 @@ def test_the_example_of_the_documentation(folder: Path, capsys: pytest.CaptureFi
     example = code_blocks("python")[0]
     assert len(example.strip().splitlines()) <= 20
     names: dict[str, Any] = {}
-    exec(example, names)  # noqa: S102 (the documentation is what is tested)
+    exec(example, names)
     shown = capsys.readouterr().out.splitlines()
     assert len(shown) == 2
     found, boxes = names["found"], names["boxes"]
@@ -207,7 +206,7 @@ def test_the_example_of_the_documentation(folder: Path, capsys: pytest.CaptureFi
 
 def test_the_camera_loop_of_the_documentation(tiny_run: Path, first: Given) -> None:
     names: dict[str, Any] = {}
-    exec(code_blocks("python")[1], names)  # noqa: S102
+    exec(code_blocks("python")[1], names)
     camera = first.frame.camera
     assert camera is not None
     assert first.frame.disparity_px is not None
@@ -250,7 +249,7 @@ BAD_FILES: list[tuple[dict[str, Any], str]] = [
     ({"tuned": "runs/demo/tuned/hog.json"}, "expected a weight tuned for registration metric, got one for"),
     (
         {"evidence_model": None},
-        "expected evidence_model for registrations guarded and metric alone, got None",
+        "expected evidence_model for registrations guarded and metric alone, got",
     ),
     ({"settings": {"view": 3}}, "got settings: unknown setting 'view', known are align, camera"),
     ({"settings": {"view_bin": "all"}}, "expected settings of rescoring, got view_bin"),
@@ -279,96 +278,6 @@ def test_runs_say_what_is_wrong(tiny_run: Path, tmp_path: Path) -> None:
             Rescorer.from_run(*arguments)
 
 
-RGB = np.zeros((40, 60, 3), np.uint8)
-MAP = np.ones((40, 60), np.float32)
-BOX = np.array([[5.0, 5, 30, 20]])
-HALF = np.array([0.5])
-CAMERA = Camera(50, 50, 30, 20, 0.3)
-
-
-def frame_of(**changes: Any) -> Callable[[], StereoFrame]:
-    return lambda: StereoFrame(**{"left_rgb": RGB, "disparity_px": MAP} | changes)
-
-
-def boxes_of(**changes: Any) -> Callable[[], Boxes]:
-    return lambda: Boxes(**{"xyxy_px": BOX, "likelihood": HALF} | changes)
-
-
-BAD_INPUT: list[tuple[Callable[[], object], str]] = [
-    (
-        frame_of(left_rgb=MAP),
-        "left_rgb: expected an array (h, w, 3) of uint8, red first, got shape (40, 60) of",
-    ),
-    (frame_of(left_rgb=RGB / 255), "got shape (40, 60, 3) of float64; convert the picture"),
-    (frame_of(left_rgb=None), "left_rgb: expected an array (h, w, 3) of uint8, red first, got NoneType"),
-    (frame_of(disparity_px=None), "expected one of disparity_px, depth_m, right_rgb, got none; give the one"),
-    (frame_of(right_rgb=RGB), "got disparity_px and right_rgb; give the one that was measured"),
-    (frame_of(disparity_px=None, right_rgb=RGB[1:]), "right_rgb: expected shape (40, 60, 3) as the left"),
-    (
-        frame_of(disparity_px=MAP[1:]),
-        "disparity_px: expected shape (40, 60) as the left picture has, got (39, 60)",
-    ),
-    (frame_of(disparity_px=MAP[..., None]), "got (40, 60, 1); register it to the left picture"),
-    (
-        frame_of(disparity_px=None, depth_m=MAP.astype(np.uint16), camera=CAMERA),
-        "depth_m: expected an array of floats in metres, got shape (40, 60) of uint16; divide by the factor",
-    ),
-    (frame_of(disparity_px=None, depth_m=MAP), "expected a camera with depth_m, got none; give Camera("),
-    (frame_of(camera=Camera(50, 50, 30, 20)), "expected a camera with baseline_m for disparity_px, got none"),
-    (frame_of(ground=GroundPlane(1.5, float("nan"))), "ground: expected finite height and pitch, got"),
-    (
-        lambda: Camera(50, 50, 30, float("nan"), 0.3),
-        "camera: expected finite numbers, focal lengths and base",
-    ),
-    (
-        lambda: Camera(50, -50, 30, 20, 0.3),
-        "camera: expected finite numbers, focal lengths and baseline above 0",
-    ),
-    (
-        lambda: Camera(50, 50, 30, 20, 0),
-        "camera: expected finite numbers, focal lengths and baseline above 0",
-    ),
-    (boxes_of(xyxy_px=BOX[0]), "xyxy_px: expected an array (n, 4) of numbers, a box a row, got shape (4,)"),
-    (boxes_of(xyxy_px=BOX.tolist()), "xyxy_px: expected an array (n, 4) of numbers, a box a row, got list"),
-    (boxes_of(xyxy_px=BOX.astype(str)), "a box a row, got shape (1, 4) of <U32; convert the boxes"),
-    (
-        boxes_of(xyxy_px=BOX * np.nan),
-        "xyxy_px: expected finite numbers, got NaN or infinity for box 0; leave",
-    ),
-    (boxes_of(xyxy_px=BOX[:, [2, 1, 0, 3]]), "got [30.0, 5.0, 5.0, 20.0] for box 0; give edges, not width"),
-    (
-        boxes_of(xyxy_px=np.array([[5, 5, 5, 9]])),
-        "got [5, 5, 5, 9] for box 0; give edges, not width and height",
-    ),
-    (boxes_of(likelihood=None), "boxes: expected likelihood or score, got neither; give likelihoods"),
-    (boxes_of(score=HALF), "boxes: expected likelihood or score, got both; give likelihoods in [0, 1]"),
-    (
-        boxes_of(likelihood=np.ones(2)),
-        "likelihood: expected an array (1,) of numbers, one a box, got shape (2,)",
-    ),
-    (boxes_of(likelihood=HALF + 1), "likelihood: expected numbers in [0, 1], got 1.5 for box 0; give raw"),
-    (boxes_of(likelihood=HALF - 1), "likelihood: expected numbers in [0, 1], got -0.5 for box 0; give raw"),
-    (
-        boxes_of(likelihood=HALF * np.nan),
-        "likelihood: expected numbers in [0, 1], got nan for box 0; give raw",
-    ),
-    (
-        boxes_of(likelihood=None, score=HALF / 0),
-        "score: expected finite numbers, got NaN or infinity for box 0",
-    ),
-    (boxes_of(azimuth_deg=HALF / 0), "azimuth_deg: expected finite numbers, got infinity for box 0; leave"),
-    (boxes_of(azimuth_deg=90.0), "azimuth_deg: expected an array (1,) of numbers, one a box, got float"),
-]
-
-
-@pytest.mark.filterwarnings("ignore:divide by zero")
-@pytest.mark.parametrize(("make", "message"), BAD_INPUT)
-def test_bad_input_says_what_was_expected(make: Callable[[], object], message: str) -> None:
-    with pytest.raises(RescoreError, match=re.escape(message)) as raised:
-        make()
-    assert "\n" not in str(raised.value)
-
-
 def test_bad_rescorers(tiny_run: Path, first: Given) -> None:
     good = Rescorer.from_run(tiny_run, "hog", "metric")
     with pytest.raises(RescoreError, match=r"rescorer: expected w in \[0, 1\], got nan"):
@@ -379,12 +288,11 @@ def test_bad_rescorers(tiny_run: Path, first: Given) -> None:
 
 WATCHED = """
 import sys
-import time
 before = set(sys.modules)
 import rescore
 heavy = {"numpy", "scipy", "cv2", "sklearn", "pydantic"} & (set(sys.modules) - before)
 assert not heavy, heavy
-assert set(rescore.__all__) <= set(dir(rescore))
+assert all(getattr(rescore, name) for name in rescore.__all__)
 try:
     rescore.nothing
 except AttributeError:
