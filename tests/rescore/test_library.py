@@ -297,30 +297,35 @@ try:
     rescore.nothing
 except AttributeError:
     pass
+from dataclasses import replace
+import cv2
 import numpy as np
-rescorer = rescore.Rescorer.from_run(sys.argv[1], "hog", "metric")
+run, left, right, xyxy = sys.argv[1:]
+rescorer = rescore.Rescorer.from_run(run, "hog", "metric")
+chosen = replace(rescorer, config=replace(rescorer.config, view_bin="model"))
+left, right = (cv2.imread(path)[..., ::-1] for path in (left, right))
+boxes = np.fromstring(xyxy, sep=",").reshape(-1, 4)
 opened = []
 sys.addaudithook(lambda event, args: opened.append(args) if event == "open" else None)
-rng = np.random.default_rng(0)
-left = rng.integers(0, 255, (240, 320, 3)).astype(np.uint8)
-camera = rescore.Camera(300, 300, 160, 120, 0.3)
-boxes = rescore.Boxes(np.array([[80.0, 130, 200, 172], [10, 100, 130, 142]]), likelihood=np.array([0.5, 0.2]))
-right = np.roll(left, -9, axis=1)
+camera = rescore.Camera(620, 620, 319.5, 239.5, 0.35)
 frame = rescore.StereoFrame(left, right_rgb=right, camera=camera, ground=rescore.GroundPlane(1.5))
-found = rescorer.rescore(frame, boxes, instances=True)
-from dataclasses import replace
-chosen = replace(rescorer, config=replace(rescorer.config, view_bin="model"))
-chosen.rescore(frame, boxes)
+likely = rescore.Boxes(boxes, likelihood=np.full(len(boxes), 0.5))
+for one in (rescorer, chosen):
+    print(*one.rescore(frame, likely, instances=True).status)
 assert not opened, opened
-print(*found.status)
 """
 
 
-def test_importing_is_light_and_rescoring_opens_no_file(tiny_run: Path) -> None:
-    command = [sys.executable, "-c", WATCHED, str(tiny_run)]
+def test_importing_is_light_and_rescoring_opens_no_file(tiny_run: Path, data: DataSet, first: Given) -> None:
+    record = data.frames[0]
+    boxes = ",".join(map(str, first.boxes.xyxy_px[:4].ravel()))
+    arguments = [str(tiny_run), str(record.left_path), str(record.right_path), boxes]
+    command = [sys.executable, "-c", WATCHED, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, done.stderr
-    assert len(done.stdout.split()) == 2
+    status = done.stdout.split()
+    assert len(status) == 8
+    assert "ok" in status, "all of the way to D was gone"
 
 
 def test_packages_say_that_they_are_typed() -> None:
