@@ -63,7 +63,7 @@ def signed_distance(mask: NDArray[np.bool_]) -> Float32Array:
 def _distance(mask: NDArray[np.bool_]) -> Float32Array:
     """Distance of the pixels of a mask (h, w) to the nearest pixel outside of it, 0 there."""
     found = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # on one thread OpenCV's last bits depend on where the arrays lie in memory, on more they are others again;
+    # on one thread the last bits of OpenCV depend on where the arrays lie in memory, on more they are others;
     # squares of these distances are whole numbers
     return np.sqrt(np.rint(np.square(found, dtype=np.float64))).astype(np.float32)
 
