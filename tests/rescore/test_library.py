@@ -22,6 +22,8 @@ from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import DataSet, FrameRecord, read_rgb
 from rescore.run_folder import RunFolder
 from rescore.threads import one_thread
+from tests.bank_judge import stored_judge
+from tests.single_car import car_from
 
 ROOT = Path(__file__).resolve().parents[2]
 MODES = [m.value for m in Registration]
@@ -180,6 +182,20 @@ def test_depth_a_pair_and_azimuths(tiny_run: Path, data: DataSet, first: Given) 
     assert set(seen.view_bin.tolist()) == {2}
     assert seen.instances is not None
     assert any(isinstance(i, Reconstruction) for i in seen.instances)
+
+
+def test_a_car_seen_from_its_front_is_believed_once_that_is_known(tmp_path: Path) -> None:
+    judge = stored_judge(tmp_path)
+    plain = Rescorer(judge.class_model, 0.5, judge.models[Registration.METRIC])
+    car = car_from(0.0, seed=1, width_px=640)
+    fx = car.camera.fx_px
+    disparity = fx * 0.35 / car.depth_m + np.random.default_rng(0).normal(0, 0.25, car.depth_m.shape)
+    camera = Camera(fx, car.camera.fy_px, car.camera.cx_px, car.camera.cy_px, 0.35)
+    frame = StereoFrame(car.rgb, disparity_px=disparity, camera=camera, ground=car.ground)
+    boxes = Boxes(np.tile(car.box_px, (2, 1)), likelihood=np.ones(2), azimuth_deg=np.array([np.nan, 0]))
+    side, front = plain.rescore(frame, boxes).depth_difference
+    assert front < 0.4
+    assert side > 0.7
 
 
 def test_no_boxes(tiny_run: Path, first: Given) -> None:
