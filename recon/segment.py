@@ -57,9 +57,15 @@ class SegmentConfig:
 
 def signed_distance(mask: NDArray[np.bool_]) -> Float32Array:
     """Distance to the border of a mask (h, w) in pixels, negative inside, half a pixel off on either side."""
-    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.where(mask, 0.5 - inside, outside - 0.5).astype(np.float32)
+    return np.where(mask, 0.5 - _distance(mask), _distance(~mask) - 0.5).astype(np.float32)
+
+
+def _distance(mask: NDArray[np.bool_]) -> Float32Array:
+    """Distance of the pixels of a mask (h, w) to the nearest pixel outside of it, 0 there."""
+    found = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # on one thread the last bits of OpenCV depend on where the arrays lie in memory, on more they are others;
+    # squares of these distances are whole numbers
+    return np.sqrt(np.rint(np.square(found, dtype=np.float64))).astype(np.float32)
 
 
 def edge_indicator(lab: Float32Array, config: SegmentConfig) -> Float32Array:

@@ -30,6 +30,8 @@ class Candidates:
                 f"candidates: {self.xyxy_px.shape} boxes, {self.score.shape} scores, "
                 f"{self.likelihood.shape} likelihoods"
             )
+        if self.azimuth_deg is not None and self.azimuth_deg.shape != (n,):
+            raise ValueError(f"candidates: {n} boxes, {self.azimuth_deg.shape} azimuths")
         if not (np.isfinite(self.xyxy_px).all() and np.isfinite(self.score).all()):
             raise RescoreError(
                 f"image {self.image_id}: boxes and scores must be finite, got NaN or infinity; "

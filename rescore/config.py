@@ -1,7 +1,7 @@
 """The config of a whole run, its presets, and the reading of a user's changes to it."""
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -16,6 +16,7 @@ from rescore.detectors.hog_svm import HogConfig
 from rescore.evidence_model import EvidenceConfig
 from rescore.formats.checked_json import first_difference
 from rescore.pipeline import RescoreConfig
+from rescore.setting_changes import merged, refuse_unknown_keys
 from rescore.steps import DetectorKind
 from rescore.store import read_json
 from rescore.tune import TuneConfig
@@ -50,7 +51,7 @@ class RunConfig(BaseModel):
         if isinstance(value, Mapping):
             hints = get_type_hints(cls)
             for name, part in value.items():
-                _refuse_unknown_keys(name, hints.get(name), part)
+                refuse_unknown_keys(name, hints.get(name), part)
         return value
 
     def detector(self, kind: DetectorKind) -> HogConfig | BoostedConfig:
@@ -101,29 +102,11 @@ def with_changes(config: RunConfig, file: Path) -> RunConfig:
             f"{file}: expected a JSON object of settings, got {type(changes).__name__}; mend it"
         )
     try:
-        return RunConfig.model_validate(_merged(config.as_json(), changes))
+        return RunConfig.model_validate(merged(config.as_json(), changes))
     except ValidationError as error:
         raise RescoreError(
             f"{file}: expected settings, got {first_difference(error)}; mend the file"
         ) from error
-
-
-def _merged(base: Any, changes: Any) -> Any:
-    if isinstance(base, dict) and isinstance(changes, dict):
-        return base | {key: _merged(base.get(key), value) for key, value in changes.items()}
-    return changes
-
-
-def _refuse_unknown_keys(place: str, kind: Any, value: Any) -> None:
-    if not (is_dataclass(kind) and isinstance(value, Mapping)):
-        return
-    known = {f.name for f in fields(kind)}
-    unknown = sorted(set(value) - known)
-    if unknown:
-        raise ValueError(f"{place}: unknown setting {unknown[0]!r}, known are {', '.join(sorted(known))}")
-    hints = get_type_hints(kind)
-    for name, part in value.items():
-        _refuse_unknown_keys(f"{place}.{name}", hints.get(name), part)
 
 
 def part_as_json(part: Any) -> Any:

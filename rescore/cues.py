@@ -70,7 +70,7 @@ def frame_cues(
     frame: Frame,
     xyxy_px: FloatArray,
     instances: Sequence[Reconstruction | Failure],
-    azimuth_rad: float,
+    azimuth_rad: FloatArray,
     config: CueConfig,
 ) -> FloatArray:
     """The cues of the candidates of a frame, shape (n, k), columns ``CUES``; NaN where one cannot be had.
@@ -79,7 +79,7 @@ def frame_cues(
         frame: picture, disparity, camera and ground. Without a camera only the guarded cues are had.
         xyxy_px: boxes, shape (n, 4).
         instances: what was reconstructed in each box; a failure leaves out what needs a prediction.
-        azimuth_rad: side from which the class is taken to be seen.
+        azimuth_rad: side from which each is taken to be seen, shape (n,); NaN where nothing says it.
         config: settings.
     """
     relief = np.full((len(xyxy_px), len(GUARDED)), np.nan)

@@ -71,7 +71,7 @@ class CandidateTable:
         for image_id in image_ids:
             rows = np.flatnonzero(self.image_id == image_id)
             found[image_id] = Candidates(
-                image_id, self.xyxy_px[rows], self.score[rows], self.likelihood[rows]
+                image_id, self.xyxy_px[rows], self.score[rows], self.likelihood[rows], self.azimuth_deg[rows]
             )
         return found
 

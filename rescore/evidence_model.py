@@ -265,6 +265,21 @@ def load_models(path: Path) -> dict[Registration, EvidenceModel]:
         ) from error
 
 
+def load_model(path: Path, mode: Registration) -> EvidenceModel:
+    """The model of one mode from such a file.
+
+    Raises:
+        RescoreError: no such file, something else in it, or no model of the mode.
+    """
+    models = load_models(path)
+    if mode not in models:
+        raise RescoreError(
+            f"{path}: expected a model for {mode}, got {', '.join(models)}; fit it on frames with calibrated "
+            "cameras"
+        )
+    return models[mode]
+
+
 def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
     if mode not in LEARNED or set(row["cues"]) != set(mode.cues):
         raise ValueError(f"cues of mode {mode}: {sorted(row['cues'])}")

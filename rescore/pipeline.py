@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
 from recon.outcome import Failure
-from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct
+from recon.reconstruct import ReconstructConfig, Reconstruction
 from recon.stereo import SgbmConfig
 from rescore.align_depth import (
     AlignConfig,
@@ -29,6 +30,7 @@ from rescore.evidence_files import evidence_path, write_evidence
 from rescore.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.fuse import fuse
 from rescore.threads import one_thread
+from rescore.views import NO_VIEWS, Views, reconstruct_views, views_of
 
 FloatArray = NDArray[np.float64]
 
@@ -54,8 +56,9 @@ class RescoreConfig:
     """Settings of rescoring."""
 
     camera: CameraChoice = CameraChoice.CALIBRATED
-    view_bin: int = 3
-    """The bin that every candidate is taken to be seen from; 3 is the left side of a car."""
+    view_bin: int | Literal["model"] = 3
+    """The bin that a candidate is taken to be seen from where its detector does not say; 3 is the left side
+    of a car. "model": the one that the class model explains it best with."""
     stereo: SgbmConfig = field(default_factory=SgbmConfig)
     """Used where a data set gives a right picture but no disparity."""
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
@@ -65,10 +68,22 @@ class RescoreConfig:
 
 
 @dataclass(frozen=True, eq=False)
+class Instances:
+    """The 3D instances of the candidates of one frame."""
+
+    found: tuple[Reconstruction | Failure, ...]
+    """One a candidate."""
+    views: Views
+    """From where each is taken to be seen."""
+
+
+@dataclass(frozen=True, eq=False)
 class FrameEvidence:
     """What depth says about the candidates of one frame, before w."""
 
     candidates: Candidates
+    views: Views
+    """From where each candidate is taken to be seen."""
     instances: tuple[Reconstruction | Failure, ...]
     """The 3D instance of each candidate."""
     alignments: tuple[DepthAlignment | Failure, ...]
@@ -106,27 +121,21 @@ def depth_evidence(
 
     One reconstruction serves all modes.
     """
-    return compare_depth(frame, candidates, instances_of(frame, candidates, model, config), model, config)
+    return compare_depth(frame, candidates, instances_of(frame, candidates, model, config), config)
 
 
-def instances_of(
-    frame: Frame, candidates: Candidates, model: ClassModel, config: RescoreConfig
-) -> tuple[Reconstruction | Failure, ...]:
+def instances_of(frame: Frame, candidates: Candidates, model: ClassModel, config: RescoreConfig) -> Instances:
     """The 3D instance of each candidate, from the left picture, camera and ground alone."""
     camera, ground = assumed_camera(frame, config.camera)
-    return tuple(
-        reconstruct(
-            frame.left_rgb, candidates.xyxy_px, config.view_bin, model, camera, ground, config.reconstruct
-        )
+    views = views_of(frame.left_rgb, candidates, config.view_bin, model, config.reconstruct)
+    found = reconstruct_views(
+        frame.left_rgb, candidates.xyxy_px, views, model, camera, ground, config.reconstruct
     )
+    return Instances(found, views)
 
 
 def compare_depth(
-    frame: Frame,
-    candidates: Candidates,
-    instances: tuple[Reconstruction | Failure, ...],
-    model: ClassModel,
-    config: RescoreConfig,
+    frame: Frame, candidates: Candidates, instances: Instances, config: RescoreConfig
 ) -> FrameEvidence:
     """What the measured depth of a frame says about candidates whose depth is predicted."""
     z_s = measured_depth(frame.disparity_px, frame.camera)
@@ -135,11 +144,11 @@ def compare_depth(
         limits = depth_range(z_s, config.align.percentiles)
     alignments = tuple(
         i if isinstance(i, Failure) else align_depth(i.depth, z_s, box, config.align, limits)
-        for i, box in zip(instances, candidates.xyxy_px, strict=True)
+        for i, box in zip(instances.found, candidates.xyxy_px, strict=True)
     )
-    azimuth_rad = model.bins.azimuth_rad(config.view_bin)
-    cues = frame_cues(frame, candidates.xyxy_px, instances, azimuth_rad, config.cues)
-    return FrameEvidence(candidates, instances, alignments, cues)
+    views = instances.views
+    cues = frame_cues(frame, candidates.xyxy_px, instances.found, views.azimuth_rad, config.cues)
+    return FrameEvidence(candidates, views, instances.found, alignments, cues)
 
 
 def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, GroundPlane]:
@@ -198,7 +207,7 @@ def _evidence_of_frame(
 ) -> CandidateTable:
     """One frame from disk to its table; reconstructions go to the file, not through the pipe."""
     if not len(candidates):
-        evidence = FrameEvidence(candidates, (), (), np.zeros((0, len(CUES))))
+        evidence = FrameEvidence(candidates, NO_VIEWS, (), (), np.zeros((0, len(CUES))))
     else:
         with one_thread():
             evidence = depth_evidence(load_frame(record, config.stereo), candidates, model, config)

@@ -1,6 +1,6 @@
 """The steps of the experiment: learn, train, detect, tune. What the commands and a whole run share."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
+from recon.camera import StereoCamera
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model
@@ -156,17 +157,22 @@ def tune(
 
 
 def automatic_stereo(data: DataSet) -> SgbmConfig:
-    """Settings of the stereo matcher for frames without a disparity file.
+    """Settings of the stereo matcher for the frames of a data set without a disparity file."""
+    width = max((f.width_px for f in data.frames), default=640)
+    return stereo_for(width, [f.camera for f in data.frames if f.camera])
+
+
+def stereo_for(width_px: int, cameras: Iterable[StereoCamera]) -> SgbmConfig:
+    """Settings of the stereo matcher for pictures of a width.
 
     Disparities up to a tenth of the picture's width are searched, rounded up to a multiple of 16, 64 at 640
     pixels; and where cameras are known at least as many as reach ``NEAREST_M``, 208 for KITTI's. What is
     nearer than the search reaches does not come out as a hole: much of it gets the largest disparity.
     """
-    width = max((f.width_px for f in data.frames), default=640)
-    reach = [disparities_to_reach(f.camera, NEAREST_M) for f in data.frames if f.camera]
+    reach = [disparities_to_reach(camera, NEAREST_M) for camera in cameras]
     # OpenCV's result is not defined for searches nearly as wide as the picture
-    most = max(16, width // 32 * 16)
-    return SgbmConfig(num_disparities=min(max([-(-width // 160) * 16, *reach]), most))
+    most = max(16, width_px // 32 * 16)
+    return SgbmConfig(num_disparities=min(max([-(-width_px // 160) * 16, *reach]), most))
 
 
 def save_scaling(path: Path, scaling: PlattScaling) -> None:
@@ -231,6 +237,21 @@ def load_tuning(path: Path) -> Tuning:
     if not 0 <= tuning.w <= 1:
         raise RescoreError(f"{path}: expected w in [0, 1], got {tuning.w}; run `rescore tune` again")
     return tuning
+
+
+def tuned_weight(path: Path, mode: Registration) -> float:
+    """The w that was tuned for a mode.
+
+    Raises:
+        RescoreError: no such file, or a weight for another mode.
+    """
+    tuning = load_tuning(path)
+    if tuning.registration is not mode:
+        raise RescoreError(
+            f"{path}: expected a weight tuned for registration {mode}, got one for {tuning.registration}; "
+            "tune again in this mode"
+        )
+    return tuning.w
 
 
 def with_stereo_for(config: RescoreConfig, data: DataSet, num_disparities: int | None) -> RescoreConfig:

@@ -60,7 +60,7 @@ class SurroundingsConfig:
 def surroundings(
     disparity_px: NDArray[np.float32],
     xyxy_px: FloatArray,
-    azimuth_rad: float,
+    azimuth_rad: FloatArray,
     camera: StereoCamera,
     ground: GroundPlane | None,
     config: SurroundingsConfig,
@@ -85,7 +85,8 @@ def surroundings(
     Args:
         disparity_px: measured, shape (h, w), NaN in holes.
         xyxy_px: boxes, shape (n, 4), pixel edges.
-        azimuth_rad: side from which the class is taken to be seen (``ViewBins.azimuth_rad``).
+        azimuth_rad: side from which each is taken to be seen, shape (n,) (``ViewBins.azimuth_rad``); NaN
+            where nothing says it, which leaves ``width`` out.
         camera: the pair.
         ground: the ground plane; None where it is unknown, which leaves ``foot`` and ``ground_below`` out.
         config: settings.
@@ -98,10 +99,14 @@ def surroundings(
     return np.stack([cues[name] for name in SURROUNDINGS], axis=1)
 
 
-def expected_size_m(azimuth_rad: float, size_m: tuple[float, float, float]) -> tuple[float, float]:
-    """Width and height in metres of the box of an object (length, width, height) seen from a side."""
+def expected_size_m(azimuth_rad: FloatArray, size_m: tuple[float, float, float]) -> FloatArray:
+    """Width and height in metres of the boxes of an object (length, width, height) seen from sides (n,).
+
+    Shape (2, n); a width is NaN where the side is.
+    """
     length, width, height = size_m
-    return length * abs(np.sin(azimuth_rad)) + width * abs(np.cos(azimuth_rad)), height
+    wide = length * np.abs(np.sin(azimuth_rad)) + width * np.abs(np.cos(azimuth_rad))
+    return np.stack([wide, np.full_like(wide, height)])
 
 
 def _region(u: tuple[float, float], v: tuple[float, float]) -> Mask:
@@ -133,7 +138,7 @@ class _View:
         samples: FloatArray,
         rows_px: FloatArray,
         xyxy_px: FloatArray,
-        expected_m: tuple[float, float],
+        expected_m: FloatArray,
         camera: StereoCamera,
         config: SurroundingsConfig,
     ) -> None:
@@ -143,7 +148,9 @@ class _View:
         self.focal_baseline = camera.left.fx_px * camera.baseline_m
         width_px, height_px = (xyxy_px[:, 2:] - xyxy_px[:, :2]).T
         self.expected_m = expected_m
-        by_size = camera.baseline_m * (width_px / expected_m[0] + height_px / expected_m[1]) / 2
+        by_height = height_px / expected_m[1]
+        by_width = np.where(np.isnan(expected_m[0]), by_height, width_px / expected_m[0])
+        by_size = camera.baseline_m * (by_width + by_height) / 2
         with np.errstate(divide="ignore", invalid="ignore"):
             fits = self.known & (np.abs(np.log(samples / by_size[:, None, None])) < config.size_tolerance)
         self.support = self._share(fits, self.known, _MIDDLE)
@@ -163,7 +170,7 @@ class _View:
     def size(self) -> dict[str, FloatArray]:
         size_px = (self.boxes[:, 2:] - self.boxes[:, :2]).T
         focal = np.array([self.camera.left.fx_px, self.camera.left.fy_px])
-        ratio = size_px * self.depth_m / focal[:, None] / np.array(self.expected_m)[:, None]
+        ratio = size_px * self.depth_m / focal[:, None] / self.expected_m
         return {"width": np.log(ratio[0]), "height": np.log(ratio[1]), "support": self.support}
 
     def extent(self) -> dict[str, FloatArray]:

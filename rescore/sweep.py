@@ -209,7 +209,7 @@ def _frame_steps(
             spoilt = frame if dial is None else _spoilt(frame, right, dial, level, run.sgbm, seed)
             moved = dial is not None and dial.calibration is not None
             instances = instances_of(spoilt, candidates, run.class_model, run.config) if moved else own
-            tables.append(compare_depth(spoilt, candidates, instances, run.class_model, run.config).table)
+            tables.append(compare_depth(spoilt, candidates, instances, run.config).table)
         return tables
 
 

@@ -114,7 +114,7 @@ def detections_of(path: Path, data: "DataSet", maps: Sequence[str] = ()) -> "Det
 def mode_of(registration: str, file: Path | None) -> "tuple[Registration, EvidenceModel | None]":
     """The mode of a name, and its model where its D is calibrated."""
     from rescore.cues import LEARNED, Registration
-    from rescore.evidence_model import load_models
+    from rescore.evidence_model import load_model
 
     if registration not in list(Registration):
         known = ", ".join(Registration)
@@ -126,13 +126,7 @@ def mode_of(registration: str, file: Path | None) -> "tuple[Registration, Eviden
         raise RescoreError(
             f"--registration {mode}: expected --evidence-model, got none; `rescore fit-evidence` makes one"
         )
-    models = load_models(file)
-    if mode not in models:
-        raise RescoreError(
-            f"{file}: expected a model for {mode}, got {', '.join(models)}; fit it on frames with calibrated "
-            "cameras"
-        )
-    return mode, models[mode]
+    return mode, load_model(file, mode)
 
 
 def say(text: str) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rescore.config import RunConfig
     from rescore.degrade import Dial
     from rescore.frames import DataSet
-    from rescore.reproduce import RunFolder
+    from rescore.run_folder import RunFolder
     from rescore.sweep import FinishedRun
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
@@ -117,7 +117,8 @@ def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, 
     from rescore.formats.coco import read_detections
     from rescore.formats.coco_dataset import read_dataset
     from rescore.frames import Splits
-    from rescore.reproduce import FITTED_ON, RunFolder
+    from rescore.reproduce import FITTED_ON
+    from rescore.run_folder import RunFolder
     from rescore.store import write_json
     from rescore.sweep import interval_as_json
 
@@ -198,7 +199,7 @@ def finished_run(root: Path, detector: str, frames: int | None) -> "FinishedRun"
     from recon.class_model import ClassModel
     from rescore.cues import LEARNED
     from rescore.evidence_model import load_models
-    from rescore.reproduce import RunFolder
+    from rescore.run_folder import RunFolder
     from rescore.steps import load_tuning
     from rescore.sweep import FinishedRun
 

@@ -31,7 +31,6 @@ from rescore.commands.base import (
 )
 
 if TYPE_CHECKING:
-    from rescore.cues import Registration
     from rescore.stages import Done
 
 
@@ -187,7 +186,7 @@ def apply(
     if (tuned is None) == (w is None):
         raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
     mode, learned = mode_of(registration, evidence_model)
-    weight = w if tuned is None else _tuned_weight(tuned, mode)
+    weight = w if tuned is None else steps.tuned_weight(tuned, mode)
     assert weight is not None
     settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
@@ -283,24 +282,13 @@ def reproduce(
 
     Example: [bold]rescore reproduce --preset demo --out runs/demo[/bold]
     """
-    from rescore.reproduce import Run, RunFolder
+    from rescore.reproduce import Run
+    from rescore.run_folder import RunFolder
 
     folder = RunFolder(out)
     settings = config_of(preset, config)
     metrics = Run(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
     _print_results(metrics, {"report": folder.html, "recording": folder.recording})
-
-
-def _tuned_weight(file: Path, mode: "Registration") -> float:
-    from rescore import steps
-
-    tuning = steps.load_tuning(file)
-    if tuning.registration is not mode:
-        raise RescoreError(
-            f"{file}: expected a weight tuned for --registration {mode}, got one for {tuning.registration}; "
-            "tune again in this mode"
-        )
-    return tuning.w
 
 
 def _scaling_of(detector: Path) -> Path:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rescore.config import RunConfig
     from rescore.evidence import CandidateTable
     from rescore.frames import DataSet
-    from rescore.reproduce import RunFolder
+    from rescore.run_folder import RunFolder
     from rescore.steps import DetectorKind
 
 
@@ -49,7 +49,7 @@ def study_weight(
     from reports.weight_page import width_table, write_weight_study
     from rescore.evidence_model import load_models, with_difference
     from rescore.frames import Splits
-    from rescore.reproduce import RunFolder
+    from rescore.run_folder import RunFolder
     from rescore.weight_study import study_weight as study
 
     folder = RunFolder(run)

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from recon.segment import SegmentConfig, colour_evidence, edge_indicator, evolve, signed_distance
 
@@ -151,3 +153,18 @@ def test_colours_keep_a_thin_limb() -> None:
     without = evolve(start, edge, edges)[0]
     assert iou(with_colours < 0, target) > 0.85
     assert iou(with_colours < 0, target) > iou(without < 0, target) + 0.02
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_signed_distance_is_exact(threads: int) -> None:
+    y, x = np.mgrid[:400, :720]
+    mask = ((x - 350) / 300) ** 2 + ((y - 200) / 150) ** 2 <= 1
+    inside = np.float32(0.5) - distance_transform_edt(mask).astype(np.float32)
+    outside = distance_transform_edt(~mask).astype(np.float32) - np.float32(0.5)
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(threads)
+    try:
+        found = signed_distance(mask)
+    finally:
+        cv2.setNumThreads(before)
+    np.testing.assert_array_equal(found, np.where(mask, inside, outside))

@@ -157,7 +157,7 @@ def test_commands_one_by_one_equal_the_whole_run(rescore: Command, tiny_run: Pat
     metric = ("--registration", "metric", "--evidence-model", evidence)
     wrong = rescore(*once_more, "--tuned", tmp_path / "w.json", *metric)
     assert wrong.returncode == 1
-    assert "expected a weight tuned for --registration metric, got one for paper" in wrong.stderr
+    assert "expected a weight tuned for registration metric, got one for paper" in wrong.stderr
     bare = rescore(*once_more, "--w", 0.5, "--registration", "guarded")
     assert bare.returncode == 1
     assert "rescore fit-evidence" in bare.stderr

@@ -11,7 +11,8 @@ import pytest
 from recon.errors import RescoreError
 from rescore.config import run_preset, with_changes
 from rescore.cues import CUES, Registration
-from rescore.reproduce import Run, RunFolder
+from rescore.reproduce import Run
+from rescore.run_folder import RunFolder
 from rescore.stages import Done
 from rescore.steps import DetectorKind
 from rescore.store import read_candidates

@@ -39,7 +39,7 @@ def with_board(depth: np.ndarray, box: np.ndarray, board_m: float) -> np.ndarray
 
 
 def cues_of(depth: np.ndarray, box: np.ndarray, ground: GroundPlane | None = GROUND) -> dict[str, float]:
-    found = surroundings(CAMERA.disparity_px(depth), box, SIDE_RAD, CAMERA, ground, CONFIG)
+    found = surroundings(CAMERA.disparity_px(depth), box, np.full(len(box), SIDE_RAD), CAMERA, ground, CONFIG)
     assert found.shape == (len(box), len(SURROUNDINGS))
     return dict(zip(SURROUNDINGS, found[0].tolist(), strict=True))
 
@@ -122,17 +122,34 @@ def test_each_box_is_judged_alone() -> None:
     near, far = car_box(8.0), car_box(20.0)
     depth = with_board(street(), near, 8.0)
     together = surroundings(
-        CAMERA.disparity_px(depth), np.concatenate([near, far]), SIDE_RAD, CAMERA, GROUND, CONFIG
+        CAMERA.disparity_px(depth), np.concatenate([near, far]), np.full(2, SIDE_RAD), CAMERA, GROUND, CONFIG
     )
     alone = [
-        surroundings(CAMERA.disparity_px(depth), b, SIDE_RAD, CAMERA, GROUND, CONFIG) for b in (near, far)
+        surroundings(CAMERA.disparity_px(depth), b, np.full(1, SIDE_RAD), CAMERA, GROUND, CONFIG)
+        for b in (near, far)
     ]
     np.testing.assert_array_equal(together, np.concatenate(alone))
-    none = surroundings(CAMERA.disparity_px(depth), np.zeros((0, 4)), SIDE_RAD, CAMERA, GROUND, CONFIG)
+    none = surroundings(CAMERA.disparity_px(depth), np.zeros((0, 4)), np.zeros(0), CAMERA, GROUND, CONFIG)
     assert none.shape == (0, len(SURROUNDINGS))
 
 
 def test_the_expected_size_turns_with_the_view() -> None:
-    assert expected_size_m(np.pi / 2, (4.4, 1.75, 1.5)) == pytest.approx((4.4, 1.5))
-    assert expected_size_m(0.0, (4.4, 1.75, 1.5)) == pytest.approx((1.75, 1.5))
-    assert expected_size_m(np.pi / 4, (4.4, 1.75, 1.5))[0] == pytest.approx((4.4 + 1.75) / np.sqrt(2))
+    wide, high = expected_size_m(np.array([np.pi / 2, 0.0, np.pi / 4, np.nan]), (4.4, 1.75, 1.5))
+    np.testing.assert_allclose(wide, [4.4, 1.75, (4.4 + 1.75) / np.sqrt(2), np.nan])
+    np.testing.assert_array_equal(high, 1.5)
+
+
+def test_each_box_is_measured_against_its_own_side() -> None:
+    # a car's front fills the box at 12 m; taken for its side it would be far too narrow
+    box = car_box(size_m=(1.75, HEIGHT_M))
+    disparity = CAMERA.disparity_px(with_board(street(), box, DEPTH_M))
+    turned = np.array([0.0, SIDE_RAD, np.nan])
+    found = surroundings(disparity, np.repeat(box, 3, axis=0), turned, CAMERA, GROUND, CONFIG)
+    front, side, unknown = (dict(zip(SURROUNDINGS, row.tolist(), strict=True)) for row in found)
+    assert front["width"] == pytest.approx(0, abs=1e-6)
+    assert side["width"] == pytest.approx(np.log(1.75 / 4.4), abs=1e-6)
+    assert (front["support"], side["support"]) == (1, 0)
+    # without a side the height alone says which depth the class may have
+    assert np.isnan(unknown["width"])
+    assert unknown["support"] == 1
+    assert unknown["height"] == pytest.approx(0, abs=1e-6)

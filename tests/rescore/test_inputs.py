@@ -1,0 +1,102 @@
+"""What the library says of input that it cannot take."""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from recon.camera import GroundPlane
+from rescore import Boxes, Camera, RescoreError, StereoFrame
+
+RGB = np.zeros((40, 60, 3), np.uint8)
+MAP = np.ones((40, 60), np.float32)
+BOX = np.array([[5.0, 5, 30, 20]])
+HALF = np.array([0.5])
+CAMERA = Camera(50, 50, 30, 20, 0.3)
+
+
+def frame_of(**changes: Any) -> Callable[[], StereoFrame]:
+    return lambda: StereoFrame(**{"left_rgb": RGB, "disparity_px": MAP} | changes)
+
+
+def boxes_of(**changes: Any) -> Callable[[], Boxes]:
+    return lambda: Boxes(**{"xyxy_px": BOX, "likelihood": HALF} | changes)
+
+
+BAD_INPUT: list[tuple[Callable[[], object], str]] = [
+    (
+        frame_of(left_rgb=MAP),
+        "left_rgb: expected an array (h, w, 3) of uint8, red first, got shape (40, 60) of",
+    ),
+    (frame_of(left_rgb=RGB / 255), "got shape (40, 60, 3) of float64; convert the picture"),
+    (frame_of(left_rgb=None), "left_rgb: expected an array (h, w, 3) of uint8, red first, got NoneType"),
+    (frame_of(disparity_px=None), "expected one of disparity_px, depth_m, right_rgb, got none; give the one"),
+    (frame_of(right_rgb=RGB), "got disparity_px and right_rgb; give the one that was measured"),
+    (frame_of(disparity_px=None, right_rgb=RGB[1:]), "right_rgb: expected shape (40, 60, 3) as the left"),
+    (
+        frame_of(disparity_px=MAP[1:]),
+        "disparity_px: expected shape (40, 60) as the left picture has, got (39, 60)",
+    ),
+    (frame_of(disparity_px=MAP[..., None]), "got (40, 60, 1); register it to the left picture"),
+    (
+        frame_of(disparity_px=None, depth_m=MAP.astype(np.uint16), camera=CAMERA),
+        "depth_m: expected an array of floats in metres, got shape (40, 60) of uint16; divide by the factor",
+    ),
+    (frame_of(disparity_px=None, depth_m=MAP), "expected a camera with depth_m, got none; give Camera("),
+    (frame_of(camera=Camera(50, 50, 30, 20)), "expected a camera with baseline_m for disparity_px, got none"),
+    (frame_of(ground=GroundPlane(1.5, float("nan"))), "ground: expected finite height and pitch, got"),
+    (
+        lambda: Camera(50, 50, 30, float("nan"), 0.3),
+        "camera: expected finite numbers, focal lengths and base",
+    ),
+    (
+        lambda: Camera(50, -50, 30, 20, 0.3),
+        "camera: expected finite numbers, focal lengths and baseline above 0",
+    ),
+    (
+        lambda: Camera(50, 50, 30, 20, 0),
+        "camera: expected finite numbers, focal lengths and baseline above 0",
+    ),
+    (boxes_of(xyxy_px=BOX[0]), "xyxy_px: expected an array (n, 4) of numbers, a box a row, got shape (4,)"),
+    (boxes_of(xyxy_px=BOX.tolist()), "xyxy_px: expected an array (n, 4) of numbers, a box a row, got list"),
+    (boxes_of(xyxy_px=BOX.astype(str)), "a box a row, got shape (1, 4) of <U32; convert the boxes"),
+    (
+        boxes_of(xyxy_px=BOX * np.nan),
+        "xyxy_px: expected finite numbers, got NaN or infinity for box 0; leave",
+    ),
+    (boxes_of(xyxy_px=BOX[:, [2, 1, 0, 3]]), "got [30.0, 5.0, 5.0, 20.0] for box 0; give edges, not width"),
+    (
+        boxes_of(xyxy_px=np.array([[5, 5, 5, 9]])),
+        "got [5, 5, 5, 9] for box 0; give edges, not width and height",
+    ),
+    (boxes_of(likelihood=None), "boxes: expected likelihood or score, got neither; give likelihoods"),
+    (boxes_of(score=HALF), "boxes: expected likelihood or score, got both; give likelihoods in [0, 1]"),
+    (
+        boxes_of(likelihood=np.ones(2)),
+        "likelihood: expected an array (1,) of numbers, one a box, got shape (2,)",
+    ),
+    (boxes_of(likelihood=HALF + 1), "likelihood: expected numbers in [0, 1], got 1.5 for box 0; give raw"),
+    (boxes_of(likelihood=HALF - 1), "likelihood: expected numbers in [0, 1], got -0.5 for box 0; give raw"),
+    (
+        boxes_of(likelihood=HALF * np.nan),
+        "likelihood: expected numbers in [0, 1], got nan for box 0; give raw",
+    ),
+    (
+        boxes_of(likelihood=None, score=HALF * np.inf),
+        "score: expected finite numbers, got NaN or infinity for box 0",
+    ),
+    (
+        boxes_of(azimuth_deg=HALF * np.inf),
+        "azimuth_deg: expected finite numbers, got infinity for box 0",
+    ),
+    (boxes_of(azimuth_deg=90.0), "azimuth_deg: expected an array (1,) of numbers, one a box, got float"),
+]
+
+
+@pytest.mark.parametrize(("make", "message"), BAD_INPUT)
+def test_bad_input_says_what_was_expected(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(RescoreError, match=re.escape(message)) as raised:
+        make()
+    assert "\n" not in str(raised.value)

@@ -1,0 +1,130 @@
+"""Candidates of one frame that are seen from different sides."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recon.camera import StereoCamera
+from recon.class_model import ClassModel
+from recon.errors import RescoreError
+from recon.outcome import Failure, Reason
+from recon.reconstruct import Reconstruction, reconstruct
+from recon.view_selection import ViewChoice, best_view_bin
+from rescore.candidates import Candidates
+from rescore.cues import CUES
+from rescore.evidence import CandidateTable
+from rescore.frames import Frame
+from rescore.pipeline import RescoreConfig, depth_evidence
+from rescore.views import NO_BIN
+from tests.bank_judge import stored_judge
+from tests.single_car import CarPicture, car_from
+
+CONFIG = RescoreConfig()
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> ClassModel:
+    scratch: Path = tmp_path_factory.mktemp("model")
+    return stored_judge(scratch).class_model
+
+
+@pytest.fixture(scope="module")
+def car() -> CarPicture:
+    return car_from(0.0, distance_m=8.0)
+
+
+@pytest.fixture(scope="module")
+def frame(car: CarPicture) -> Frame:
+    camera = StereoCamera(car.camera, 0.4)
+    return Frame(1, car.rgb, camera.disparity_px(car.depth_m), camera, car.ground)
+
+
+def boxes(car: CarPicture, azimuth_deg: list[float] | None, n: int | None = None) -> Candidates:
+    n = len(azimuth_deg) if azimuth_deg is not None else n or 1
+    said = None if azimuth_deg is None else np.array(azimuth_deg)
+    return Candidates(1, np.tile(car.box_px, (n, 1)), np.arange(n, 0, -1.0), np.full(n, 0.5), said)
+
+
+def same(a: Reconstruction | Failure, b: Reconstruction | Failure) -> bool:
+    if isinstance(a, Failure) or isinstance(b, Failure):
+        return a == b
+    return np.array_equal(a.outline_px, b.outline_px) and np.array_equal(
+        a.depth.depth, b.depth.depth, equal_nan=True
+    )
+
+
+def test_the_azimuth_of_a_candidate_picks_its_bin(car: CarPicture, frame: Frame, model: ClassModel) -> None:
+    given = boxes(car, [0.0, 50.0, np.nan, 355.0, 180.0])
+    found = depth_evidence(frame, given, model, CONFIG)
+    bins = [0, 2, CONFIG.view_bin, 0, 6]
+    assert found.views.view_bin.tolist() == bins
+    np.testing.assert_allclose(np.rad2deg(found.views.azimuth_rad), [0, 50, 90, 355, 180])
+    for instance, view_bin in zip(found.instances, bins, strict=True):
+        (alone,) = reconstruct(frame.left_rgb, car.box_px, view_bin, model, car.camera, car.ground)
+        assert same(instance, alone)
+    # a car seen from its front is there from the front, and its box has no car's side
+    assert isinstance(found.instances[0], Reconstruction)
+    assert isinstance(found.instances[2], Failure)
+
+
+def test_the_expected_size_follows_each_azimuth(car: CarPicture, frame: Frame, model: ClassModel) -> None:
+    cues = depth_evidence(frame, boxes(car, [0.0, 20.0, np.nan]), model, CONFIG).cues
+    width = np.exp(cues[:, CUES.index("width")])
+    length, wide, _ = CONFIG.cues.surroundings.size_m
+    turned = length * np.sin(np.deg2rad(20)) + wide * np.cos(np.deg2rad(20))
+    # of its own azimuth, not of the middle of its bin, which is 30 degrees
+    assert width[0] / width[1] == pytest.approx(turned / wide, rel=0.02)
+    assert width[0] == pytest.approx(1, abs=0.15)
+    assert width[2] < 0.5
+
+
+def test_without_azimuths_all_have_the_one_bin(car: CarPicture, frame: Frame, model: ClassModel) -> None:
+    none, unknown = boxes(car, None, 2), boxes(car, [np.nan, np.nan])
+    plain, same_again = (depth_evidence(frame, c, model, CONFIG) for c in (none, unknown))
+    assert plain.views.view_bin.tolist() == [3, 3]
+    np.testing.assert_array_equal(plain.cues, same_again.cues)
+
+
+def test_the_class_model_chooses(car: CarPicture, frame: Frame, model: ClassModel) -> None:
+    given = boxes(car, [np.nan, 180.0])
+    outside = np.array([[5000.0, 10, 5100, 50]])
+    given = Candidates(
+        1,
+        np.concatenate([given.xyxy_px, outside]),
+        np.array([3.0, 2, 1]),
+        np.full(3, 0.5),
+        np.array([np.nan, 180, np.nan]),
+    )
+    found = depth_evidence(frame, given, model, replace(CONFIG, view_bin="model"))
+    choice = best_view_bin(frame.left_rgb, car.box_px, model)
+    assert isinstance(choice, ViewChoice)
+    # a detector that says it is believed; where no bin will do there is a reason and no expected width
+    assert found.views.view_bin.tolist() == [choice.view_bin, 6, NO_BIN]
+    last = found.instances[2]
+    assert isinstance(last, Failure)
+    assert last.reason is Reason.BOX_OUTSIDE_IMAGE
+    assert np.isnan(found.cues[2, CUES.index("width")])
+    # of the front or the rear, which look alike, with what stands between them and the sides
+    assert choice.view_bin in {0, 1, 5, 6, 7, 11}
+
+
+def test_a_bin_that_the_model_does_not_have(car: CarPicture, frame: Frame, model: ClassModel) -> None:
+    one_bin = replace(model, views=(model.view(3),))
+    found = depth_evidence(frame, boxes(car, [180.0, np.nan]), one_bin, CONFIG)
+    first = found.instances[0]
+    assert isinstance(first, Failure)
+    assert first.reason is Reason.REGISTRATION_FAILED
+    assert first.detail == (
+        "a labelled view of bin 6 expected for azimuth 180 degrees, the class model has bins 3"
+    )
+    assert found.views.view_bin.tolist() == [NO_BIN, 3]
+    with pytest.raises(RescoreError, match="view bin: expected 0 to 11, got 12"):
+        depth_evidence(frame, boxes(car, None), model, replace(CONFIG, view_bin=12))
+
+
+def test_a_table_keeps_the_azimuths(car: CarPicture) -> None:
+    table = CandidateTable.of_candidates([boxes(car, [10.0, np.nan])])
+    back = table.by_image([1])[1]
+    np.testing.assert_array_equal(back.azimuth_deg, [10.0, np.nan])
