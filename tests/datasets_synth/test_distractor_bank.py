@@ -12,6 +12,9 @@ from datasets_synth.distractor_kinds import DISTRACTORS, KIND, KINDS, ORDINARY_C
 from rescore.cues import Registration
 from tests.bank_judge import stored_judge
 
+# one worker makes what all of them need
+pytestmark = pytest.mark.xdist_group("bank")
+
 OTHERS = ("wall", "window_wall", "hedge", "fence", "toy")
 SHOWN = (*POSTERS, *OTHERS)
 CONFIG = BankConfig()

@@ -14,6 +14,9 @@ from rescore.evidence_model import EvidenceConfig
 from rescore.frames import SPLITS, DataSet, FrameRecord, Splits, Truth
 from rescore.tune import TuneConfig
 
+# one worker makes what all of them need
+pytestmark = pytest.mark.xdist_group("ablation")
+
 CAR, OTHER = np.array([10.0, 10, 60, 30]), np.array([100.0, 50, 150, 70])
 PER_SPLIT = 40
 
