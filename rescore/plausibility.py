@@ -10,6 +10,7 @@ them is chance. Two checks need no truth:
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,7 +63,7 @@ def plausibility(
 def _agreement(disparity_px: Disparity, xyxy_px: FloatArray, config: PlausibilityConfig) -> FloatArray:
     h, w = disparity_px.shape
     step = config.neighbour_px
-    pairs, agreeing = np.zeros((h, w)), np.zeros((h, w))
+    pairs, agreeing = np.zeros((h, w), np.uint8), np.zeros((h, w), np.uint8)
     for other, of in (
         (disparity_px[:, step:], np.s_[:, : w - step]),
         (disparity_px[step:], np.s_[: h - step]),
@@ -75,10 +76,9 @@ def _agreement(disparity_px: Disparity, xyxy_px: FloatArray, config: Plausibilit
     return np.where(n >= config.min_pairs, good / np.maximum(n, 1), np.nan)
 
 
-def _sums(values: FloatArray, boxes: NDArray[np.int64]) -> FloatArray:
+def _sums(values: NDArray[np.uint8], boxes: NDArray[np.int64]) -> FloatArray:
     """Sums over boxes (n, 4) of whole pixels, shape (n,)."""
-    total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
-    total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
+    total = cv2.integral(values).astype(float)
     x0, y0, x1, y1 = boxes.T
     return np.asarray(total[y1, x1] - total[y0, x1] - total[y1, x0] + total[y0, x0])
 
