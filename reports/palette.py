@@ -27,9 +27,6 @@ MODE_NAME = {
     "guarded": "with depth (guarded)",
     "metric": "with depth (metric)",
 }
-MODE_COLOUR = {"detector": GREY, "paper": ORANGE, "guarded": BLUE, "metric": GREEN}
-"""Where modes are compared within one detector."""
-
 _MODE_STYLE: dict[str, tuple[str, Any]] = {
     "detector": ("#555555", "--"),
     "paper": (BLUE, "-."),

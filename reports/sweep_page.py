@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reports.palette import MODE_COLOUR, detector_name, mode_name
+from reports.palette import detector_name, mode_colour, mode_name
 from reports.roc import STYLE
 from reports.tables import Table
 from rescore.store import atomic_path
@@ -148,7 +148,7 @@ def _reduction(ax: Axes, dial: Mapping[str, Any]) -> None:
         value, low, high = (
             np.clip(_curve(dial, mode, "reduction", part), *_FACTORS) for part in ("value", "low", "high")
         )
-        colour = MODE_COLOUR[mode]
+        colour = mode_colour(mode)
         ax.fill_between(at, low, high, color=colour, alpha=0.13, linewidth=0)
         ax.plot(at, value, color=colour, marker="o", markersize=3, label=mode_name(mode))
     ax.axhline(1, color="#555555", linewidth=1)
@@ -163,7 +163,7 @@ def _false_positives(ax: Axes, dial: Mapping[str, Any]) -> None:
     for mode in _modes(dial):
         value = np.clip(_curve(dial, mode, "fppi", "value"), *_FALSE)
         at = [p["level"] for p in dial["points"]]
-        ax.plot(at, value, color=MODE_COLOUR[mode], marker="o", markersize=3, label=mode_name(mode))
+        ax.plot(at, value, color=mode_colour(mode), marker="o", markersize=3, label=mode_name(mode))
     ax.set_yscale("log")
     ax.set_yticks([0.1, 0.3, 1, 3, 10], ["0.1", "0.3", "1", "3", "10"])
     ax.minorticks_off()
@@ -174,7 +174,7 @@ def _area(ax: Axes, dial: Mapping[str, Any]) -> None:
     for mode in _modes(dial):
         at = [p["level"] for p in dial["points"]]
         value = _curve(dial, mode, "auc", "value")
-        ax.plot(at, value, color=MODE_COLOUR[mode], marker="o", markersize=3, label=mode_name(mode))
+        ax.plot(at, value, color=mode_colour(mode), marker="o", markersize=3, label=mode_name(mode))
     ax.set_ylabel("area")
 
 

@@ -8,12 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reports.palette import BLUE, GREEN, PURPLE, VERMILION, detector_name, mode_name
+from reports.palette import detector_name, mode_colour, mode_name
 from reports.tables import Table, number
 from rescore.store import atomic_path, write_json
 from rescore.weight_study import WeightStudy
-
-_MODE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
 
 
 def write_weight_study(studies: Sequence[WeightStudy], folder: Path, command: str) -> Path:
@@ -70,7 +68,7 @@ def _draw_intervals(ax: Axes, studies: Sequence[WeightStudy]) -> None:
             [getattr(width, name) for width in s.widths]
             for name in ("low", "lower_quartile", "median", "upper_quartile", "high")
         )
-        colour = _MODE_COLOURS[i % len(_MODE_COLOURS)]
+        colour = mode_colour(s.registration)
         ax.vlines(x, low, high, color=colour, lw=1.5)
         ax.vlines(x, lower, upper, color=colour, lw=7, alpha=0.5)
         ax.plot(x, median, "o", color=colour, label=mode_name(s.registration))
@@ -80,8 +78,8 @@ def _draw_intervals(ax: Axes, studies: Sequence[WeightStudy]) -> None:
 
 
 def _draw_objective(ax: Axes, studies: Sequence[WeightStudy]) -> None:
-    for i, s in enumerate(studies):
-        colour = _MODE_COLOURS[i % len(_MODE_COLOURS)]
+    for s in studies:
+        colour = mode_colour(s.registration)
         ax.plot(s.grid, s.value, color=colour)
         ax.plot([s.w], [s.value[int(np.argmin(np.abs(s.grid - s.w)))]], "o", color=colour)
     ax.set(xlabel="w: 0 trusts the depth alone, 1 the detector alone", xlim=(-0.02, 1.02))

@@ -223,18 +223,7 @@ def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
 
 def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
     """From the matrix of the left camera, or ROS's projection of it, and a baseline if there is one."""
-    names = (
-        "projection_matrix",
-        "K1",
-        "M1",
-        "cameraMatrix",
-        "camera_matrix",
-        "CameraMatrix",
-        "K",
-        "P1",
-        "P2",
-    )
-    name = next((n for n in names if n in values), None)
+    name = next((n for n in _ONE_CAMERA if n in values), None)
     if name is None:
         raise RescoreError(
             f"{path}: expected a calibration (P1 and P2, Q, K1, cameraMatrix, projection_matrix, or cam0), "
