@@ -44,6 +44,8 @@ def evidence_text(
         "![Times fewer false positives while the input is spoilt](sweep/reduction.png)",
         "Significant losses, where depth makes more false positives than the detector alone:",
         losses_text(sweep["dials"]),
+        "Intervals of so few images are wide, so that a loss which is not significant is no proof that there "
+        "is none: factors below 1 stand in the tables.",
         "The modes *guarded* and *metric* take a candidate to have no evidence where measurements are fewer, "
         "agree less with their neighbours or (metric) agree less with the ground plane of the whole picture "
         "than all but one in a hundred of those that they were fitted to. Eq. 6 has no such check.",
