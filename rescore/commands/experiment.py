@@ -10,6 +10,7 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    AdaptShare,
     Changes,
     Dataset,
     EvidenceModelFile,
@@ -28,6 +29,7 @@ from rescore.commands.base import (
     read_data,
     read_split,
     say,
+    with_share,
 )
 
 if TYPE_CHECKING:
@@ -154,6 +156,7 @@ def apply(
     w: Annotated[float | None, typer.Option(min=0, max=1, help="The weight itself, in its place.")] = None,
     registration: RegistrationMode = "paper",
     evidence_model: EvidenceModelFile = None,
+    adapt_share: AdaptShare = False,
     evidence: Annotated[
         Path | None, typer.Option(help="Folder for what led to each score: <folder>/<detector>/<image>.npz.")
     ] = None,
@@ -201,10 +204,12 @@ def apply(
         detector=file.detector,
         evidence_dir=None if evidence is None else evidence / file.detector,
     )
+    learned, shift = with_share(learned, table, adapt_share)
     table = with_difference(table, learned)
     posterior = fuse(table.likelihood, table.depth_difference, weight)
     write_rescored(out, file.detector, table, posterior, w=weight, data=data, registration=mode)
-    made_with = {"w": weight, "split": split, "registration": mode.value, "rescore": part_as_json(rescoring)}
+    made_with = {"w": weight, "split": split, "registration": mode.value, "log_odds_shift": shift}
+    made_with |= {"rescore": part_as_json(rescoring)}
     write_provenance(out, "apply", made_with, None)
     say(f"{_reasons(table.status.tolist())}: {out}")
 

@@ -9,6 +9,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    AdaptShare,
     Changes,
     Dataset,
     EvidenceModelFile,
@@ -22,6 +23,7 @@ from rescore.commands.base import (
     mode_of,
     read_data,
     say,
+    with_share,
 )
 
 
@@ -78,6 +80,7 @@ def tune(
     out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
     registration: RegistrationMode = "paper",
     evidence_model: EvidenceModelFile = None,
+    adapt_share: AdaptShare = False,
     preset: Preset = "paper",
     config: Changes = None,
     seed: Seed = 0,
@@ -107,6 +110,7 @@ def tune(
         jobs=jobs,
         detector=file.detector,
     )
+    learned, _ = with_share(learned, table, adapt_share)
     tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode, seed)
     write_json(out, steps.tuning_as_json(tuning))
     write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, seed)
