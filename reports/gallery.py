@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reports.curves import match_table
 from reports.evidence_view import CandidateView, FrameView, frame_views
