@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -219,9 +220,17 @@ def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
                 kinds.setdefault(name, kind)
     if set(columns) != set(kinds):
         raise ValueError(f"candidates: columns differ: {sorted(set(columns) ^ set(kinds))}")
-    arrays = {name: pa.array(columns[name], type=kind) for name, kind in kinds.items()}
+    write_table(path, {name: pa.array(columns[name], type=kind) for name, kind in kinds.items()})
+
+
+def write_table(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write columns of one length as a table: CSV where the path ends with .csv, else Parquet."""
+    table = pa.table(dict(columns))
     with atomic_path(path) as beside:
-        pq.write_table(pa.table(arrays), beside, compression="zstd")
+        if path.suffix == ".csv":
+            pa_csv.write_csv(table, beside)
+        else:
+            pq.write_table(table, beside, compression="zstd")
 
 
 def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)) -> dict[str, NDArray[Any]]:
