@@ -131,5 +131,5 @@ def _show_tab(client: ViewerClient, name: str) -> None:
             title = blueprint.get(f"/{child}", {}).get("ContainerBlueprint", {}).get("display_name", "")
             if title.endswith(name):
                 container["active_tab"] = child
-                client.set_blueprint(blueprint)
+                client.set_blueprint(blueprint, of="recording")
                 return

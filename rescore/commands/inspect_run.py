@@ -24,13 +24,6 @@ SHOWN = 20
 """Candidates shown in a terminal unless told otherwise."""
 
 
-class ExportFormat(StrEnum):
-    """Forms of exported tables."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-
-
 @app.command()
 def inspect(
     run: Annotated[Path, typer.Argument(help="Run folder of `rescore reproduce` or `rescore evaluate`.")],
@@ -73,8 +66,10 @@ def inspect(
         typer.Option(help="What D was made with, to name its parts.", show_default="that of the run folder"),
     ] = None,
     export: Annotated[
-        ExportFormat | None,
-        typer.Option(help="Also write all that is listed, with every column, as RUN/changes_*."),
+        str | None,
+        typer.Option(
+            help="csv or parquet: also write all that is listed, with every column, to RUN/changes_*."
+        ),
     ] = None,
     open_viewer: Annotated[
         bool, typer.Option("--open", help="Open the recording at --frame, or at the first frame listed.")
@@ -90,14 +85,16 @@ def inspect(
     from reports.run_folder import load_run
     from reports.run_inspection import inspect_run
     from rescore.inspection import Only, Sort
+    from rescore.store import TableFormat
 
+    form = None if export is None else _choice("--export", export, TableFormat)
     loaded = load_run(run)
     inspection = inspect_run(loaded, detector, mode, _point(recall, false_positives), evidence_model)
     chosen = _choice("--only", only, Only) if only else Only.CHANGED if frame is None else Only.ALL
     rows = inspection.listed(chosen, _choice("--sort", sort, Sort), frame)
     _show(inspection, rows, top)
-    if export is not None:
-        _export(inspection, rows, run / f"changes_{inspection.detector}_{inspection.mode}.{export}")
+    if form is not None:
+        _export(inspection, rows, run / f"changes_{inspection.detector}_{inspection.mode}.{form}")
     if open_viewer:
         _open(inspection, rows, run, frame)
 
