@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reports.curves import match_table
 from reports.evidence_view import CandidateView, FrameView, frame_views
 from reports.palette import OUTCOME_NAME, detector_name
 from reports.pictures import CandidatePanels, candidate_panels
 from reports.run_folder import Run
-from reports.tables import REASON_TEXT
+from rescore.candidate_columns import places
+from rescore.cue_words import status_text
 
 
 @dataclass(frozen=True)
@@ -113,13 +113,6 @@ def _picks(run: Run, detector: str, mode: str, per_shelf: int) -> dict[tuple[str
     return groups
 
 
-def places(ranking: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Place of each candidate, 1 is best; candidates of equal ranking in the order given."""
-    place = np.empty(len(ranking), np.int64)
-    place[np.argsort(-ranking, kind="stable")] = np.arange(1, len(ranking) + 1)
-    return place
-
-
 def _mover(detector: str, item: _Item, c: CandidateView, view: FrameView) -> Mover:
     return Mover(
         detector=detector,
@@ -133,7 +126,7 @@ def _mover(detector: str, item: _Item, c: CandidateView, view: FrameView) -> Mov
         likelihood=c.likelihood,
         posterior=c.posterior,
         depth_difference=c.depth_difference,
-        evidence=REASON_TEXT.get(c.status, c.status) + (f": {c.reason_detail}" if c.reason_detail else ""),
+        evidence=status_text(c.status) + (f": {c.reason_detail}" if c.reason_detail else ""),
         panels=candidate_panels(view, c),
         metric=view.metric,
     )

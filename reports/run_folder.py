@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.candidate_columns import Columns
 from rescore.store import read_candidates, read_json
-
-Columns = Mapping[str, NDArray[Any]]
-"""A table as arrays of one length, by column name."""
 
 _NEEDED = (
     *("detector", "image_id", "rank", "x0", "y0", "x1", "y1", "detector_score", "likelihood", "status"),
@@ -95,11 +93,6 @@ class Run:
         return {name: column[keep] for name, column in self.candidates.items()}
 
 
-def score_column(mode: str) -> str:
-    """Name of the column that ranks candidates in this mode."""
-    return "detector_score" if mode == "detector" else f"posterior_{mode}"
-
-
 def load_run(run_dir: Path) -> Run:
     """Read config.json, metrics.json and candidates.parquet of a run folder.
 
@@ -118,6 +111,12 @@ def load_run(run_dir: Path) -> Run:
     if lacking:
         raise RescoreError(
             f"{root / 'metrics.json'}: expected key {lacking[0]!r}, found none; run `rescore evaluate` again"
+        )
+    n = len(columns["rank"])
+    if n != metrics["n_candidates"]:
+        raise RescoreError(
+            f"{root}: expected {metrics['n_candidates']} candidates in candidates.parquet, as metrics.json "
+            f"says, got {n}: the two are of different runs; run `rescore evaluate` again"
         )
     return Run(root, _read_object(root / "config.json"), metrics, columns)
 

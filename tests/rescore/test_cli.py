@@ -33,6 +33,7 @@ COMMANDS = (
     "apply",
     "evaluate",
     "log",
+    "inspect",
     "reproduce",
     "reconstruct",
     "popup",
