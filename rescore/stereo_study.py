@@ -4,7 +4,7 @@ The project's ``compute_disparity`` is OpenCV's StereoSGBM on a pair with a marg
 call is written out again, with the margin and without.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from recon.disparity_error import BAD_1, BAD_2, D1, DisparityError, WrongRule, disparity_error
 from recon.stereo import KITTI_SGBM, SgbmConfig, compute_disparity, disparities_beyond
 from rescore.doctor.pairs import match_pair
-from rescore.formats.stereo_truth import TruePair
+from rescore.formats.stereo_truth import TruePair, TrueScenes
 from rescore.frames import DataSet, read_rgb
-from rescore.steps import stereo_for
+from rescore.steps import automatic_stereo, stereo_for
 
 Rgb = NDArray[np.uint8]
 Disparity = NDArray[np.float32]
@@ -31,9 +31,9 @@ class Method(StrEnum):
 
     OURS = "rescore"
     """``recon.stereo.compute_disparity``, as all commands call it."""
-    SAME_CALL = "same OpenCV call"
+    SAME_CALL = "same call"
     """OpenCV on the grey pictures with a margin on the left, and what has no match dropped."""
-    BARE_CALL = "OpenCV, no margin"
+    BARE_CALL = "no margin"
     """OpenCV on the grey pictures as they are: the first columns have no disparity."""
 
 
@@ -98,6 +98,11 @@ class Accuracy:
     """Of the left pictures."""
     n_unlike: int
     """Pixels on which ``rescore`` and the same OpenCV call differ."""
+    n_beyond: int
+    """Pixels right of the columns that OpenCV leaves empty without the margin."""
+    n_beyond_unlike: int
+    """Of these, pixels that only one of ``rescore`` and OpenCV without the margin measures, or that differ by
+    more than a pixel."""
     errors: Errors
     ours_px: Disparity | None = None
     """The disparity of one pair by ``Method.OURS``; None of several."""
@@ -138,33 +143,43 @@ def accuracy(pair: TruePair, config: SgbmConfig) -> Accuracy:
         for region, mask in regions(pair).items()
         for rule, limits in RULES.items()
     }
+    beyond, bare = (maps[m][:, config.num_disparities :] for m in (Method.OURS, Method.BARE_CALL))
     return Accuracy(
         pair.name,
         (config.num_disparities,),
         pair.truth_px.size,
         n_unlike(maps[Method.OURS], maps[Method.SAME_CALL]),
+        beyond.size,
+        n_unlike(beyond, bare, 1.0),
         errors,
         maps[Method.OURS],
         pair.truth_px,
     )
 
 
+def accuracies(scenes: TrueScenes, nearest_m: float) -> Iterator[Accuracy]:
+    """The errors on every pair of a folder, one after the other, each with the settings for it."""
+    for pair in scenes:
+        yield accuracy(pair, matcher_of(pair, scenes.kitti, nearest_m))
+
+
 def added(name: str, several: Iterable[Accuracy]) -> Accuracy:
     """The errors over the pixels of several pairs, as KITTI adds them up; the maps are let go."""
     total: Errors = {}
     ranges: tuple[int, ...] = ()
-    n_pixels = unlike = 0
+    counts = np.zeros(4, int)
     for one in several:
         for key, error in one.errors.items():
             total[key] = total.get(key, DisparityError()) + error
         ranges += one.num_disparities
-        n_pixels, unlike = n_pixels + one.n_pixels, unlike + one.n_unlike
-    return Accuracy(name, ranges, n_pixels, unlike, total)
+        counts += (one.n_pixels, one.n_unlike, one.n_beyond, one.n_beyond_unlike)
+    n_pixels, unlike, n_beyond, beyond_unlike = (int(n) for n in counts)
+    return Accuracy(name, ranges, n_pixels, unlike, n_beyond, beyond_unlike, total)
 
 
-def n_unlike(a: Disparity, b: Disparity) -> int:
-    """Pixels on which two maps differ; two holes are alike."""
-    return int((~((a == b) | (np.isnan(a) & np.isnan(b)))).sum())
+def n_unlike(a: Disparity, b: Disparity, within_px: float = 0.0) -> int:
+    """Pixels on which two maps differ by more than so much; a hole is like another, and nothing else."""
+    return int((~((np.abs(a - b) <= within_px) | (np.isnan(a) & np.isnan(b)))).sum())
 
 
 @dataclass(frozen=True)
@@ -214,13 +229,14 @@ def _against_features(disparity_px: Disparity, left_rgb: Rgb, right_rgb: Rgb) ->
     return disparity_error(disparity_px, truth, np.ones(truth.shape, bool))
 
 
-def consistency_of(data: DataSet, nearest_m: float) -> Iterable[Consistency]:
-    """The consistency of every pair of a data set with its preset, one after the other."""
+def consistency_of(data: DataSet, nearest_m: float) -> Iterator[Consistency]:
+    """The consistency of every pair of a data set, one after the other, with the settings of the commands."""
+    config = automatic_stereo(data, nearest_m)
     for frame in data.frames:
         if frame.right_path is None:
             continue
-        cameras = [(frame.camera, frame.disparity_offset_px)] if frame.camera else []
         left, right = (
             read_rgb(path, frame.width_px, frame.height_px) for path in (frame.left_path, frame.right_path)
         )
-        yield consistency(frame.left_path.stem, left, right, stereo_for(frame.width_px, cameras, nearest_m))
+        name = f"{data.root.resolve().name} {frame.left_path.stem}"
+        yield consistency(name, left, right, config)

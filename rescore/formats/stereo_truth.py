@@ -81,7 +81,7 @@ class TrueScene:
             return seen_in_right(truth_px)
         if self.seen_twice.parent.name == "disp_noc_0":
             return ~np.isnan(_disparity(self.seen_twice, width, height))
-        return (_map(self.seen_twice, truth_px.shape) == 255) & ~np.isnan(truth_px)
+        return np.asarray((_map(self.seen_twice, truth_px.shape) == 255) & ~np.isnan(truth_px), bool)
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,9 @@ def find_true_scenes(root: Path) -> TrueScenes | None:
     """The pairs with true disparity of a folder; None where it holds none.
 
     KITTI stereo 2015 is the folder ``training`` of its download with ``image_2, image_3, disp_occ_0,
-    disp_noc_0, obj_map`` and, if there, ``calib_cam_to_cam``. A Middlebury scene is a folder with ``im0, im1``,
-    ``disp0GT`` or ``disp0`` (PFM, NPY, or 16-bit PNG of 256 x pixels), and, if there, ``mask0nocc.png``.
+    disp_noc_0, obj_map`` and, if there, ``calib_cam_to_cam``. A Middlebury scene is a folder with
+    ``im0, im1``, ``disp0GT`` or ``disp0`` (PFM, NPY, or 16-bit PNG of 256 x pixels), and, if there,
+    ``mask0nocc.png``.
 
     Raises:
         RescoreError: a file of a pair is missing.
@@ -150,7 +151,7 @@ def _disparity(path: Path, width: int, height: int) -> NDArray[np.float32]:
     return read_measured(MeasuredFile(path, Quantity.DISPARITY, factor), width, height, None)
 
 
-def _map(path: Path, shape: tuple[int, ...]) -> NDArray[np.generic]:
+def _map(path: Path, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """A grey picture of numbers, shape (h, w)."""
     value = decode_picture(path, cv2.IMREAD_UNCHANGED)
     if value is None or value.shape != shape:
@@ -159,15 +160,15 @@ def _map(path: Path, shape: tuple[int, ...]) -> NDArray[np.generic]:
             f"{path}: expected a grey picture of {shape[1]} x {shape[0]} pixels, got {got}; take the file of "
             "the download again"
         )
-    return value
+    return np.asarray(value, np.int64)
 
 
 def seen_in_right(truth_px: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Whether each pixel (h, w) with truth is seen in the right picture, by the truth alone.
 
     A pixel is hidden where its column in the right picture lies outside, or where another pixel with a
-    disparity larger by more than one falls on that column. What has no truth hides nothing, so that this takes
-    a few hidden pixels for seen.
+    disparity larger by more than one falls on that column. What has no truth hides nothing, so that this
+    takes a few hidden pixels for seen.
     """
     height, width = truth_px.shape
     row, column = np.nonzero(~np.isnan(truth_px))
