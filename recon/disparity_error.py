@@ -105,14 +105,16 @@ def disparity_error(
     truth_px: NDArray[np.float32],
     mask: NDArray[np.bool_],
     rule: WrongRule = D1,
+    filled_px: NDArray[np.float32] | None = None,
 ) -> DisparityError:
     """Density, end-point error and wrong pixels of a map, all of shape (h, w).
 
     Args:
-        measured_px: NaN where there is no measurement. Holes are filled from the whole map.
+        measured_px: NaN where there is no measurement.
         truth_px: NaN where there is no truth (sky).
         mask: The pixels to count.
         rule: What is wrong.
+        filled_px: The map with its holes filled, where that is known already; else ``fill_holes`` of it.
 
     Raises:
         ValueError: The shapes differ.
@@ -122,8 +124,9 @@ def disparity_error(
     counted = mask & ~np.isnan(truth_px)
     truth = truth_px[counted].astype(np.float64)
     error = np.abs(measured_px[counted] - truth)
+    filled = fill_holes(measured_px) if filled_px is None else filled_px
     # a hole in a map without any measurement stays NaN, which is wrong too
-    filled_error = np.nan_to_num(np.abs(fill_holes(measured_px)[counted] - truth), nan=np.inf)
+    filled_error = np.nan_to_num(np.abs(filled[counted] - truth), nan=np.inf)
     has = ~np.isnan(error)
     return DisparityError(
         n_truth=len(truth),

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.disparity_error import BAD_1, BAD_2, D1, DisparityError, WrongRule, disparity_error
+from recon.disparity_error import BAD_1, BAD_2, D1, DisparityError, WrongRule, disparity_error, fill_holes
 from recon.stereo import KITTI_SGBM, SgbmConfig, compute_disparity, disparities_beyond
 from rescore.doctor.pairs import match_pair
 from rescore.formats.stereo_truth import TruePair, TrueScenes
@@ -137,10 +137,11 @@ def matcher_of(pair: TruePair, kitti: bool, nearest_m: float) -> SgbmConfig:
 def accuracy(pair: TruePair, config: SgbmConfig) -> Accuracy:
     """The errors of every method on one pair, by region and rule."""
     maps = {method: measure(pair.left_rgb, pair.right_rgb, config) for method, measure in METHODS.items()}
+    filled = {method: fill_holes(disparity) for method, disparity in maps.items()}
     errors = {
-        (method, region, rule): disparity_error(disparity, pair.truth_px, mask, limits)
-        for method, disparity in maps.items()
+        (method, region, rule): disparity_error(disparity, pair.truth_px, mask, limits, filled[method])
         for region, mask in regions(pair).items()
+        for method, disparity in maps.items()
         for rule, limits in RULES.items()
     }
     beyond, bare = (maps[m][:, config.num_disparities :] for m in (Method.OURS, Method.BARE_CALL))

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from recon.disparity_error import disparity_error, fill_holes
+from recon.disparity_error import BAD_1, BAD_2, DisparityError, disparity_error, fill_holes
 
 NAN = np.nan
 
@@ -39,3 +41,30 @@ def test_disparity_error_without_truth_or_measurement():
     assert unmeasured.wrong_share_filled == 1
     assert disparity_error(truth, none, everywhere).n_truth == 0
     assert np.isnan(disparity_error(truth, truth, ~everywhere).wrong_share_filled)
+
+
+def test_middlebury_counts_pixels_off_by_more_than_one_and_two():
+    truth = np.full((1, 6), 100.0, np.float32)
+    measured = np.array([[100, 101, 101.5, 102, 102.5, NAN]], np.float32)
+    everywhere = np.ones((1, 6), bool)
+    # off by 0, 1, 1.5, 2, 2.5; the hole takes 102.5
+    one, two = (disparity_error(measured, truth, everywhere, rule) for rule in (BAD_1, BAD_2))
+    assert (one.n_wrong_measured, one.n_wrong_filled) == (3, 4)
+    assert (two.n_wrong_measured, two.n_wrong_filled) == (1, 2)
+    # 2.5 is under 3 pixels and under 5 %
+    assert disparity_error(measured, truth, everywhere).n_wrong_filled == 0
+
+
+def test_errors_of_two_halves_add_up_to_that_of_the_whole():
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(5, 60, (20, 30)).astype(np.float32)
+    measured = (truth + rng.normal(0, 4, truth.shape)).astype(np.float32)
+    measured[rng.random(truth.shape) < 0.2] = NAN
+    left = np.zeros(truth.shape, bool)
+    left[:, :11] = True
+    whole = disparity_error(measured, truth, np.ones(truth.shape, bool))
+    both = disparity_error(measured, truth, left) + disparity_error(measured, truth, ~left)
+    assert 0 < whole.n_wrong_measured < whole.n_wrong_filled < whole.n_truth == 600
+    assert both.absolute_error_px == pytest.approx(whole.absolute_error_px)
+    assert replace(both, absolute_error_px=0) == replace(whole, absolute_error_px=0)
+    assert both + DisparityError() == both

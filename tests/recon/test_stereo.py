@@ -107,6 +107,9 @@ def test_enough_disparities_for_the_nearest_surface():
     # 720 px * 0.5 m = 360: 8 m is 45 px, 7.5 m is exactly 48 px, which 48 disparities (0 to 47) do not reach
     camera = StereoCamera(PinholeCamera(720.0, 720.0, 320, 240, 640, 480), 0.5)
     assert [disparities_to_reach(camera, z) for z in (50.0, 8.0, 7.5)] == [16, 48, 64]
+    # with the right principal point 13 px farther right, 7.5 m is matched at 35 px; with it 20 px left, at 68
+    assert [disparities_to_reach(camera, 7.5, offset) for offset in (13.0, -20.0)] == [48, 80]
+    assert disparities_to_reach(camera, 50.0, 100.0) == 16
 
 
 @pytest.mark.parametrize(
