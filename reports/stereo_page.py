@@ -172,7 +172,7 @@ def consistency_table(pairs: Sequence[Consistency], short: bool = False) -> Tabl
     to_features = ("features", "of these measured", "mean difference, px", "D1 to features")
     head = ("pair", "disparities", "density", "without margin", "at the limit", *to_features)
     if short:
-        head = ("pair", "range", "density", "bare", "limit", "features", "measured", "px", "D1")
+        head = ("pair", "range", "density", "bare", "limit", "features", "found", "px", "D1")
     return Table("Pairs without truth", head, tuple(rows))
 
 

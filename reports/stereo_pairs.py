@@ -1,7 +1,7 @@
 """Lays two pairs with known disparity, which Linux and Python packages ship, out as Middlebury scenes.
 
 Aloe (Middlebury 2006) comes with Debian's opencv-doc, unpacked by ``dpkg -x``: 8-bit disparities in pixels,
-0 where unknown. Motorcycle (Middlebury 2014, a quarter of its size) comes with scikit-image up to 0.17:
+0 where unknown. Motorcycle (Middlebury 2014, a quarter of its size) comes in the wheels of scikit-image 0.16:
 disparities in pixels, infinite where unknown. Pictures are copied as they are.
 """
 
