@@ -101,13 +101,16 @@ class StereoFrame:
                 f"ground: expected finite height and pitch, got {self.ground}; leave unknown ground out"
             )
 
-    def loaded(self, stereo: SgbmConfig) -> Frame:
-        """The frame as rescoring takes it; a pair is matched over at least the disparities of ``stereo``."""
+    def loaded(self, stereo: SgbmConfig, nearest_m: float) -> Frame:
+        """The frame as rescoring takes it.
+
+        A pair is matched over at least the disparities of ``stereo``, and of surfaces from ``nearest_m`` on.
+        """
         height, width = self.left_rgb.shape[:2]
         camera = None if self.camera is None else self.camera.stereo(width, height)
         left = np.ascontiguousarray(self.left_rgb)
         if self.right_rgb is not None:
-            advised = stereo_for(width, [camera] if camera else []).num_disparities
+            advised = stereo_for(width, [(camera, 0.0)] if camera else [], nearest_m).num_disparities
             matcher = replace(stereo, num_disparities=max(stereo.num_disparities, advised))
             disparity = compute_disparity(left, np.ascontiguousarray(self.right_rgb), matcher)
         elif self.depth_m is not None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
+from recon.errors import RescoreError
 from recon.outcome import Failure
 from recon.reconstruct import ReconstructConfig, Reconstruction
 from recon.stereo import SgbmConfig
@@ -61,10 +62,17 @@ class RescoreConfig:
     of a car. "model": the one that the class model explains it best with."""
     stereo: SgbmConfig = field(default_factory=SgbmConfig)
     """Used where a data set gives a right picture but no disparity."""
+    nearest_m: float = 2.0
+    """Depth in metres from which such pairs are measured where the camera is known: ``stereo`` then searches
+    at least as many disparities as that takes. A search twice as far takes about twice as long."""
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     align: AlignConfig = field(default_factory=AlignConfig)
     cues: CueConfig = field(default_factory=CueConfig)
     """Of the modes that go past eq. 6."""
+
+    def __post_init__(self) -> None:
+        if not self.nearest_m > 0:
+            raise RescoreError(f"nearest_m: expected metres above 0, got {self.nearest_m:g}; try 2")
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,7 +126,7 @@ class Rescorer:
             RescoreError: scores without a scaling, or a pair too narrow to match.
         """
         candidates = boxes.candidates(self.scaling)
-        loaded = frame.loaded(self.config.stereo)
+        loaded = frame.loaded(self.config.stereo, self.config.nearest_m)
         evidence = depth_evidence(loaded, candidates, self.class_model, self.config)
         table = with_difference(evidence.table, self.evidence_model)
         log_odds = np.zeros_like(table.cues)

@@ -36,9 +36,6 @@ from rescore.threads import one_thread
 from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
 from rescore.weight_interval import uncertainty_as_json, uncertainty_of_json
 
-NEAREST_M = 2.0
-"""Depth in metres from which ``automatic_stereo`` measures where the camera is known."""
-
 
 class DetectorKind(StrEnum):
     """Detectors that can be trained."""
@@ -156,20 +153,28 @@ def tune(
     return replace(tuning, registration=registration, learned=learned)
 
 
-def automatic_stereo(data: DataSet) -> SgbmConfig:
+def automatic_stereo(data: DataSet, nearest_m: float = RescoreConfig.nearest_m) -> SgbmConfig:
     """Settings of the stereo matcher for the frames of a data set without a disparity file."""
     width = max((f.width_px for f in data.frames), default=640)
-    return stereo_for(width, [f.camera for f in data.frames if f.camera])
+    return stereo_for(width, [(f.camera, f.disparity_offset_px) for f in data.frames if f.camera], nearest_m)
 
 
-def stereo_for(width_px: int, cameras: Iterable[StereoCamera]) -> SgbmConfig:
+def stereo_for(
+    width_px: int, cameras: Iterable[tuple[StereoCamera, float]], nearest_m: float = RescoreConfig.nearest_m
+) -> SgbmConfig:
     """Settings of the stereo matcher for pictures of a width.
 
     Disparities up to a tenth of the picture's width are searched, rounded up to a multiple of 16, 64 at 640
-    pixels; and where cameras are known at least as many as reach ``NEAREST_M``, 208 for KITTI's. What is
-    nearer than the search reaches does not come out as a hole: much of it gets the largest disparity.
+    pixels; and where cameras are known at least as many as reach ``nearest_m``, which makes it
+    ``recon.stereo.KITTI_SGBM`` for KITTI's. What is nearer than the search reaches does not come out as a
+    hole: much of it gets the largest disparity.
+
+    Args:
+        width_px: Of the widest picture.
+        cameras: Pairs, each with the cx of its right picture less that of its left one, in pixels.
+        nearest_m: Depth of the nearest surface wanted.
     """
-    reach = [disparities_to_reach(camera, NEAREST_M) for camera in cameras]
+    reach = [disparities_to_reach(camera, nearest_m, offset_px) for camera, offset_px in cameras]
     # OpenCV's result is not defined for searches nearly as wide as the picture
     most = max(16, width_px // 32 * 16)
     return SgbmConfig(num_disparities=min(max([-(-width_px // 160) * 16, *reach]), most))
@@ -256,7 +261,8 @@ def tuned_weight(path: Path, mode: Registration) -> float:
 
 def with_stereo_for(config: RescoreConfig, data: DataSet, num_disparities: int | None) -> RescoreConfig:
     """The config with the disparities asked for, or at least as many as ``automatic_stereo`` advises."""
-    advised = max(config.stereo.num_disparities, automatic_stereo(data).num_disparities)
+    automatic = automatic_stereo(data, config.nearest_m)
+    advised = max(config.stereo.num_disparities, automatic.num_disparities)
     chosen = advised if num_disparities is None else num_disparities
     return replace(config, stereo=replace(config.stereo, num_disparities=chosen))
 

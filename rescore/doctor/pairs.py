@@ -31,6 +31,8 @@ class PairMatches:
     """Right row less left row, shape (n,)."""
     disparity_px: FloatArray
     """Left column less right column, shape (n,)."""
+    left_uv_px: FloatArray
+    """Column and row in the left picture, shape (n, 2)."""
 
 
 def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> PairMatches:
@@ -40,7 +42,7 @@ def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> Pai
         sift.detectAndCompute(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), None) for rgb in (left_rgb, right_rgb)
     )
     if own is None or theirs is None or len(own) < 2 or len(theirs) < 2:
-        return PairMatches(np.zeros(0), np.zeros(0))
+        return PairMatches(np.zeros(0), np.zeros(0), np.zeros((0, 2)))
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     back = {m.queryIdx: m.trainIdx for m in matcher.match(theirs, own)}
     good = [
@@ -52,7 +54,7 @@ def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> Pai
     b = np.array([others[m.trainIdx].pt for m in good]).reshape(-1, 2)
     rows = b[:, 1] - a[:, 1]
     near = np.abs(rows) <= MAX_ROW_SHARE * left_rgb.shape[0]
-    return PairMatches(rows[near], (a[:, 0] - b[:, 0])[near])
+    return PairMatches(rows[near], (a[:, 0] - b[:, 0])[near], a[near])
 
 
 def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:

@@ -172,7 +172,7 @@ def test_depth_a_pair_and_azimuths(tiny_run: Path, data: DataSet, first: Given) 
     right_path = data.frames[0].right_path
     assert right_path is not None
     right = read_rgb(right_path, data.frames[0].width_px, data.frames[0].height_px)
-    matched = replace(frame, disparity_px=None, right_rgb=right).loaded(rescorer.config.stereo)
+    matched = replace(frame, disparity_px=None, right_rgb=right).loaded(rescorer.config.stereo, 2.0)
     both = np.isfinite(matched.disparity_px) & (frame.disparity_px > 0)
     # the run's disparity is that of the same matcher, though it searched another range
     assert both.mean() > 0.5
