@@ -23,7 +23,7 @@ from rescore.store import read_json
 class Parts:
     """What a ``Rescorer`` is made of."""
 
-    class_model: ClassModel
+    class_model: ClassModel | None
     w: float
     evidence_model: EvidenceModel | None
     scaling: PlattScaling | None
@@ -36,7 +36,7 @@ class _File(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     format: Literal["rescorer 1"]
-    class_model: str
+    class_model: str | None = None
     registration: Registration = Registration.PAPER
     evidence_model: str | None = None
     w: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -68,7 +68,7 @@ def parts_of_file(path: Path) -> Parts:
             f"{file.evidence_model!r} for {mode}; mend one of the two"
         )
     return Parts(
-        class_model=ClassModel.load(beside / file.class_model),
+        class_model=ClassModel.load(beside / file.class_model) if file.class_model else None,
         w=tuned_weight(beside / str(file.tuned), mode) if file.w is None else file.w,
         evidence_model=load_model(beside / file.evidence_model, mode) if file.evidence_model else None,
         scaling=load_scaling(beside / file.scaling) if file.scaling else None,

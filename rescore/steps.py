@@ -30,6 +30,7 @@ from rescore.evidence_model import EvidenceConfig, EvidenceModel, fit_modes
 from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
 from rescore.fusion_rules import LearnedFusion, fit_fusion
 from rescore.pipeline import CameraChoice, RescoreConfig, evidence_of_frames
+from rescore.predicted_files import Predictions
 from rescore.progress import track
 from rescore.store import read_json, write_json
 from rescore.threads import one_thread
@@ -116,7 +117,7 @@ def _detect_frame(record: FrameRecord, detector: Detector) -> tuple[int, Detecti
 def find_evidence(
     data: DataSet,
     candidates: Mapping[int, Candidates],
-    model: ClassModel,
+    source: ClassModel | Predictions,
     config: RescoreConfig,
     *,
     jobs: int,
@@ -125,7 +126,7 @@ def find_evidence(
     show: bool = True,
 ) -> CandidateTable:
     """The candidates of all frames with the outcome of eq. 6 (see ``pipeline.evidence_of_frames``)."""
-    tables = evidence_of_frames(data, candidates, model, config, jobs=jobs, evidence_dir=evidence_dir)
+    tables = evidence_of_frames(data, candidates, source, config, jobs=jobs, evidence_dir=evidence_dir)
     return CandidateTable.concatenate(
         list(track(tables, f"depth evidence {detector}", len(data.frames), show))
     )
