@@ -12,7 +12,7 @@ from recon.errors import RescoreError
 from rescore.commands.base import say
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from recon.class_model import ClassModel
     from rescore.candidates import Candidates
@@ -151,6 +151,20 @@ def source_as_json(source: "ClassModel | Predictions") -> dict[str, Any]:
     from rescore.predicted_files import Predictions
 
     return {"predicted": source.as_json()} if isinstance(source, Predictions) else {}
+
+
+def predictions_behind(results: "Sequence[Path]") -> dict[str, Any]:
+    """Which predictions made rescored detections, by file, as the settings beside them say."""
+    from rescore.store import read_json
+
+    found = {}
+    for path in results:
+        settings = path.with_name(path.name + ".config.json")
+        value = read_json(settings, "the settings of a result") if settings.is_file() else None
+        config = value.get("config") if isinstance(value, dict) else None
+        if isinstance(config, dict) and "predicted" in config:
+            found[str(path)] = config["predicted"]
+    return {"predicted": found} if found else {}
 
 
 def tell_doubts(source: "ClassModel | Predictions", table: "CandidateTable") -> None:

@@ -36,6 +36,7 @@ from rescore.commands.depth_source import (
     Model,
     PredictedDir,
     Unit,
+    predictions_behind,
     source_as_json,
     source_of,
     tell_doubts,
@@ -262,6 +263,7 @@ def evaluate(
     files = [detections_of(path, data) for path in detections]
     tunings = {(t.detector, t.registration): t for t in (steps.load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
+    settings |= predictions_behind(detections)
     stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
     write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
