@@ -73,16 +73,17 @@ Masks = Annotated[
 class Source:
     """What was asked for."""
 
-    model: "ClassModel | None"
+    model: Path | None
     folder: "PredictionFolder | None"
 
     def on(self, data: "DataSet", candidates: "Mapping[int, Candidates]") -> "ClassModel | Predictions":
         """What predicts the depth of candidates in the frames of a data set."""
+        from recon.class_model import ClassModel
         from rescore.predicted_files import Predictions
 
         if self.folder is None:
             assert self.model is not None
-            return self.model
+            return ClassModel.load(self.model)
         return Predictions.of(self.folder, data, [i for i, found in candidates.items() if len(found)])
 
 
@@ -96,8 +97,6 @@ def source_of(
     modes: "tuple[Registration, ...]",
 ) -> Source:
     """What predicts depth, from the options of a command that uses ``modes``."""
-    from recon.class_model import ClassModel
-
     if (model is None) == (folder is None):
         came = "neither" if model is None else "both"
         raise RescoreError(
@@ -106,12 +105,11 @@ def source_of(
         )
     if folder is not None:
         return Source(None, _folder(folder, predicted_as, unit, factor, masks, modes))
-    assert model is not None
     given = {"as": predicted_as, "unit": unit, "factor": factor, "masks": masks}
     idle = [f"--predicted-{name}" for name, value in given.items() if value is not None]
     if idle:
         raise RescoreError(f"{idle[0]}: expected --predicted-depth with it, got none; give the folder too")
-    return Source(ClassModel.load(model), None)
+    return Source(model, None)
 
 
 def _folder(
