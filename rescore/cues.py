@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
+from recon.errors import RescoreError
 from rescore.align_depth import predicted_region
 from rescore.frames import Frame
 from rescore.guarded import GUARDED, GuardedConfig, guarded_alignment
@@ -48,6 +49,19 @@ class Registration(StrEnum):
             Registration.GUARDED: CHECKS[:1],
             Registration.METRIC: ("measured", *CHECKS),
         }[self]
+
+
+CLASS_MODEL = "the class model"
+"""Whose depth w or D was fitted with, where it is not another system's."""
+
+
+def check_depth_of(where: str, fitted_with: str, used: str) -> None:
+    """Raises RescoreError where what was fitted with one prediction of depth is to be used with another."""
+    if fitted_with != used:
+        raise RescoreError(
+            f"{where}: expected what was fitted with depth of {used}, got what was fitted with depth of "
+            f"{fitted_with}; fit it again with the predictions that it is used with"
+        )
 
 
 LEARNED = tuple(r for r in Registration if r.cues)

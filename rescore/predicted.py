@@ -172,6 +172,12 @@ def _most_frequent_object(numbers: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(numbers == found[np.argmax(counts)])
 
 
+def another_system(predicted_as: PredictedAs | str, unit: PredictedUnit | str) -> str:
+    """Whose depth it is, in words; metric inverse depth is used as metric depth."""
+    kind = PredictedAs.DEPTH if unit == PredictedUnit.METRIC else predicted_as
+    return f"another system ({unit} {'inverse depth' if kind == PredictedAs.INVERSE else 'depth'})"
+
+
 def check_mode(unit: PredictedUnit | str, mode: Registration) -> None:
     """Raises RescoreError where a mode cannot use predictions of a unit."""
     if mode in LEARNED and unit != PredictedUnit.METRIC:

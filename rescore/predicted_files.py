@@ -14,7 +14,7 @@ from recon.errors import RescoreError
 from rescore.formats.kitti import frame_names
 from rescore.frames import DataSet, decode_picture
 from rescore.measured import SUFFIXES, read_map
-from rescore.predicted import PredictedAs, PredictedDepth, PredictedUnit
+from rescore.predicted import PredictedAs, PredictedDepth, PredictedUnit, another_system
 from rescore.store import digest_of
 
 
@@ -29,6 +29,11 @@ class PredictionFolder:
     """Value of the files for one metre (or 1 / metre), such as 1000; relative ones need none."""
     masks: Path | None = None
     """Folder of masks: PNG with one channel, not 0 on objects."""
+
+    @property
+    def depth_of(self) -> str:
+        """Whose depth it is, in words: w and D fitted with another's do not fit."""
+        return another_system(self.predicted_as, self.unit)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.factor) and self.factor > 0):

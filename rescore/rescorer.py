@@ -14,7 +14,7 @@ from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from rescore.calibration import PlattScaling
 from rescore.candidates import Candidates
-from rescore.cues import CUES, Registration
+from rescore.cues import CLASS_MODEL, CUES, Registration, check_depth_of
 from rescore.evidence import OK
 from rescore.evidence_files import Predicted
 from rescore.evidence_model import EvidenceModel, with_difference
@@ -22,7 +22,7 @@ from rescore.frames import Frame
 from rescore.fuse import fuse
 from rescore.inputs import Boxes, StereoFrame
 from rescore.pipeline import FrameEvidence, RescoreConfig, compared_with_prediction, depth_evidence
-from rescore.predicted import PredictedDepth, check_mode
+from rescore.predicted import PredictedDepth, another_system, check_mode
 from rescore.rescorer_files import Parts, parts_of_file, parts_of_run
 
 FloatArray = NDArray[np.float64]
@@ -137,7 +137,8 @@ class Rescorer:
 
         Raises:
             RescoreError: scores without a scaling, a pair too narrow to match, a prediction of another size,
-                or one without known scale in a mode past eq. 6; neither prediction nor class model.
+                or one without known scale in a mode past eq. 6; neither prediction nor class model; D fitted
+                with depth of another kind.
         """
         candidates = boxes.candidates(self.scaling)
         loaded = frame.loaded(self.config.stereo)
@@ -163,12 +164,18 @@ class Rescorer:
     ) -> FrameEvidence:
         if predicted is not None:
             check_mode(predicted.unit, self.mode)
+            self._check_evidence(another_system(predicted.predicted_as, predicted.unit))
             return compared_with_prediction(frame, candidates, predicted, self.config)
         if self.class_model is None:
             raise RescoreError(
                 "rescorer: expected a class model or a prediction, got neither; give rescore(predicted=...)"
             )
+        self._check_evidence(CLASS_MODEL)
         return depth_evidence(frame, candidates, self.class_model, self.config)
+
+    def _check_evidence(self, depth_of: str) -> None:
+        if self.evidence_model is not None:
+            check_depth_of("rescorer: evidence model", self.evidence_model.depth_of, depth_of)
 
 
 def _of_parts(parts: Parts) -> Rescorer:

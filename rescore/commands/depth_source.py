@@ -76,6 +76,13 @@ class Source:
     model: Path | None
     folder: "PredictionFolder | None"
 
+    @property
+    def depth_of(self) -> str:
+        """Whose depth it is, for ``rescore.cues.check_depth_of``."""
+        from rescore.cues import CLASS_MODEL
+
+        return CLASS_MODEL if self.folder is None else self.folder.depth_of
+
     def on(self, data: "DataSet", candidates: "Mapping[int, Candidates]") -> "ClassModel | Predictions":
         """What predicts the depth of candidates in the frames of a data set."""
         from recon.class_model import ClassModel

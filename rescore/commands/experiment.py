@@ -195,6 +195,7 @@ def apply(
     """
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.cues import check_depth_of
     from rescore.evidence_model import with_difference
     from rescore.formats.coco import write_rescored
     from rescore.fuse import fuse
@@ -203,12 +204,14 @@ def apply(
     if (tuned is None) == (w is None):
         raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
     mode, learned = mode_of(registration, evidence_model)
-    weight = w if tuned is None else steps.tuned_weight(tuned, mode)
-    assert weight is not None
-    settings = config_of(preset, config)
     asked = source_of(
         model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, (mode,)
     )
+    weight = w if tuned is None else steps.tuned_weight(tuned, mode, asked.depth_of)
+    assert weight is not None
+    if learned is not None:
+        check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
+    settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
     file = detections_of(detections, data)
     candidates = file.candidates(data)

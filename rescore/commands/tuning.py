@@ -2,6 +2,7 @@
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -83,7 +84,7 @@ def fit_evidence(
     )
     tell_doubts(source, table)
     models = steps.fit_evidence(table, data, settings.evidence)
-    save_models(out, models)
+    save_models(out, {mode: replace(m, depth_of=asked.depth_of) for mode, m in models.items()})
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
     write_provenance(out, "fit-evidence", parts | source_as_json(source), None)
     say(f"depth evidence for {' and '.join(models)}: {out}")
@@ -113,6 +114,7 @@ def tune(
     """
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.cues import check_depth_of
     from rescore.evidence_model import with_difference
     from rescore.frames import Splits
     from rescore.store import write_json, write_provenance
@@ -121,6 +123,8 @@ def tune(
     asked = source_of(
         model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, (mode,)
     )
+    if learned is not None:
+        check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
     data = read_data(dataset, settings.class_name)
     validation = Splits.of(data).validation
@@ -137,7 +141,7 @@ def tune(
     )
     tell_doubts(source, table)
     tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode, seed)
-    write_json(out, steps.tuning_as_json(tuning))
+    write_json(out, steps.tuning_as_json(replace(tuning, depth_of=asked.depth_of)))
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}
     write_provenance(out, "tune", parts | source_as_json(source), seed)
     say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")

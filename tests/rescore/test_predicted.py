@@ -22,7 +22,8 @@ from rescore.evidence_files import read_evidence, write_evidence
 from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import Frame, load_frame
 from rescore.pipeline import FrameEvidence, RescoreConfig, compared_with_prediction
-from rescore.predicted import BoxPrediction, check_mode, cut_to_boxes, prediction_doubts
+from rescore.predicted import BoxPrediction, another_system, check_mode, cut_to_boxes, prediction_doubts
+from tests.bank_judge import stored_judge
 
 WIDTH, HEIGHT = 96, 64
 PAIR = StereoCamera(PinholeCamera(80.0, 80.0, 47.5, 31.5, WIDTH, HEIGHT), 0.5)
@@ -285,6 +286,24 @@ def test_the_library_needs_no_class_model() -> None:
     np.testing.assert_array_equal(given.values, before)
     with pytest.raises(RescoreError, match="expected a class model or a prediction, got neither"):
         rescorer.rescore(frame, boxes)
+
+
+def test_an_evidence_model_of_the_class_model_takes_no_predictions(tmp_path: Path) -> None:
+    frame = StereoFrame(
+        np.zeros((HEIGHT, WIDTH, 3), np.uint8), depth_m=scene(), camera=Camera(80, 80, 47.5, 31.5)
+    )
+    boxes = Boxes(BOX[None], likelihood=np.array([0.25]))
+    judge = stored_judge(tmp_path)
+    fitted = judge.models[Registration.METRIC]
+    given = PredictedDepth(scene(), "depth", "metric")
+    with pytest.raises(RescoreError, match="got what was fitted with depth of the class model; fit it again"):
+        Rescorer(None, 0.5, fitted).rescore(frame, boxes, predicted=given)
+    own = replace(fitted, depth_of=another_system("depth", "metric"))
+    assert Rescorer(None, 0.5, own).rescore(frame, boxes, predicted=given).has_evidence.shape == (1,)
+    with pytest.raises(RescoreError, match="expected what was fitted with depth of the class model"):
+        Rescorer(judge.class_model, 0.5, own).rescore(frame, boxes)
+    with pytest.raises(RescoreError, match="registration metric: expected metric predictions"):
+        Rescorer(None, 0.5, own).rescore(frame, boxes, predicted=PredictedDepth(scene(), "depth"))
 
 
 def test_on_rendered_frames_a_right_prediction_fits_cars_better_than_a_wrong_one(tiny_run: Path) -> None:

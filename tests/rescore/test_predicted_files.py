@@ -140,3 +140,35 @@ def test_the_digest_tells_predictions_apart(tmp_path: Path) -> None:
     assert predictions(data, net, ids=(1,)).as_json()["sha256"] != before
     npy(net / "2", inverse_depth(2) + 1)
     assert predictions(data, net).as_json()["sha256"] != before
+
+
+def test_what_is_fitted_is_used_with_the_same_predictions(tmp_path: Path, run: Run) -> None:
+    data = data_folder(tmp_path / "data")
+    value = json.loads((data / "annotations.json").read_text())
+    for image in value["images"]:
+        image["split"] = "validation" if image["id"] == 1 else "test"
+    own.write_text(data / "annotations.json", json.dumps(value))
+    net = folder_of(tmp_path / "net", npy, 2, 1)
+    row = {"image_id": 1, "category_id": 1, "bbox": BOX, "score": 0.6}
+    false = row | {"bbox": [60, 5, 30, 20], "score": 0.7}
+    found = own.write_text(tmp_path / "found.json", json.dumps([row, false]))
+    inverse = ("--predicted-depth", net, "--predicted-as", "inverse", "--jobs", 1)
+    code, _, err = run("tune", data, found, *inverse, "--out", tmp_path / "w.json")
+    assert code == 0, err
+    assert (
+        json.loads((tmp_path / "w.json").read_text())["depth_of"] == "another system (relative inverse depth)"
+    )
+    used = json.loads((tmp_path / "w.json.config.json").read_text())["config"]["predicted"]
+    assert (used["predicted_as"], used["n_frames"]) == ("inverse", 1)
+
+    rest = ("--split", "validation", "--tuned", tmp_path / "w.json", "--out", tmp_path / "out.json")
+    assert run("apply", data, found, *inverse, *rest)[0] == 0
+    (tmp_path / "out.json").unlink()
+    for options in (
+        ("--predicted-depth", net, "--predicted-as", "depth"),
+        ("--model", tmp_path / "car.json"),
+    ):
+        code, _, err = run("apply", data, found, *options, *rest)
+        assert (code, len(err.splitlines())) == (1, 1)
+        assert "w.json: expected what was fitted with depth of" in err
+        assert not (tmp_path / "out.json").exists()
