@@ -197,11 +197,12 @@ def prediction_doubts(table: CandidateTable) -> tuple[str, ...]:
             f"{np.mean(~rising):.0%} of the predictions in boxes fall where measured depth rises; "
             "check whether they are depth or inverse depth"
         )
-    ratio = np.exp(np.nanmedian(logarithms)) if len(logarithms := _ratios(table)) else 1.0
-    if not 1 / UNLIKELY_RATIO < ratio < UNLIKELY_RATIO:
+    middle = float(np.median(logarithms)) if len(logarithms := _ratios(table)) else 0.0
+    if abs(middle) > np.log(UNLIKELY_RATIO):
         found.append(
-            f"measured depth is {ratio:.3g} times the predicted depth in the middle; check the unit and the "
-            "factor of the predictions"
+            f"for half of the boxes measured depth is {'larger' if middle > 0 else 'smaller'} than the "
+            f"predicted depth by a factor of {np.exp(abs(middle)):.2g} or more; check unit and factor of the "
+            "predictions"
         )
     return tuple(found)
 
