@@ -170,11 +170,13 @@ def read_disparity(path: Path, width_px: int, height_px: int) -> NDArray[np.floa
     Raises:
         RescoreError: No such file, not a whole PNG, not 16-bit grey, or of another size.
     """
-    return read_png16(path, width_px, height_px, "disparity", PNG_SCALE)
+    disparity_px = read_png16(path, width_px, height_px, "disparity", PNG_SCALE)
+    disparity_px[disparity_px == 0] = np.nan
+    return disparity_px
 
 
 def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: float) -> NDArray[np.float32]:
-    """Value / factor of a 16-bit grey PNG, shape (h, w); NaN where the value is 0.
+    """Value / factor of a 16-bit grey PNG, shape (h, w); what 0 means is for the caller to say.
 
     ``what`` is "disparity" or "depth", for the errors.
 
@@ -203,9 +205,7 @@ def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: flo
             f"{path}: expected {width_px} x {height_px} pixels, got {value.shape[1]} x {value.shape[0]}; "
             f"the {what} must be that of the left picture"
         )
-    measured = value.astype(np.float32) / np.float32(factor)
-    measured[value == 0] = np.nan
-    return measured
+    return np.asarray(value.astype(np.float32) / np.float32(factor))
 
 
 def write_disparity(path: Path, disparity_px: NDArray[np.float32]) -> None:

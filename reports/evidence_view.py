@@ -1,12 +1,13 @@
 """What a picture shows of one frame: its pixels, depth, cars, candidates and their reconstructions."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.depth_map import DepthMap
 from recon.outcome import Failure
 from recon.reconstruct import Reconstruction
 from recon.stereo import SgbmConfig
@@ -14,9 +15,10 @@ from reports.curves import scores
 from reports.overlay import registered_depth
 from reports.run_folder import Run, boxes_px
 from rescore.align_depth import DepthAlignment, measured_depth
-from rescore.evidence_files import evidence_path, read_evidence
+from rescore.evidence_files import Predicted, evidence_path, read_evidence
 from rescore.formats.open import read_dataset
 from rescore.frames import DataSet, Truth, load_frame
+from rescore.predicted import BoxPrediction
 
 FloatArray = NDArray[np.float64]
 
@@ -43,9 +45,11 @@ class CandidateView:
     """The car it is matched with in the mode shown, -1 for none."""
     kind: str
     instance: Reconstruction | None
-    """The 3D instance before registration; None where there is none."""
+    """The 3D instance before registration; None where there is none, or another system predicts depth."""
+    predicted: DepthMap | None
+    """Depth before registration, of the instance or of another system; None where there is none."""
     registered: NDArray[np.float32] | None
-    """Predicted depth of the window after eq. 6, in the unit of the measured depth; None without evidence."""
+    """Predicted depth of its window after eq. 6, in the unit of the measured depth; None without evidence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,16 +117,17 @@ class _Table:
         path = evidence_path(self._folder, self._detector, image_id)
         instances = read_evidence(path) if path.is_file() else ()
         return tuple(
-            self._view(int(i), int(new), _instance(instances, int(rows["rank"][i])))
+            self._view(int(i), int(new), _found(instances, int(rows["rank"][i])))
             for i, new in zip(index, new_rank, strict=True)
         )
 
-    def _view(self, i: int, new_rank: int, instance: Reconstruction | None) -> CandidateView:
+    def _view(self, i: int, new_rank: int, found: Reconstruction | BoxPrediction | None) -> CandidateView:
         rows = self._rows
         suffix = self._mode if f"outcome_{self._mode}" in rows else "detector"
         registered = None
-        if instance is not None and np.isfinite(rows["scale"][i]):
-            registered = registered_depth(instance.depth, self._alignment(i))
+        if found is not None and np.isfinite(rows["scale"][i]):
+            inverse = isinstance(found, BoxPrediction) and found.inverse
+            registered = registered_depth(found.depth, self._alignment(i), inverse)
         return CandidateView(
             rank=int(rows["rank"][i]),
             new_rank=new_rank,
@@ -136,7 +141,8 @@ class _Table:
             outcome_detector=str(rows["outcome_detector"][i]),
             annotation_id=int(rows[f"annotation_id_{suffix}"][i]),
             kind=str(rows["kind"][i]) if "kind" in rows else "",
-            instance=instance,
+            instance=found if isinstance(found, Reconstruction) else None,
+            predicted=None if found is None else found.depth,
             registered=registered,
         )
 
@@ -145,6 +151,6 @@ class _Table:
         return DepthAlignment(*(float(self._rows[name][i]) for name in names))
 
 
-def _instance(instances: tuple[Reconstruction | Failure, ...], rank: int) -> Reconstruction | None:
-    one = instances[rank] if rank < len(instances) else None
+def _found(found: Sequence[Predicted], rank: int) -> Reconstruction | BoxPrediction | None:
+    one = found[rank] if rank < len(found) else None
     return None if isinstance(one, Failure) else one

@@ -285,7 +285,8 @@ def _log_cars(
 
 
 def _log_outlines(rec: rr.RecordingStream, path: str, candidates: Sequence[CandidateView]) -> None:
-    some = shown_models(candidates)
+    # another system predicts no outline
+    some = [c for c in shown_models(candidates) if c.instance]
     # pixel centres to Rerun's pixel edges, and back to the first point to close the line
     strips = [
         c.instance.outline_px[[*range(len(c.instance.outline_px)), 0]] + 0.5 for c in some if c.instance
@@ -306,12 +307,12 @@ def compose(
     depth = np.full(shape, np.nan, np.float32)
     labels = np.zeros(shape, np.uint8)
     for c in worst_first:
-        if c.instance is None or c.registered is None:
+        if c.predicted is None or c.registered is None:
             continue
-        window = c.instance.depth.window
+        window = c.predicted.window
         seen = np.isfinite(c.registered)
         depth[window][seen] = c.registered[seen]
-        labels[window][seen] = c.instance.part_labels[seen]
+        labels[window][seen] = c.instance.part_labels[seen] if c.instance else 0
     return depth, labels
 
 
@@ -334,10 +335,12 @@ def _log_models(rec: rr.RecordingStream, path: str, meshes: list[PartMesh], grou
 
 def candidate_mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | None:
     """The registered prediction of a candidate as a surface in the camera frame; None without evidence."""
-    if c.instance is None or c.registered is None:
+    if c.predicted is None or c.registered is None:
         return None
-    corner = (c.instance.depth.x0_px, c.instance.depth.y0_px)
-    return part_mesh(in_metres(c.registered, view), c.instance.part_labels, view.camera, corner, max_vertices)
+    corner = (c.predicted.x0_px, c.predicted.y0_px)
+    # another system has no parts: its surface is of one colour
+    labels = c.instance.part_labels if c.instance else np.ones(c.registered.shape, np.uint8)
+    return part_mesh(in_metres(c.registered, view), labels, view.camera, corner, max_vertices)
 
 
 def _ground_grid(

@@ -238,6 +238,7 @@ def _guide(run: Run, mode: str) -> str:
         metrics=run.metrics,
         table=short_table(run.metrics, levels=("0.7",)).markdown(),
         mode=mode_name(mode),
+        other_system=run.other_system,
         low=low,
         high=high,
     )

@@ -18,7 +18,7 @@ from recon.primitives import PrimitiveLibrary
 from recon.stereo import SgbmConfig, disparities_to_reach
 from rescore.calibration import PlattScaling, fit_platt, label_candidates
 from rescore.candidates import Candidates
-from rescore.cues import Registration
+from rescore.cues import CLASS_MODEL, Registration, check_depth_of
 from rescore.detectors.base import Detections, Detector
 from rescore.detectors.boosted import BoostedConfig, train_boosted
 from rescore.detectors.crop_training import CrossValidation, SceneConfig, cross_validate
@@ -30,6 +30,7 @@ from rescore.evidence_model import EvidenceConfig, EvidenceModel, fit_modes
 from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
 from rescore.fusion_rules import LearnedFusion, fit_fusion
 from rescore.pipeline import CameraChoice, RescoreConfig, evidence_of_frames
+from rescore.predicted_files import Predictions
 from rescore.progress import track
 from rescore.store import read_json, write_json
 from rescore.threads import one_thread
@@ -113,7 +114,7 @@ def _detect_frame(record: FrameRecord, detector: Detector) -> tuple[int, Detecti
 def find_evidence(
     data: DataSet,
     candidates: Mapping[int, Candidates],
-    model: ClassModel,
+    source: ClassModel | Predictions,
     config: RescoreConfig,
     *,
     jobs: int,
@@ -122,7 +123,7 @@ def find_evidence(
     show: bool = True,
 ) -> CandidateTable:
     """The candidates of all frames with the outcome of eq. 6 (see ``pipeline.evidence_of_frames``)."""
-    tables = evidence_of_frames(data, candidates, model, config, jobs=jobs, evidence_dir=evidence_dir)
+    tables = evidence_of_frames(data, candidates, source, config, jobs=jobs, evidence_dir=evidence_dir)
     return CandidateTable.concatenate(
         list(track(tables, f"depth evidence {detector}", len(data.frames), show))
     )
@@ -212,6 +213,7 @@ def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
         "uncertainty": uncertainty_as_json(tuning.uncertainty),
         "sentence": tuning.sentence,
         "learned": None if tuning.learned is None else asdict(tuning.learned),
+        "depth_of": tuning.depth_of,
     }
 
 
@@ -234,6 +236,7 @@ def load_tuning(path: Path) -> Tuning:
             registration=Registration(value.get("registration", Registration.PAPER)),
             uncertainty=uncertainty_of_json(value.get("uncertainty")),
             learned=None if value.get("learned") is None else LearnedFusion(**value["learned"]),
+            depth_of=str(value.get("depth_of", CLASS_MODEL)),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise RescoreError(
@@ -244,11 +247,11 @@ def load_tuning(path: Path) -> Tuning:
     return tuning
 
 
-def tuned_weight(path: Path, mode: Registration) -> float:
-    """The w that was tuned for a mode.
+def tuned_weight(path: Path, mode: Registration, depth_of: str = CLASS_MODEL) -> float:
+    """The w that was tuned for a mode with someone's depth.
 
     Raises:
-        RescoreError: no such file, or a weight for another mode.
+        RescoreError: no such file, or a weight for another mode or with another's depth.
     """
     tuning = load_tuning(path)
     if tuning.registration is not mode:
@@ -256,6 +259,7 @@ def tuned_weight(path: Path, mode: Registration) -> float:
             f"{path}: expected a weight tuned for registration {mode}, got one for {tuning.registration}; "
             "tune again in this mode"
         )
+    check_depth_of(str(path), tuning.depth_of, depth_of)
     return tuning.w
 
 

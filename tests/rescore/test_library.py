@@ -258,6 +258,18 @@ def test_the_file_of_the_documentation(folder: Path, first: Given) -> None:
     assert same(plain.rescore(first.frame, first.boxes), run.rescore(first.frame, first.boxes))
 
 
+def test_the_network_of_the_documentation() -> None:
+    """A prediction that is the disparity itself: D is what the percentiles clip."""
+    names: dict[str, Any] = {}
+    exec(code_blocks("python")[2], names)
+    y, x = np.mgrid[:40, :60].astype(float)
+    disparity = (8 + np.cos(x / 9) * np.sin(y / 7)).astype(np.float32)
+    box, rgb = np.array([[5.0, 5, 50, 35]]), np.zeros((40, 60, 3), np.uint8)
+    found = names["compare"](rgb, disparity, box, np.array([0.5]), lambda _rgb: 3 * disparity - 40)
+    assert found.status == ("ok",)
+    assert 0 < found.depth_difference[0] < 0.06
+
+
 BAD_FILES: list[tuple[dict[str, Any], str]] = [
     ({"w": 0.5}, "expected either w or tuned, got both; w is the weight itself"),
     ({"tuned": None}, "expected either w or tuned, got neither"),
