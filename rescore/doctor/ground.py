@@ -51,7 +51,8 @@ def _beside(stated: GroundPlane, found: GroundEstimate, where: str) -> Finding:
 
 def _told(found: GroundEstimate) -> str:
     assert found.ground is not None
-    pitch, roll = np.degrees(found.ground.pitch_rad), np.degrees(found.roll_rad)
+    # no minus before a zero
+    pitch, roll = (round(float(np.degrees(a)), 1) + 0.0 for a in (found.ground.pitch_rad, found.roll_rad))
     return f"height {found.ground.height_m:.2f} m, pitch {pitch:.1f}, roll {roll:.1f} degrees"
 
 

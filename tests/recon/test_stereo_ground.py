@@ -8,6 +8,9 @@ import pytest
 
 from recon.camera import GroundPlane, StereoCamera, default_camera
 from recon.stereo_ground import GroundDoubt, GroundEstimate, estimate_ground
+from rescore.formats.open import read_dataset
+from rescore.frames import load_frame
+from rescore.steps import automatic_stereo
 
 CAMERA = StereoCamera(default_camera(640, 480), 0.35)
 GROUND = GroundPlane(1.5, np.radians(2))
@@ -55,8 +58,8 @@ def test_a_bare_plane_is_found_exactly(height_m: float, pitch_deg: float) -> Non
 def test_support_is_what_is_seen() -> None:
     support = found(street(plane())).support
     assert support is not None
-    # at 30 m the wall begins: y = fy (height - 30 sin(2 deg)) / (30 cos(2 deg)) = 672 * 0.0151 = 10.2 rows below
-    # the principal point, of 480; the foot of the wall has nearly the disparity of the ground behind it
+    # at 30 m the wall begins: y = fy (height - 30 sin(2 deg)) / (30 cos(2 deg)) = 672 * 0.0151 = 10.2 rows
+    # below the principal point, of 480; its foot has nearly the disparity of the ground that it hides
     assert support.area == pytest.approx((240 - 10.2) / 480, abs=0.04)
     assert support.on == pytest.approx(1.0, abs=0.02)
     # 90 per cent of the columns lie between the 5th and the 95th percentile
@@ -114,7 +117,7 @@ def test_standard_errors_are_those_of_repeated_noise() -> None:
     pitches = [e.ground.pitch_rad for e in estimates if e.ground]
     supports = [e.support for e in estimates if e.support]
     assert len(heights) == len(supports) == 20
-    # of 20 draws the standard deviation itself is known to 1 / sqrt(38) = 16 per cent; two and a half times that
+    # of 20 draws the standard deviation itself is known to 1 / sqrt(38) = 16 per cent; 2.5 times that
     assert np.std(heights) == pytest.approx(np.mean([s.height_sd_m for s in supports]), rel=0.4)
     assert np.std(pitches) == pytest.approx(np.mean([s.pitch_sd_rad for s in supports]), rel=0.4)
 
@@ -139,7 +142,9 @@ def test_of_two_levels_the_larger_is_found(kerb_m: float) -> None:
 
 def test_a_table_before_the_floor_is_not_the_ground() -> None:
     floor = GroundPlane(2.2, GROUND.pitch_rad)
-    table = np.where((U > 60) & (U < 580) & (V > 400), plane(GroundPlane(0.6, GROUND.pitch_rad)), plane(floor))
+    table = np.where(
+        (U > 60) & (U < 580) & (V > 400), plane(GroundPlane(0.6, GROUND.pitch_rad)), plane(floor)
+    )
     estimate = found(street(table))
     assert_is(estimate, floor, 0.02, 0.1)
 
@@ -217,10 +222,6 @@ def test_nothing_depends_on_the_size_of_the_picture() -> None:
 
 
 def test_real_streets(kitti: Path) -> None:
-    from rescore.formats.open import read_dataset
-    from rescore.frames import load_frame
-    from rescore.steps import automatic_stereo
-
     data = read_dataset(kitti)
     stereo = automatic_stereo(data)
     heights, pitches = {}, {}
