@@ -69,7 +69,8 @@ class StereoFrame:
     camera: Camera | None = None
     """None: unknown, which ``depth_m`` and mode "metric" cannot do without."""
     ground: GroundPlane | None = None
-    """Height and pitch of the camera over the ground; None: unknown."""
+    """Height and pitch of the camera over the ground; None: unknown, then that of the measured depth is used
+    where it can be trusted."""
 
     def __post_init__(self) -> None:
         given = [name for name in MEASURED if getattr(self, name) is not None]
@@ -120,7 +121,7 @@ class StereoFrame:
         else:
             assert self.disparity_px is not None
             disparity = _measured(self.disparity_px)
-        return Frame(0, left, disparity, camera, self.ground)
+        return Frame(0, left, disparity, camera, self.ground).with_stereo_ground()
 
 
 @dataclass(frozen=True, eq=False)

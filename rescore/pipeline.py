@@ -29,7 +29,7 @@ from rescore.candidates import Candidates
 from rescore.cues import CUES, CueConfig, frame_cues
 from rescore.evidence import CandidateTable
 from rescore.evidence_files import Predicted, evidence_path, write_evidence
-from rescore.frames import DataSet, Frame, FrameRecord, load_frame
+from rescore.frames import DataSet, Frame, FrameRecord, GroundSource, load_frame
 from rescore.fuse import fuse
 from rescore.predicted import BoxPrediction, PredictedDepth, cut_to_boxes
 from rescore.predicted_files import PredictedFile, Predictions
@@ -114,11 +114,13 @@ class FrameEvidence:
     """The outcome of eq. 6 of each candidate; why nothing is predicted where nothing is."""
     cues: FloatArray
     """Parts of the evidence of the other modes, shape (n, k), columns ``rescore.cues.CUES``."""
+    ground: GroundSource | None = None
+    """Where the ground plane of the frame came from; None where the frame was not read."""
 
     @property
     def table(self) -> CandidateTable:
         """The candidates with the outcome of eq. 6, a row each."""
-        return CandidateTable.of_alignments(self.candidates, self.alignments, self.cues)
+        return CandidateTable.of_alignments(self.candidates, self.alignments, self.cues, self.ground or "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +190,7 @@ def compare_depth(
     )
     views = instances.views
     cues = frame_cues(frame, candidates.xyxy_px, instances.scaled_depths, views.azimuth_rad, config.cues)
-    return FrameEvidence(candidates, views, instances.found, alignments, cues)
+    return FrameEvidence(candidates, views, instances.found, alignments, cues, frame.ground_source)
 
 
 def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, GroundPlane]:

@@ -237,6 +237,7 @@ def apply(
     made_with = {"w": weight, "split": split, "registration": mode.value, "log_odds_shift": shift}
     made_with |= {"rescore": part_as_json(rescoring)}
     write_provenance(out, "apply", made_with | source_as_json(source), None)
+    say(_grounds(table.image_id.tolist(), table.ground.tolist()))
     say(f"{_reasons(table.status.tolist())}: {out}")
 
 
@@ -333,6 +334,22 @@ def _reasons(status: list[str]) -> str:
     counts = Counter(status)
     rest = ", ".join(f"{n} {reason}" for reason, n in sorted(counts.items()) if reason != "ok")
     return f"{len(status)} candidates, {counts['ok']} with depth evidence" + (f" ({rest})" if rest else "")
+
+
+def _grounds(image_id: list[int], ground: list[str]) -> str:
+    """In how many frames the ground plane comes from where."""
+    from collections import Counter
+
+    from recon.camera import DEFAULT_GROUND
+    from rescore.frames import GroundSource
+
+    counts = Counter(dict(zip(image_id, ground, strict=True)).values())
+    text = (
+        f"ground plane of {counts.total()} frames with candidates: {counts[GroundSource.STATED]} stated, "
+        f"{counts[GroundSource.STEREO]} from stereo, {counts[GroundSource.DEFAULT]} the default "
+        f"({DEFAULT_GROUND.height_m:g} m, level)"
+    )
+    return text + ("; `rescore doctor` says why" if counts[GroundSource.DEFAULT] else "")
 
 
 def _report_stage(done: "Done") -> None:

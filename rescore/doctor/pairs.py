@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from recon.errors import RescoreError
 from recon.stereo import SgbmConfig
 from rescore.doctor.findings import Finding, Level, graded
+from rescore.doctor.ground import examine_ground
 from rescore.frames import DataSet, Frame, FrameRecord, load_frame, read_rgb
 from rescore.steps import automatic_stereo
 
@@ -58,7 +59,7 @@ def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> Pai
 
 
 def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:
-    """Rectification, sides and measured disparity of some frames; a file that cannot be read is a finding."""
+    """Rectification, sides, disparity and ground of some frames; a file that cannot be read is a finding."""
     stereo = automatic_stereo(data)
     return [finding for frame in frames for finding in _frame(frame, stereo)]
 
@@ -70,7 +71,7 @@ def _frame(record: FrameRecord, stereo: SgbmConfig) -> list[Finding]:
         matched = _matched(record, frame, where)
     except RescoreError as error:
         return [Finding(Level.ERROR, where, str(error))]
-    return [*matched, _density(record, frame, stereo, where)]
+    return [*matched, _density(record, frame, stereo, where), *examine_ground(frame, where)]
 
 
 def _matched(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:

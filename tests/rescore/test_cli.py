@@ -197,6 +197,7 @@ def test_real_frames_go_through_as_they_are(
     )
     assert done.returncode == 0, done.stderr
     assert "21 candidates" in done.stderr
+    assert "ground plane of 5 frames with candidates: 5 stated, 0 from stereo, 0 the" in done.stderr
     data = read_dataset(kitti)
     file = read_detections(out, data)
     failed = file.table.status != "ok"
@@ -237,7 +238,12 @@ def test_kitti_folders_are_rescored_as_our_own(
         model = ("--model", tiny_run / "models" / "class_model.json", "--w", 0.5, "--jobs", 1)
         done = rescore("apply", data, detections, *model, "--out", tmp_path / f"{layout}.json")
         assert done.returncode == 0, done.stderr
+        told = (
+            "ground plane of 5 frames with candidates: 0 stated, 5 from stereo, 0 the default (1.5 m, level)"
+        )
+        assert told in done.stderr
         rows = json.loads((tmp_path / f"{layout}.json").read_text())
+        assert {r["ground"] for r in rows} == {"stereo"}
         found[layout] = {
             (r["image_id"], *np.round(r["bbox"], 6)): r | {"bbox": 0, "detector": 0} for r in rows
         }
