@@ -192,7 +192,7 @@ def apply(
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
     A candidate that gets no depth evidence keeps its likelihood; its status says why. With --predicted-depth
-    the depth of another system is compared with stereo depth (docs/own-data.md).
+    the depth of another system is compared with stereo depth (docs/predicted-depth.md).
 
     Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
     """
