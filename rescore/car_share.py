@@ -7,7 +7,7 @@ The odds of a car are those of the evidence times those of the share (Saerens, L
 so a shift of the log odds, the same for all, turns one share into another. The order that D gives stays.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,4 +68,4 @@ def with_share_of(model: EvidenceModel, table: CandidateTable) -> Adapted:
             f"{int(has.sum())} with a mean likelihood of {share:g}; leave the option out"
         )
     shift = log_odds_shift(1 - d[has], share)
-    return Adapted(replace(model, bias=model.bias + shift), share, shift)
+    return Adapted(model.shifted(shift), share, shift)

@@ -77,6 +77,10 @@ class EvidenceModel:
             out[known, column] = np.interp(cues[known, column], knots, self.log_odds[name])
         return out
 
+    def shifted(self, log_odds: float) -> "EvidenceModel":
+        """The model with so much added to the log odds of every candidate (``rescore.car_share``)."""
+        return replace(self, bias=self.bias + log_odds)
+
     @property
     def neutral(self) -> float:
         """D where every cue is silent."""

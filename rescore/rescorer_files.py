@@ -39,6 +39,7 @@ class _File(BaseModel):
     class_model: str | None = None
     registration: Registration = Registration.PAPER
     evidence_model: str | None = None
+    log_odds_shift: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     w: Annotated[float, Field(ge=0, le=1)] | None = None
     tuned: str | None = None
     scaling: str | None = None
@@ -67,10 +68,16 @@ def parts_of_file(path: Path) -> Parts:
             f"{path}: expected evidence_model for registrations {' and '.join(LEARNED)} alone, got "
             f"{file.evidence_model!r} for {mode}; mend one of the two"
         )
+    if file.log_odds_shift and file.evidence_model is None:
+        raise RescoreError(
+            f"{path}: expected log_odds_shift beside an evidence_model, got {file.log_odds_shift:g} without; "
+            "leave it out"
+        )
+    learned = load_model(beside / file.evidence_model, mode) if file.evidence_model else None
     return Parts(
         class_model=ClassModel.load(beside / file.class_model) if file.class_model else None,
         w=_weight(beside / str(file.tuned), mode, file.class_model) if file.w is None else file.w,
-        evidence_model=load_model(beside / file.evidence_model, mode) if file.evidence_model else None,
+        evidence_model=None if learned is None else learned.shifted(file.log_odds_shift),
         scaling=load_scaling(beside / file.scaling) if file.scaling else None,
         config=_config(path, file.settings),
     )

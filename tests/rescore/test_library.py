@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.special import logit
 
 from recon.reconstruct import Reconstruction
 from rescore import Boxes, Camera, Rescored, RescoreError, Rescorer, StereoFrame
@@ -256,6 +257,10 @@ def test_the_file_of_the_documentation(folder: Path, first: Given) -> None:
     plain, run = Rescorer.from_file(folder / "car.json"), Rescorer.from_run("runs/demo", "hog", "metric")
     assert plain.w == run.w
     assert same(plain.rescore(first.frame, first.boxes), run.rescore(first.frame, first.boxes))
+    (folder / "car.json").write_text(json.dumps(json.loads(text) | {"settings": {}, "log_odds_shift": 2.0}))
+    moved = Rescorer.from_file(folder / "car.json").rescore(first.frame, first.boxes)
+    before = run.rescore(first.frame, first.boxes)
+    np.testing.assert_allclose(logit(before.depth_difference) - logit(moved.depth_difference), 2.0)
 
 
 def test_the_network_of_the_documentation() -> None:
@@ -283,6 +288,10 @@ BAD_FILES: list[tuple[dict[str, Any], str]] = [
     ({"settings": {"view_bin": "all"}}, "expected settings of rescoring, got view_bin"),
     ({"settings": {"view_bin": 12}}, "view bin: expected 0 to 11, got 12"),
     ({"class_model": "none.json"}, "none.json: expected a class model, found no file"),
+    (
+        {"registration": "paper", "evidence_model": None, "tuned": None, "w": 0.5, "log_odds_shift": 2.0},
+        "expected log_odds_shift beside an evidence_model, got 2 without",
+    ),
     ({"colour": 1}, "expected a rescorer, got colour: extra inputs are not permitted"),
 ]
 
