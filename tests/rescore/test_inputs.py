@@ -110,10 +110,10 @@ def test_without_a_stated_ground_the_measured_depth_gives_it() -> None:
     v, u = np.mgrid[:120, :160].astype(float)
     depth = true.intersect(camera.stereo(160, 120).left.rays(np.stack([u, v], axis=-1)))[..., 2]
     rgb = np.zeros((120, 160, 3), np.uint8)
-    seen = StereoFrame(rgb, depth_m=depth, camera=camera).loaded(SgbmConfig())
+    seen = StereoFrame(rgb, depth_m=depth, camera=camera).loaded(SgbmConfig(), 2.0)
     assert seen.ground_source is GroundSource.STEREO
     assert seen.ground is not None
     assert seen.ground.height_m == pytest.approx(1.1, abs=1e-3)
     assert seen.ground.pitch_rad == pytest.approx(np.radians(8), abs=1e-3)
-    stated = StereoFrame(rgb, depth_m=depth, camera=camera, ground=GroundPlane(1.5)).loaded(SgbmConfig())
+    stated = StereoFrame(rgb, depth_m=depth, camera=camera, ground=GroundPlane(1.5)).loaded(SgbmConfig(), 2.0)
     assert (stated.ground, stated.ground_source) == (GroundPlane(1.5), GroundSource.STATED)
