@@ -1,0 +1,162 @@
+"""The result of a run in a sentence, with its interval."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from reports.palette import detector_name, mode_name
+from reports.tables import number, percent
+
+HEADLINE_RECALL = "0.7"
+"""Recall at which false positives are compared."""
+FEW_IMAGES = 30
+"""A run with fewer is told to prove little."""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One detector before and after, at a glance."""
+
+    title: str
+    before: str
+    after: str | None
+    """None where nothing was rescored."""
+    what: str
+    factor: str
+    """What changed, with its interval; empty where there is none."""
+
+
+def headline(metrics: Mapping[str, Any]) -> str:
+    """The result in one sentence, with intervals of 95 %."""
+    level = f"{float(HEADLINE_RECALL):.0%}".replace("%", " %")
+    clauses = [_clause(metrics, d) for d in _detectors(metrics)]
+    cars = f"the {metrics['n_cars']} annotated cars"
+    if not metrics["n_cars"]:
+        return "No car is annotated in these images, so that nothing can be said of what was found."
+    return f"Where {level} of {cars} are found, {_joined(clauses)}."
+
+
+def few_images(metrics: Mapping[str, Any]) -> str | None:
+    """A warning where the images are so few that the figures prove little; else None."""
+    n = metrics["n_images"]
+    if n >= FEW_IMAGES:
+        return None
+    images = "One image proves" if n == 1 else f"{n} images prove"
+    return (
+        f"{images} little: another {n} would give other figures. The intervals come from the same few images, "
+        "so they are rough too."
+    )
+
+
+def tiles(metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
+    """False positives at a glance, a tile a detector."""
+    level = f"{float(HEADLINE_RECALL):.0%}".replace("%", " %")
+    shown = []
+    for detector in _detectors(metrics):
+        first, last = _ends(metrics, detector)
+        before, after = (number(_false_positives(row), 2) for row in (first, last))
+        found = _comparison(metrics, last)
+        shown.append(
+            Tile(
+                detector_name(detector),
+                before,
+                after if last is not first else None,
+                f"false positives per image at {level} of the cars",
+                "" if found is None else _times(found["reduction"].get(HEADLINE_RECALL)),
+            )
+        )
+    return tuple(shown)
+
+
+def _clause(metrics: Mapping[str, Any], detector: str) -> str:
+    """What became of one detector."""
+    first, last = _ends(metrics, detector)
+    name = detector_name(detector, short=True)
+    before, after = _false_positives(first), _false_positives(last)
+    if last is first:
+        if before is None:
+            return f"which {name} never does (its candidates hold {percent(first['recall_ceiling'])} of them)"
+        return f"{name} alone makes {number(before, 2)} false positives an image{_own_interval(first)}"
+    mode = mode_name(last["mode"])
+    if before is None or after is None:
+        ends = {(True, True): "before and after", (True, False): "before", (False, True): "after"}
+        when = ends[before is None, after is None]
+        return f"which {name} {mode} never reaches {when}{_precision(metrics, first, last)}"
+    found = _comparison(metrics, last)
+    times = "" if found is None else _times(found["reduction"].get(HEADLINE_RECALL))
+    values = f"from {number(before, 2)} to {number(after, 2)} an image"
+    return f"{name} {mode} goes {values} in false positives" + (f", {times}" if times else "")
+
+
+def _times(figure: Mapping[str, Any] | None) -> str:
+    """A reduction factor in words with its interval; empty where it is undefined."""
+    if figure is None or figure["interval"] is None:
+        return ""
+    value = figure["value"]
+    low, high = figure["interval"]
+    fewer = value is None or value >= 1
+    if fewer:
+        ends, shown, what = (low, high), value, "times fewer"
+    else:
+        ends, shown, what = (_inverse(high), _inverse(low)), _inverse(value), "times as many"
+    chance = "; chance may explain it" if _holds_one(low, high) else ""
+    size = "infinitely many" if shown is None else f"{shown:.1f}"
+    return f"{size} {what} (95 % interval {_end(ends[0])} to {_end(ends[1])}{chance})"
+
+
+def _inverse(value: float | None) -> float | None:
+    """1 / value, null for infinity on both sides."""
+    return 0.0 if value is None else None if value == 0 else 1 / value
+
+
+def _holds_one(low: float | None, high: float | None) -> bool:
+    return low is not None and low <= 1 and (high is None or high >= 1)
+
+
+def _end(value: float | None) -> str:
+    return "infinity" if value is None else f"{value:.1f}"
+
+
+def _precision(metrics: Mapping[str, Any], first: Mapping[str, Any], last: Mapping[str, Any]) -> str:
+    """The average precision in place of a rate that is never reached."""
+    values = (number(row["average_precision"]) for row in (first, last))
+    text = "; average precision goes from {} to {}".format(*values)
+    found = _comparison(metrics, last)
+    interval = None if found is None else found["average_precision_difference"]["interval"]
+    if interval is None:
+        return text
+    return text + f" (95 % interval of the difference {interval[0]:+.3f} to {interval[1]:+.3f})"
+
+
+def _own_interval(row: Mapping[str, Any]) -> str:
+    """The interval of a row's false positives, where it is known."""
+    ends = ((row.get("intervals") or {}).get("fppi_at_recall") or {}).get(HEADLINE_RECALL)
+    if not ends:
+        return ""
+    return f" (95 % interval {number(ends[0], 2)} to {'infinity' if ends[1] is None else number(ends[1], 2)})"
+
+
+def _false_positives(row: Mapping[str, Any]) -> float | None:
+    value: float | None = row["fppi_at_recall"].get(HEADLINE_RECALL)
+    return value
+
+
+def _detectors(metrics: Mapping[str, Any]) -> list[str]:
+    return list(dict.fromkeys(row["detector"] for row in metrics["rows"]))
+
+
+def _ends(metrics: Mapping[str, Any], detector: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """The rows of a detector alone and of its last mode; one row twice where there is no other."""
+    rows = [row for row in metrics["rows"] if row["detector"] == detector]
+    return rows[0], rows[-1]
+
+
+def _comparison(metrics: Mapping[str, Any], row: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    for c in metrics.get("comparisons", ()):
+        if (c["detector"], c["mode"]) == (row["detector"], row["mode"]):
+            return dict(c)
+    return None
+
+
+def _joined(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + ", and " + parts[-1]
