@@ -14,6 +14,7 @@ from reports.curves import scores
 from reports.overlay import registered_depth
 from reports.run_folder import Run, boxes_px
 from rescore.align_depth import DepthAlignment, measured_depth
+from rescore.candidate_columns import difference, status
 from rescore.evidence_files import evidence_path, read_evidence
 from rescore.formats.open import read_dataset
 from rescore.frames import DataSet, Truth, load_frame
@@ -33,7 +34,7 @@ class CandidateView:
     likelihood: float
     posterior: float
     depth_difference: float
-    """D; NaN where there is no evidence."""
+    """D in the mode shown; NaN where there is no evidence."""
     status: str
     reason_detail: str
     outcome: str
@@ -65,9 +66,14 @@ class FrameView:
     """By detector, best detector score first."""
 
 
+def run_dataset(run: Run) -> DataSet:
+    """The data set of a run, with all its splits."""
+    return read_dataset(run.data_dir, run.class_name)
+
+
 def run_data(run: Run) -> DataSet:
     """The frames that the run was evaluated on."""
-    data = read_dataset(run.data_dir, run.class_name)
+    data = run_dataset(run)
     return data if run.split == "all" else data.split(run.split)
 
 
@@ -98,6 +104,7 @@ class _Table:
     def __init__(self, run: Run, detector: str, mode: str) -> None:
         self._rows = run.of(detector)
         self._posterior = scores(run, detector, mode)
+        self._difference, self._status = difference(self._rows, mode), status(self._rows, mode)
         self._folder = run.root / "evidence"
         self._detector = detector
         self._mode = mode
@@ -129,8 +136,8 @@ class _Table:
             xyxy_px=boxes_px({k: rows[k][i : i + 1] for k in ("x0", "y0", "x1", "y1")})[0],
             likelihood=float(rows["likelihood"][i]),
             posterior=float(self._posterior[i]),
-            depth_difference=float(rows["depth_difference"][i]),
-            status=str(rows["status"][i]),
+            depth_difference=float(self._difference[i]),
+            status=str(self._status[i]),
             reason_detail=str(rows["reason_detail"][i]),
             outcome=str(rows[f"outcome_{suffix}"][i]),
             outcome_detector=str(rows["outcome_detector"][i]),

@@ -80,6 +80,9 @@ _PARTS = (
 )
 
 
+RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+"""Colours of runs that are drawn in one chart, in their order."""
+
 PART_COLOURS = len(_PARTS)
 """Number of different part colours; more parts than this share them in turn."""
 
