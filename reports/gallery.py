@@ -1,33 +1,25 @@
 """Which candidates rescoring moved most, for better and for worse, with their pictures."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reports.curves import match_table
 from reports.evidence_view import CandidateView, FrameView, frame_views
 from reports.palette import OUTCOME_NAME
 from reports.pictures import CandidatePanels, candidate_panels
 from reports.run_folder import Run
-from reports.tables import REASON_TEXT
-from rescore.candidate_columns import difference, places
-from rescore.changes import CHANGED, Changes, Group
+from reports.run_inspection import GROUP_TEXT, inspect_run, summary
+from rescore.candidate_columns import difference
+from rescore.changes import CHANGED, Group
+from rescore.inspection import Inspection
 from rescore.matching import FALSE_ALARM, HIT
 
-GROUP_TEXT = {
-    Group.LOST_CAR: "car lost",
-    Group.GAINED_CAR: "car gained",
-    Group.SWAPPED_CAR: "another car found",
-    Group.REJECTED_FALSE_ALARM: "false alarm newly rejected",
-    Group.ACCEPTED_FALSE_ALARM: "false alarm newly accepted",
-    Group.MOVED_HIT: "other box on the car",
-    Group.KEPT_CAR: "car kept",
-    Group.KEPT_FALSE_ALARM: "false alarm still accepted",
-    Group.REJECTED: "rejected before and after",
-    Group.IGNORED: "ignored",
-}
+IntArray = NDArray[np.int64]
+Key = tuple[str, int, int]
+"""Detector, image id and rank of a candidate."""
+
 MAX_CARDS = 32
 """Candidates shown of all runs of a page together, so that the file stays small."""
 
@@ -40,15 +32,18 @@ class Mover:
     gain: bool
     """Whether it moved the right way."""
     group: Group
-    view: CandidateView
+    reason: str
+    """Why it moved, in words."""
     image_id: int
     before: int
     """Place among all candidates of the detector by its score, 1 is best."""
     after: int
     """The same after rescoring."""
     n: int
+    view: CandidateView
     panels: CandidatePanels
     metric: bool
+    """Whether its depths are in metres."""
 
     @property
     def outcome(self) -> str:
@@ -72,72 +67,65 @@ class Mover:
         """What that does to the counts at the compared point."""
         return GROUP_TEXT[self.group]
 
-    @property
-    def evidence(self) -> str:
-        """Why it moved, in words."""
-        c = self.view
-        return REASON_TEXT.get(c.status, c.status) + (f": {c.reason_detail}" if c.reason_detail else "")
-
-
-@dataclass(frozen=True)
-class _Item:
-    """A candidate by its row among those of its detector, and its place before and after among ``n``."""
-
-    detector: str
-    image_id: int
-    rank: int
-    gain: bool
-    group: Group
-    before: int
-    after: int
-    n: int
-
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """The largest moves of every detector in one mode."""
+    """The largest moves of every detector in its last mode."""
 
-    point: str
-    """Where the two curves are compared, in words."""
+    summaries: tuple[str, ...]
+    """What changed at the compared points of the curves, a sentence a detector."""
     movers: tuple[Mover, ...]
 
 
 def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
-    """The largest moves of each detector: right ones and wrong ones, of hits and of false alarms."""
-    per_pick = max(1, max_cards // (4 * len(run.detectors)))
-    items: list[_Item] = []
-    points: list[str] = []
-    for detector in run.detectors:
-        changes = Changes.between(match_table(run, detector, "detector"), match_table(run, detector, mode))
-        points.append(changes.point.text)
-        items += _picks(run, detector, mode, changes, per_pick)
+    """The largest moves of each detector: right ones and wrong ones, of hits and of false alarms.
+
+    Args:
+        run: the run folder.
+        mode: a way of rescoring; detectors without it are left out.
+        max_cards: candidates of all detectors together.
+
+    Raises:
+        RescoreError: the data set is not where the run says, or the model of the evidence is another.
+    """
+    having = [d for d in run.detectors if any((r["detector"], r["mode"]) == (d, mode) for r in run.metrics["rows"])]
+    inspections = {d: inspect_run(run, d, mode) for d in having}
+    per_pick = max(1, max_cards // (4 * len(inspections)))
     # frames are read one after another; only the small pictures stay
-    wanted = {(i.detector, i.image_id, i.rank): i for i in items}
-    found = {key: mover for key, mover in _movers(run, mode, wanted)}
-    return Gallery(" and ".join(dict.fromkeys(points)), tuple(found[key] for key in wanted))
+    wanted = {
+        (d, int(i.rows["image_id"][row]), int(i.rows["rank"][row])): (row, gain)
+        for d, i in inspections.items()
+        for gain, picked in _picks(i, per_pick)
+        for row in picked
+    }
+    found = dict(_movers(run, mode, inspections, wanted))
+    summaries = tuple(summary(i) for i in inspections.values())
+    return Gallery(summaries, tuple(found[key] for key in wanted))
 
 
-def _picks(run: Run, detector: str, mode: str, changes: Changes, per_pick: int) -> Iterator[_Item]:
-    """The candidates that moved most, by direction and outcome; first those that count otherwise than before."""
-    rows = run.of(detector)
-    before, after = places(changes.before.match.ranking), places(changes.after.match.ranking)
+def _picks(inspection: Inspection, per_pick: int) -> Iterator[tuple[bool, Sequence[int]]]:
+    """Rows of the candidates that moved most, and whether the right way, by direction and outcome.
+
+    Those that count otherwise than before come first.
+    """
+    changes = inspection.changes
     counts = np.isin(changes.group, CHANGED)
     # a candidate without evidence keeps its score: others moved past it, depth did nothing to it
-    moved = np.where(np.isfinite(difference(rows, mode)), before - after, 0)
+    told = np.isfinite(difference(inspection.rows, inspection.mode))
     outcome = changes.after.match.outcome
     for gain in (True, False):
-        for kind, up in ((FALSE_ALARM, not gain), (HIT, gain)):
-            rise: NDArray[np.int64] = np.where(outcome == kind, moved if up else -moved, 0)
-            order = np.lexsort((-rise, ~counts))
-            for i in [i for i in order if rise[i] > 0][:per_pick]:
-                place = int(rows["image_id"][i]), int(rows["rank"][i])
-                ends = int(before[i]), int(after[i]), len(before)
-                yield _Item(detector, *place, gain, changes.group[i], *ends)
+        for kind in (FALSE_ALARM, HIT):
+            moved = np.where((outcome == kind) & told, -changes.loss if gain else changes.loss, 0)
+            order = np.lexsort((-moved, ~counts))
+            yield gain, [int(row) for row in order if moved[row] > 0][:per_pick]
 
 
 def _movers(
-    run: Run, mode: str, wanted: Mapping[tuple[str, int, int], _Item]
-) -> Iterator[tuple[tuple[str, int, int], Mover]]:
+    run: Run,
+    mode: str,
+    inspections: Mapping[str, Inspection],
+    wanted: Mapping[Key, tuple[int, bool]],
+) -> Iterator[tuple[Key, Mover]]:
     """The candidates with their pictures, in the order of the frames."""
     images = np.array(sorted({image_id for _, image_id, _ in wanted}), dtype=np.int64)
     for view in frame_views(run, mode, images) if len(images) else ():
@@ -145,19 +133,21 @@ def _movers(
             for c in candidates:
                 key = (detector, view.image_id, c.rank)
                 if key in wanted:
-                    yield key, _mover(wanted[key], c, view)
+                    yield key, _mover(inspections[detector], *wanted[key], c, view)
 
 
-def _mover(item: _Item, c: CandidateView, view: FrameView) -> Mover:
+def _mover(inspection: Inspection, row: int, gain: bool, c: CandidateView, view: FrameView) -> Mover:
+    changes = inspection.changes
     return Mover(
-        detector=item.detector,
-        gain=item.gain,
-        group=item.group,
+        detector=inspection.detector,
+        gain=gain,
+        group=changes.group[row],
+        reason=inspection.explanations[row].text,
+        image_id=view.image_id,
+        before=int(changes.place_before[row]),
+        after=int(changes.place_after[row]),
+        n=len(changes.group),
         view=c,
-        image_id=item.image_id,
-        before=item.before,
-        after=item.after,
-        n=item.n,
         panels=candidate_panels(view, c),
         metric=view.metric,
     )
