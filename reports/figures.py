@@ -88,7 +88,7 @@ def _group(
 ) -> ChartGroup:
     left = left_edge(metrics)
     shares: dict[str, Any] = {"low": 0.0, "high": 1.0, "percent": True}
-    cars = f"share of all {metrics['n_cars']} annotated cars"
+    cars = f"share of all {metrics['n_cars']} cars"
     alarms = Axis(
         "false positives per image", left, RIGHT_EDGE_FPPI, log=True, linear_high=RIGHT_EDGE_LINEAR_FPPI
     )
@@ -97,7 +97,7 @@ def _group(
         by_detector.setdefault(line.detector, []).append(line)
     kinds: dict[str, list[Chart]] = {CARS: [], CANDIDATES: [], PRECISION: []}
     axes = {
-        CARS: (alarms, Axis(f"found: {cars}", **shares)),
+        CARS: (alarms, Axis(f"{cars} found", **shares)),
         CANDIDATES: (
             Axis("share of the false candidates accepted", **shares),
             Axis("share of the hits accepted", **shares),

@@ -92,11 +92,13 @@ def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
     inspections = {d: inspect_run(run, d, mode) for d in having}
     per_pick = max(1, max_cards // (4 * len(inspections)))
     # frames are read one after another; only the small pictures stay
+    picks = [(i, gain, picked) for i in inspections.values() for gain, picked in _picks(i, per_pick)]
+    # one of each kind in turn, so that the first ones show everything
     wanted = {
-        (d, int(i.rows["image_id"][row]), int(i.rows["rank"][row])): (row, gain)
-        for d, i in inspections.items()
-        for gain, picked in _picks(i, per_pick)
-        for row in picked
+        (i.detector, int(i.rows["image_id"][picked[turn]]), int(i.rows["rank"][picked[turn]])): (picked[turn], gain)
+        for turn in range(per_pick)
+        for i, gain, picked in sorted(picks, key=lambda pick: not pick[1])
+        if turn < len(picked)
     }
     found = dict(_movers(run, mode, inspections, wanted))
     summaries = tuple(summary(i) for i in inspections.values())

@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from reports.palette import detector_name, mode_name
+from reports.palette import detector_name
 from reports.tables import number, percent
 
 HEADLINE_RECALL = "0.7"
 """Recall at which false positives are compared."""
+LEVEL_TEXT = f"{float(HEADLINE_RECALL):.0%}".replace("%", " %")
 FEW_IMAGES = 30
 """A run with fewer is told to prove little."""
 
@@ -28,12 +29,14 @@ class Tile:
 
 def headline(metrics: Mapping[str, Any]) -> str:
     """The result in one sentence, with intervals of 95 %."""
-    level = f"{float(HEADLINE_RECALL):.0%}".replace("%", " %")
-    clauses = [_clause(metrics, d) for d in _detectors(metrics)]
-    cars = f"the {metrics['n_cars']} annotated cars"
     if not metrics["n_cars"]:
         return "No car is annotated in these images, so that nothing can be said of what was found."
-    return f"Where {level} of {cars} are found, {_joined(clauses)}."
+    clauses, subject = [], ""
+    for detector in _detectors(metrics):
+        mode = _ends(metrics, detector)[1]["mode"]
+        clauses.append(_clause(metrics, detector, named=mode == subject))
+        subject = mode
+    return f"At {LEVEL_TEXT} of the {metrics['n_cars']} annotated cars found, {_joined(clauses)}."
 
 
 def few_images(metrics: Mapping[str, Any]) -> str | None:
@@ -50,7 +53,6 @@ def few_images(metrics: Mapping[str, Any]) -> str | None:
 
 def tiles(metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
     """False positives at a glance, a tile a detector."""
-    level = f"{float(HEADLINE_RECALL):.0%}".replace("%", " %")
     shown = []
     for detector in _detectors(metrics):
         first, last = _ends(metrics, detector)
@@ -61,31 +63,31 @@ def tiles(metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
                 detector_name(detector),
                 before,
                 after if last is not first else None,
-                f"false positives per image at {level} of the cars",
+                f"false positives per image at {LEVEL_TEXT} of the cars",
                 "" if found is None else _times(found["reduction"].get(HEADLINE_RECALL)),
             )
         )
     return tuple(shown)
 
 
-def _clause(metrics: Mapping[str, Any], detector: str) -> str:
-    """What became of one detector."""
+def _clause(metrics: Mapping[str, Any], detector: str, named: bool) -> str:
+    """What became of one detector; ``named`` where the clause before has named what it was rescored with."""
     first, last = _ends(metrics, detector)
     name = detector_name(detector, short=True)
     before, after = _false_positives(first), _false_positives(last)
+    if last is first and before is None:
+        return f"{name} never gets there: its candidates hold {percent(first['recall_ceiling'])} of them"
     if last is first:
-        if before is None:
-            return f"which {name} never does (its candidates hold {percent(first['recall_ceiling'])} of them)"
         return f"{name} alone makes {number(before, 2)} false positives an image{_own_interval(first)}"
-    mode = mode_name(last["mode"])
     if before is None or after is None:
-        ends = {(True, True): "before and after", (True, False): "before", (False, True): "after"}
-        when = ends[before is None, after is None]
-        return f"which {name} {mode} never reaches {when}{_precision(metrics, first, last)}"
+        when = {(True, True): "before or after", (True, False): "before", (False, True): "after"}
+        reached = when[before is None, after is None]
+        return f"{name} never gets there {reached} rescoring{_precision(metrics, first, last)}"
     found = _comparison(metrics, last)
     times = "" if found is None else _times(found["reduction"].get(HEADLINE_RECALL))
-    values = f"from {number(before, 2)} to {number(after, 2)} an image"
-    return f"{name} {mode} goes {values} in false positives" + (f", {times}" if times else "")
+    subject = "" if named else f"stereo depth ({last['mode']}) takes "
+    values = f"from {number(before, 2)} to {number(after, 2)} false positives an image"
+    return f"{subject}{name} {values}" + (f", {times}" if times else "")
 
 
 def _times(figure: Mapping[str, Any] | None) -> str:
@@ -120,12 +122,12 @@ def _end(value: float | None) -> str:
 def _precision(metrics: Mapping[str, Any], first: Mapping[str, Any], last: Mapping[str, Any]) -> str:
     """The average precision in place of a rate that is never reached."""
     values = (number(row["average_precision"]) for row in (first, last))
-    text = "; average precision goes from {} to {}".format(*values)
+    text = "average precision {} to {}".format(*values)
     found = _comparison(metrics, last)
     interval = None if found is None else found["average_precision_difference"]["interval"]
-    if interval is None:
-        return text
-    return text + f" (95 % interval of the difference {interval[0]:+.3f} to {interval[1]:+.3f})"
+    if interval is not None:
+        text += f", 95 % interval of the difference {interval[0]:+.3f} to {interval[1]:+.3f}"
+    return f" ({text})"
 
 
 def _own_interval(row: Mapping[str, Any]) -> str:

@@ -21,23 +21,33 @@ RESIDUAL_LIMIT_M = 1.0
 """Residuals beyond this are drawn in the end colours."""
 _DEPTH_WIDTH_PX = 240
 """Narrower depth maps are enlarged by whole numbers, so that their pixels stay sharp."""
-_MARGIN = 0.12
+_MARGIN = 0.2
 _HOLE = (105, 105, 105)
 _QUALITY = 80
 _FRAME_QUALITY = 72
 
 
 @dataclass(frozen=True)
-class CandidatePanels:
-    """The pictures of one candidate as data URIs, and the range of the depth colours."""
+class Picture:
+    """A picture to put into a page."""
 
-    frame: str
+    uri: str
+    """The WebP file as a data URI."""
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True)
+class CandidatePanels:
+    """The pictures of one candidate, and the range of the depth colours."""
+
+    frame: Picture
     """The whole left picture with the box."""
-    picture: str
-    measured: str
-    predicted: str | None
+    picture: Picture
+    measured: Picture
+    predicted: Picture | None
     """None, like ``residual``, where there is no registered prediction."""
-    residual: str | None
+    residual: Picture | None
     near: float
     far: float
     """Depth of the first and the last colour, in the unit of the measured depth."""
@@ -59,11 +69,11 @@ def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
     limit = RESIDUAL_LIMIT_M if view.metric else (far - near) / 4
     residual = colourise(measured - predicted, -limit, limit, RESIDUAL_COLOURS)
     return CandidatePanels(
-        frame=data_uri(_with_box(view.rgb, c), _FRAME_QUALITY),
-        picture=data_uri(_draw_outline(_widened(_tint_parts(view, c)[rows, columns]), c, rows, columns)),
-        measured=data_uri(_enlarged(colourise(measured, near, far))),
-        predicted=data_uri(_enlarged(colourise(predicted, near, far))) if has else None,
-        residual=data_uri(_enlarged(residual)) if has else None,
+        frame=as_webp(_with_box(view.rgb, c), _FRAME_QUALITY),
+        picture=as_webp(_draw_outline(_widened(_tint_parts(view, c)[rows, columns]), c, rows, columns)),
+        measured=as_webp(_enlarged(colourise(measured, near, far))),
+        predicted=as_webp(_enlarged(colourise(predicted, near, far))) if has else None,
+        residual=as_webp(_enlarged(residual)) if has else None,
         near=near,
         far=far,
         limit=limit,
@@ -85,10 +95,11 @@ def colour_stops(colormap: str, count: int = 9) -> str:
     return ", ".join("rgb({}, {}, {})".format(*c) for c in colours.tolist())
 
 
-def data_uri(picture: Rgb, quality: int = _QUALITY) -> str:
-    """A picture as a WebP data URI."""
+def as_webp(picture: Rgb, quality: int = _QUALITY) -> Picture:
+    """A picture as WebP."""
     _, data = cv2.imencode(".webp", picture[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
-    return "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode()
+    uri = "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode()
+    return Picture(uri, picture.shape[1], picture.shape[0])
 
 
 def _crop_window(c: CandidateView, shape: tuple[int, ...]) -> tuple[slice, slice]:
@@ -119,7 +130,7 @@ def _tint_parts(view: FrameView, c: CandidateView) -> Rgb:
         labels = c.instance.part_labels
         tint = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)[labels]
         part = rgb_image[window]
-        mixed = (0.6 * part + 0.4 * tint).astype(np.uint8)
+        mixed = (0.7 * part + 0.3 * tint).astype(np.uint8)
         rgb_image[window] = np.where((labels > 0)[..., None], mixed, part)
     return rgb_image
 
@@ -141,7 +152,7 @@ def _with_box(picture: Rgb, c: CandidateView) -> Rgb:
     """The picture with the box of a candidate, white around its colour so that it is seen on anything."""
     drawn = picture.copy()
     at = np.round(_corners(c)).astype(np.int32)
-    for colour, width in (((255, 255, 255), 5), (rgb(OUTCOME_COLOUR[c.outcome]), 3)):
+    for colour, width in (((255, 255, 255), 4), (rgb(OUTCOME_COLOUR[c.outcome]), 2)):
         cv2.polylines(drawn, [at], isClosed=True, color=colour, thickness=width, lineType=cv2.LINE_AA)
     return drawn
 

@@ -94,7 +94,7 @@ class Chart {
   draw(width) {
     this.width = width;
     const height = Math.round(this.small ? Math.min(width * .72, 210) : Math.min(Math.max(width * .72, 250), 370));
-    this.box = { left: this.small ? 44 : 52, right: width - 10, top: 8, bottom: height - (this.small ? 26 : 44) };
+    this.box = { left: this.small ? 44 : 64, right: width - 10, top: 8, bottom: height - (this.small ? 26 : 44) };
     const { left, right, top, bottom } = this.box;
     this.x = new Scale(this.spec.x, this.group.linear, left, right);
     this.y = new Scale(this.spec.y, false, bottom, top);

@@ -1,6 +1,7 @@
 "use strict";
 // Theme, gallery and printing of the page.
 
+const FIRST_CARDS = 12;
 const root = document.documentElement;
 const system = window.matchMedia("(prefers-color-scheme: dark)");
 const specs = JSON.parse(document.getElementById("charts").textContent);
@@ -26,6 +27,9 @@ class Gallery {
     this.count = element.querySelector(".count");
     this.order = element.querySelector("select[data-order]");
     this.list = element.querySelector(".cards");
+    this.more = element.querySelector("button[data-more]");
+    this.limit = FIRST_CARDS;
+    this.more.addEventListener("click", () => { const next = this.shown()[this.limit - 1]; this.limit = Infinity; this.update(); next?.nextElementSibling?.querySelector("button").focus(); });
     for (const s of this.selects) s.addEventListener("change", () => this.update());
     element.querySelector("button[data-reset]").addEventListener("click", () => { for (const s of this.selects) s.selectedIndex = 0; this.update(); });
     for (const card of this.cards) card.querySelector("button").addEventListener("click", () => viewer.open(this, card));
@@ -34,11 +38,15 @@ class Gallery {
   shown() { return [...this.list.children].filter(c => !c.hidden); }
   update() {
     const wanted = this.selects.filter(s => s.dataset.filter && s.value);
-    for (const c of this.cards) c.hidden = !wanted.every(s => c.dataset[s.dataset.filter] === s.value);
     const [key, sign] = this.order.value.split(" ");
     const value = c => c.dataset[key] === "" ? Infinity : sign * c.dataset[key];
     this.list.append(...[...this.cards].sort((a, b) => value(a) - value(b)));
-    this.count.textContent = `${this.shown().length} of ${this.cards.length} candidates`;
+    let found = 0;
+    for (const c of this.list.children) c.hidden = !wanted.every(s => c.dataset[s.dataset.filter] === s.value) || ++found > this.limit;
+    const more = found - this.shown().length;
+    this.more.hidden = more === 0;
+    this.more.textContent = `Show ${more} more`;
+    this.count.textContent = `${found} of ${this.cards.length} candidates`;
   }
 }
 
@@ -68,10 +76,12 @@ class Viewer {
   }
   show(card) {
     this.card = card;
+    this.dialog.classList.toggle("loss", card.classList.contains("loss"));
     this.title.textContent = card.querySelector("h4").textContent;
     const left = html("div"), right = html("div");
-    left.append(...[...card.querySelector(".more").children].map(n => n.cloneNode(true)));
-    right.append(card.querySelector(".panels").cloneNode(true));
+    const [frame, why, numbers] = [...card.querySelector(".more").children].map(n => n.cloneNode(true));
+    left.append(frame, why);
+    right.append(card.querySelector(".panels").cloneNode(true), numbers);
     this.body.replaceChildren(left, right);
     this.dialog.scrollTop = 0;
   }
