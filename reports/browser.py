@@ -84,7 +84,9 @@ class Page:
         self.call("Emulation.setEmulatedMedia", features=[theme])
         self._seen.clear()
         began = time.perf_counter()
-        self.call("Page.navigate", url=file.resolve().as_uri())
+        answer = self.call("Page.navigate", url=file.resolve().as_uri())
+        if "errorText" in answer:
+            raise RescoreError(f"{file}: expected a page, got {answer['errorText']}; check the path")
         self.wait_for("Page.loadEventFired")
         return time.perf_counter() - began
 
@@ -125,7 +127,9 @@ class Page:
         while b"\0" not in self._rest:
             data = os.read(self._from_browser, 1 << 20)
             if not data:
-                raise RescoreError("chromium: expected an answer, got none, it has ended; start it by hand to see why")
+                raise RescoreError(
+                    "chromium: expected an answer, got none, it has ended; start it by hand to see why"
+                )
             self._rest += data
         first, _, self._rest = self._rest.partition(b"\0")
         message: dict[str, Any] = json.loads(first)

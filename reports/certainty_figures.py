@@ -29,8 +29,15 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
         objective = next(iter(own.values()))["objective_name"].replace("_", " ")
         values = np.array([v for line in lines for v in np.asarray(line.y, float) if np.isfinite(v)])
         room = 0.06 * float(np.ptp(values)) + 1e-3
-        y = Axis(f"{objective} on the validation set", float(values.min()) - room, float(values.max()) + room, digits=3)
-        alt = f"{objective} over w, {detector_name(detector)}. " + "; ".join(f"{l.name}: {l.figure}" for l in lines)
+        y = Axis(
+            f"{objective} on the validation set",
+            float(values.min()) - room,
+            float(values.max()) + room,
+            digits=3,
+        )
+        alt = f"{objective} over w, {detector_name(detector)}. " + "; ".join(
+            f"{l.name}: {l.figure}" for l in lines
+        )
         x = Axis("w: 0 trusts the depth alone, 1 the detector alone", 0.0, 1.0)
         charts.append(Chart(detector_name(detector), alt, x, y, lines))
     if not charts:
@@ -41,7 +48,12 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
         "interval of 95 % of w, chosen again on images drawn with replacement."
     )
     names = {m: mode_name(m) for m in dict.fromkeys(modes)}
-    return ChartGroup(name, {"Choice of w": tuple(charts)}, {"Choice of w": note}, mode_switches(list(names), names, list(names)))
+    return ChartGroup(
+        name,
+        {"Choice of w": tuple(charts)},
+        {"Choice of w": note},
+        mode_switches(list(names), names, list(names)),
+    )
 
 
 def _weight_line(mode: str, tuned: Mapping[str, Any]) -> Line:
@@ -70,7 +82,10 @@ def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGro
         alt = f"Share of hits over score, {detector_name(detector)}. " + "; ".join(
             f"{line.name}: {line.figure}" for line in lines
         )
-        axes = Axis("mean score of a group", 0.0, 1.0, digits=3), Axis("hits in the group", 0.0, 1.0, percent=True)
+        axes = (
+            Axis("mean score of a group", 0.0, 1.0, digits=3),
+            Axis("hits in the group", 0.0, 1.0, percent=True),
+        )
         charts.append(Chart(detector_name(detector), alt, *axes, lines, diagonal=True))
     modes = list(dict.fromkeys(str(r["mode"]) for r in shown))
     n = max(len(r["count"]) for r in shown)
@@ -135,7 +150,9 @@ def _sweep_chart(
         last = f"at the end {number_text(read[-1]['value'], 2)}"
         band = {"x": at, "low": low, "high": high} if level is not None else None
         look = Look.of_mode(mode)
-        lines.append(Line(mode_name(mode), last, look, at, value, (mode,), text=text, markers=True, band=band))
+        lines.append(
+            Line(mode_name(mode), last, look, at, value, (mode,), text=text, markers=True, band=band)
+        )
     alt = f"{what} over {dial['what']}. " + "; ".join(f"{line.name}: {line.figure}" for line in lines)
     x = Axis(dial["what"], float(at.min()), float(at.max()))
     return Chart(dial["what"], alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)

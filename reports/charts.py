@@ -124,7 +124,9 @@ class ChartGroup:
     @property
     def has_bands(self) -> bool:
         """Whether there is an interval to show or hide."""
-        return any(line.band is not None for charts in self.kinds.values() for c in charts for line in c.lines)
+        return any(
+            line.band is not None for charts in self.kinds.values() for c in charts for line in c.lines
+        )
 
     @property
     def has_log_switch(self) -> bool:

@@ -26,25 +26,34 @@ def curve_group(
     modes = list(dict.fromkeys(c.mode for c in curves))
     lines = [_Lines(c, mode_name(c.mode), Look.of_mode(c.mode), (c.mode,), bands) for c in curves]
     switches = mode_switches(modes, {m: mode_name(m) for m in modes}, (modes[0], modes[-1]))
-    return _group(name, lines, metrics, switches)
+    return _group(name, lines, (metrics,), switches)
 
 
 def runs_group(
     name: str,
     runs: Mapping[str, Sequence[CurveSet]],
     colours: Mapping[str, str],
-    metrics: Mapping[str, Any],
+    metrics: Sequence[Mapping[str, Any]],
 ) -> ChartGroup:
-    """The curves of several runs in the same charts: a colour a run, dashes by mode."""
+    """The curves of several runs in the same charts: a colour a run, dashes by mode.
+
+    The detector alone and the last mode of each run are on.
+    """
     modes = list(dict.fromkeys(c.mode for curves in runs.values() for c in curves))
     lines = [
-        _Lines(c, f"{run}, {mode_name(c.mode)}", Look.of_colour(colours[run], c.mode), (f"run {run}", c.mode), {})
+        _Lines(
+            c, f"{run}, {mode_name(c.mode)}", Look.of_colour(colours[run], c.mode), (f"run {run}", c.mode), {}
+        )
         for run, curves in runs.items()
         for c in curves
     ]
-    ends = (modes[0], modes[-1])
-    switches = tuple(Switch(f"run {run}", run, Look.of_colour(colour), True) for run, colour in colours.items())
-    return _group(name, lines, metrics, switches + mode_switches(modes, {m: mode_name(m) for m in modes}, ends))
+    ends = [mode for curves in runs.values() for mode in (curves[0].mode, curves[-1].mode)]
+    switches = tuple(
+        Switch(f"run {run}", run, Look.of_colour(colour), True) for run, colour in colours.items()
+    )
+    return _group(
+        name, lines, metrics, switches + mode_switches(modes, {m: mode_name(m) for m in modes}, ends)
+    )
 
 
 class _Lines:
@@ -66,7 +75,9 @@ class _Lines:
         """The ROC over candidates."""
         c, b = self.curves.candidate, self._bands
         figure = f"area {number(self.curves.row['auc'])}"
-        return self._line(c.x, c.y, c.threshold, figure, None if b is None else _band(b.candidate), read="last")
+        return self._line(
+            c.x, c.y, c.threshold, figure, None if b is None else _band(b.candidate), read="last"
+        )
 
     def precision(self) -> Line:
         """Precision over recall."""
@@ -84,11 +95,11 @@ def _band(band: Band) -> dict[str, Any]:
 
 
 def _group(
-    name: str, lines: Sequence[_Lines], metrics: Mapping[str, Any], switches: tuple[Switch, ...]
+    name: str, lines: Sequence[_Lines], metrics: Sequence[Mapping[str, Any]], switches: tuple[Switch, ...]
 ) -> ChartGroup:
-    left = left_edge(metrics)
+    left = min(left_edge(m) for m in metrics)
     shares: dict[str, Any] = {"low": 0.0, "high": 1.0, "percent": True}
-    cars = f"share of all {metrics['n_cars']} cars"
+    cars = f"share of all {_count(metrics, 'n_cars')}cars"
     alarms = Axis(
         "false positives per image", left, RIGHT_EDGE_FPPI, log=True, linear_high=RIGHT_EDGE_LINEAR_FPPI
     )
@@ -117,13 +128,19 @@ def _group(
     return ChartGroup(name, {k: tuple(c) for k, c in kinds.items()}, _notes(metrics), switches)
 
 
-def _notes(metrics: Mapping[str, Any]) -> dict[str, str]:
+def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    cars, images, candidates = (_count(metrics, key) for key in ("n_cars", "n_images", "n_candidates"))
     return {
-        CARS: f"Counts all {metrics['n_cars']} annotated cars, missed ones too, and all {metrics['n_images']} "
-        "images, also those without a car. A second candidate on the same car is a false positive. "
-        "On the log axis the left edge is no false positive at all.",
-        CANDIDATES: f"Counts the {metrics['n_candidates']} candidates only. A car that no candidate found does "
-        "not appear here; candidates on ignored objects are left out. Dotted: chance.",
+        CARS: f"Counts all {cars}annotated cars, missed ones too, and all {images}images, also those without a "
+        "car. A second candidate on the same car is a false positive. On the log axis the left edge is no "
+        "false positive at all.",
+        CANDIDATES: f"Counts the {candidates}candidates only. A car that no candidate found does not appear "
+        "here; candidates on ignored objects are left out. Dotted: chance.",
         PRECISION: "Precision: share of the accepted candidates that are hits. Recall: share of all cars found.",
     }
 
+
+def _count(metrics: Sequence[Mapping[str, Any]], key: str) -> str:
+    """A number and a space where all runs have the same one, else nothing."""
+    values = {m[key] for m in metrics}
+    return f"{values.pop()} " if len(values) == 1 else ""

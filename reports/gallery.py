@@ -88,14 +88,19 @@ def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
     Raises:
         RescoreError: the data set is not where the run says, or the model of the evidence is another.
     """
-    having = [d for d in run.detectors if any((r["detector"], r["mode"]) == (d, mode) for r in run.metrics["rows"])]
+    having = [
+        d for d in run.detectors if any((r["detector"], r["mode"]) == (d, mode) for r in run.metrics["rows"])
+    ]
     inspections = {d: inspect_run(run, d, mode) for d in having}
     per_pick = max(1, max_cards // (4 * len(inspections)))
     # frames are read one after another; only the small pictures stay
     picks = [(i, gain, picked) for i in inspections.values() for gain, picked in _picks(i, per_pick)]
     # one of each kind in turn, so that the first ones show everything
     wanted = {
-        (i.detector, int(i.rows["image_id"][picked[turn]]), int(i.rows["rank"][picked[turn]])): (picked[turn], gain)
+        (i.detector, int(i.rows["image_id"][picked[turn]]), int(i.rows["rank"][picked[turn]])): (
+            picked[turn],
+            gain,
+        )
         for turn in range(per_pick)
         for i, gain, picked in sorted(picks, key=lambda pick: not pick[1])
         if turn < len(picked)

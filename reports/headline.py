@@ -102,8 +102,10 @@ def _times(figure: Mapping[str, Any] | None) -> str:
     else:
         ends, shown, what = (_inverse(high), _inverse(low)), _inverse(value), "times as many"
     chance = "; chance may explain it" if _holds_one(low, high) else ""
-    size = "infinitely many" if shown is None else f"{shown:.1f}"
-    return f"{size} {what} (95 % interval {_end(ends[0])} to {_end(ends[1])}{chance})"
+    size = "infinitely many times fewer" if shown is None else f"{shown:.1f} {what}"
+    if size == f"1.0 {what}":
+        return f"about as many (95 % interval {_end(low)} to {_end(high)} times fewer)"
+    return f"{size} (95 % interval {_end(ends[0])} to {_end(ends[1])}{chance})"
 
 
 def _inverse(value: float | None) -> float | None:

@@ -92,9 +92,7 @@ def build_report(run_dirs: Path | Sequence[Path], out: Path | None = None) -> Pa
 
 def render_report(runs: Sequence[Evaluated]) -> str:
     """The page of one run or several as text."""
-    sections = [
-        _section(one, f"r{i}", MAX_CARDS // len(runs)) for i, one in enumerate(runs)
-    ]
+    sections = [_section(one, f"r{i}", MAX_CARDS // len(runs)) for i, one in enumerate(runs)]
     overlay = _overlay(runs) if len(runs) > 1 else None
     groups = [*([overlay] if overlay else []), *(g for s in sections for g in s.groups)]
     return render(
@@ -145,14 +143,17 @@ def _section(one: Evaluated, key: str, max_cards: int) -> Section:
 def _gallery(run: Run, mode: str, max_cards: int) -> tuple[Gallery | None, str]:
     """The gallery, or why there is none."""
     if len(run.modes) < 2:
-        return None, "No candidate was rescored in this run, so none moved: `rescore apply` rescores detections."
+        return (
+            None,
+            "No candidate was rescored in this run, so none moved: `rescore apply` rescores detections.",
+        )
     gallery, note = _or_note(lambda: build_gallery(run, mode, max_cards), None, "No pictures of candidates")
     if gallery is not None and not gallery.movers:
         return None, "No candidate with depth evidence changed its place."
     if gallery is not None and all(m.panels.predicted is None for m in gallery.movers):
         note = (
-            "No predicted depth: this run folder has no reconstructions. `rescore apply --evidence "
-            "RUN/evidence` keeps them."
+            f"No predicted depth is shown: {run.root.name} holds no reconstructions; `rescore apply --evidence "
+            f"{run.root.name}/evidence` keeps them."
         )
     return gallery, note
 
@@ -168,7 +169,12 @@ def _or_note(make: Any, otherwise: Any, what: str) -> tuple[Any, str]:
 def _overlay(runs: Sequence[Evaluated]) -> ChartGroup:
     """The curves of all runs in one group of charts."""
     colours = {one.name: RUN_COLOURS[i % len(RUN_COLOURS)] for i, one in enumerate(runs)}
-    return runs_group("all-curves", {one.name: curve_sets(one.run) for one in runs}, colours, runs[0].run.metrics)
+    return runs_group(
+        "all-curves",
+        {one.name: curve_sets(one.run) for one in runs},
+        colours,
+        [one.run.metrics for one in runs],
+    )
 
 
 def _tables(run: Run) -> dict[str, Table | None]:

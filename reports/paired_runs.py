@@ -108,7 +108,16 @@ def side_by_side(runs: Sequence[Evaluated]) -> Table:
         for row in one.run.metrics["rows"]
         if row["detector"] == detector
     )
-    head = ("run", "detector", "scores", "w", "area (ROC)", "average precision", "FP/image at 70%", "recall ceiling")
+    head = (
+        "run",
+        "detector",
+        "scores",
+        "w",
+        "area (ROC)",
+        "average precision",
+        "FP/image at 70%",
+        "recall ceiling",
+    )
     return Table("All runs", head, rows, text_columns=3)
 
 
@@ -128,7 +137,9 @@ def _compare(first: Evaluated, other: Evaluated) -> PairedRuns:
     keys = [
         (row["detector"], row["mode"])
         for row in first.run.metrics["rows"]
-        if any((r["detector"], r["mode"]) == (row["detector"], row["mode"]) for r in other.run.metrics["rows"])
+        if any(
+            (r["detector"], r["mode"]) == (row["detector"], row["mode"]) for r in other.run.metrics["rows"]
+        )
     ]
     if not keys:
         note = "The runs share no detector and mode of one name, so nothing can be paired."

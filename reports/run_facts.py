@@ -92,8 +92,9 @@ def made_from(run: Run) -> list[tuple[str, str]]:
 def differing_settings(runs: Mapping[str, Run]) -> Table | None:
     """A row a setting, seed or version that is not the same in all runs; None where all are."""
     flat = {name: _flat(_comparable(run.config)) for name, run in runs.items()}
-    keys = list(dict.fromkeys(key for values in flat.values() for key in values))
-    rows = [(key, *(flat[name].get(key, "–") for name in runs)) for key in keys]
+    # what only one kind of command has cannot differ
+    keys = [key for key in next(iter(flat.values())) if all(key in values for values in flat.values())]
+    rows = [(key, *(flat[name][key] for name in runs)) for key in keys]
     differing = tuple(row for row in rows if len(set(row[1:])) > 1)
     if not differing:
         return None
@@ -114,5 +115,9 @@ def _flat(value: Any, name: str = "") -> dict[str, str]:
     if isinstance(value, Mapping):
         parts = [_flat(v, f"{name}.{k}" if name else str(k)) for k, v in value.items()]
         return {k: v for part in parts for k, v in part.items()}
-    text = ", ".join(str(v) for v in value) if isinstance(value, Sequence) and not isinstance(value, str) else value
-    return {name: str(text)}
+    text = (
+        ", ".join(str(v) for v in value)
+        if isinstance(value, Sequence) and not isinstance(value, str)
+        else value
+    )
+    return {name: "–" if text is None else str(text)}

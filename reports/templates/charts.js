@@ -201,18 +201,17 @@ class Chart {
     this.cursor.setAttribute("x2", this.at);
     this.cursor.setAttribute("visibility", "visible");
     this.dots.replaceChildren();
-    const said = [html("div", "of", null, `${this.spec.x.label.split(":")[0]}: ${this.x.text(x)}`)];
+    const said = html("div", "of", null, `${this.spec.x.label.split(":")[0]}: ${this.x.text(x)}`), table = html("table");
     for (const l of lines) {
-      const i = this.reading(l, x), row = html("div");
-      row.append(swatch(l.look), `${l.name}: `);
-      html("b", "", row, i < 0 || l.y[i] === null ? "never" : l.text[i] ?? this.y.text(l.y[i]));
-      if (i >= 0 && l.threshold) html("span", "of", row, l.threshold[i] === null ? ", threshold above all scores" : `, threshold ${l.threshold[i].toFixed(4)}`);
-      said.push(row);
-      if (i < 0 || l.y[i] === null) continue;
+      const i = this.reading(l, x), never = i < 0 || l.y[i] === null, row = html("tr", "", table);
+      html("td", "", row).append(swatch(l.look), l.name);
+      html("b", "", html("td", "", row), never ? "never" : l.text[i] ?? this.y.text(l.y[i]));
+      if (i >= 0 && l.threshold) html("td", "of", row, l.threshold[i] === null ? "threshold above all scores" : `threshold ${l.threshold[i].toFixed(4)}`);
+      if (never) continue;
       const at = l.read === "nearest" ? this.x.at(l.x[i]) : this.at;
       paint(make("circle", { cx: at, cy: this.y.at(l.y[i]), r: 4.5, class: "dot marked" }, this.dots), l.look);
     }
-    this.tip.replaceChildren(...said);
+    this.tip.replaceChildren(said, table);
     this.tip.hidden = false;
     const room = this.host.clientWidth, scale = room / this.width, own = this.tip.offsetWidth;
     const beside = this.at * scale + 14 + own < room ? this.at * scale + 14 : this.at * scale - 14 - own;

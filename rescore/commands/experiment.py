@@ -1,4 +1,4 @@
-"""The commands of the experiment: synth, train, detect, apply, evaluate, log, reproduce."""
+"""The commands of the experiment: synth, train, detect, apply, evaluate, report, log, reproduce."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
@@ -248,6 +248,36 @@ def evaluate(
 
         build_report(out)
     _print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
+
+
+@app.command()
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Run folders of `rescore evaluate` or `rescore reproduce`; the others are compared with the "
+            "first.",
+            metavar="RUN...",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Page to write.",
+            show_default="RUN/report.html; of several runs comparison.html of the first",
+        ),
+    ] = None,
+) -> None:
+    """Write the report of a run, one HTML file for a browser without network: result, curves, gallery, tuning.
+
+    Several runs come side by side, with differences paired over the images that they share.
+
+    Example: [bold]rescore report runs/demo runs/other --out comparison.html[/bold]
+    """
+    from reports import build_report
+
+    page = build_report(runs, out)
+    say(f"report: {page} (open it in a browser)")
 
 
 @app.command()
