@@ -5,10 +5,12 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import rerun_cli
 from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 from rerun.experimental import ViewerClient
 
 from recon.errors import RescoreError
@@ -67,9 +69,12 @@ def images_of(recording: Path) -> set[int]:
         raise RescoreError(f"{recording}: expected a recording, found none; run `rescore log` first")
     found: set[int] = set()
     try:
-        for chunk in RrdReader(str(recording)).stream().filter(has_timeline=TIMELINE):
-            found.update(chunk.to_record_batch()[TIMELINE].to_pylist())
-    except (ValueError, OSError, RuntimeError) as error:
+        with warnings.catch_warnings():
+            # a file that was cut short is a warning there
+            warnings.simplefilter("error", RerunWarning)
+            for chunk in RrdReader(str(recording)).stream().filter(has_timeline=TIMELINE):
+                found.update(chunk.to_record_batch()[TIMELINE].to_pylist())
+    except (ValueError, OSError, RuntimeError, RerunWarning) as error:
         raise RescoreError(
             f"{recording}: expected a recording, got {error}; run `rescore log` again"
         ) from error
