@@ -165,7 +165,7 @@ def open_browser() -> Iterator[Page]:
     from_read, from_write = os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         # the browser reads file descriptor 3 and writes 4
-        command = 'exec "$0" "$@" 3<&{} 4>&{}'.format(to_read, from_write)
+        command = f'exec "$0" "$@" 3<&{to_read} 4>&{from_write}'
         process = subprocess.Popen(
             ["bash", "-c", command, CHROMIUM, *_OPTIONS, f"--user-data-dir={profile}"],
             pass_fds=(to_read, from_write),

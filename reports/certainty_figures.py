@@ -36,7 +36,7 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
             digits=3,
         )
         alt = f"{objective} over w, {detector_name(detector)}. " + "; ".join(
-            f"{l.name}: {l.figure}" for l in lines
+            f"{line.name}: {line.figure}" for line in lines
         )
         x = Axis("w: 0 trusts the depth alone, 1 the detector alone", 0.0, 1.0)
         charts.append(Chart(detector_name(detector), alt, x, y, lines))
@@ -73,7 +73,7 @@ def _weight_line(mode: str, tuned: Mapping[str, Any]) -> Line:
 
 
 def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGroup | None:
-    """Share of hits over score, in groups of candidates with intervals; None where scores are no likelihoods."""
+    """Share of hits over score, in groups with intervals; None where scores are no likelihoods."""
     if not shown:
         return None
     charts = []
@@ -90,8 +90,8 @@ def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGro
     modes = list(dict.fromkeys(str(r["mode"]) for r in shown))
     n = max(len(r["count"]) for r in shown)
     note = (
-        f"Up to {n} groups of equally many candidates, by score; bars: intervals of 95 %. On the dotted line a "
-        "score is a probability. Most candidates have low scores, so most groups lie at the left."
+        f"Up to {n} groups of equally many candidates, by score; bars: intervals of 95 %. On the dotted line "
+        "a score is a probability. Most candidates have low scores, so most groups lie at the left."
     )
     names = {m: mode_name(m) for m in modes}
     switches = mode_switches(modes, names, (modes[0], modes[-1]))
@@ -127,7 +127,7 @@ def sweep_group(name: str, sweep: Mapping[str, Any]) -> ChartGroup:
         "intervals of 95 %. Above the line at 1 depth helps. Level 0 is the input as it is.",
         "False positives": "False positives per image where 70 % of the cars are found.",
     }
-    modes = list(dict.fromkeys(line.tags[0] for chart in (*factors, *alarms) for line in chart.lines))
+    modes = list(dict.fromkeys(line.tags[0] for chart in (*alarms, *factors) for line in chart.lines))
     names = {m: mode_name(m) for m in modes}
     kinds = {"Times fewer": tuple(factors), "False positives": tuple(alarms)}
     return ChartGroup(name, kinds, notes, mode_switches(modes, names, modes))

@@ -131,12 +131,13 @@ def _group(
 def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     cars, images, candidates = (_count(metrics, key) for key in ("n_cars", "n_images", "n_candidates"))
     return {
-        CARS: f"Counts all {cars}annotated cars, missed ones too, and all {images}images, also those without a "
-        "car. A second candidate on the same car is a false positive. On the log axis the left edge is no "
+        CARS: f"Counts all {cars}annotated cars, missed ones too, and all {images}images, also those without "
+        "a car. A second candidate on the same car is a false positive. On the log axis the left edge is no "
         "false positive at all.",
         CANDIDATES: f"Counts the {candidates}candidates only. A car that no candidate found does not appear "
         "here; candidates on ignored objects are left out. Dotted: chance.",
-        PRECISION: "Precision: share of the accepted candidates that are hits. Recall: share of all cars found.",
+        PRECISION: "Precision: share of the accepted candidates that are hits. Recall: share of all cars "
+        "found.",
     }
 
 

@@ -46,8 +46,8 @@ def few_images(metrics: Mapping[str, Any]) -> str | None:
         return None
     images = "One image proves" if n == 1 else f"{n} images prove"
     return (
-        f"{images} little: another {n} would give other figures. The intervals come from the same few images, "
-        "so they are rough too."
+        f"{images} little: another {n} would give other figures. The intervals come from the same few "
+        "images, so they are rough too."
     )
 
 

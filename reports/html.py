@@ -152,8 +152,8 @@ def _gallery(run: Run, mode: str, max_cards: int) -> tuple[Gallery | None, str]:
         return None, "No candidate with depth evidence changed its place."
     if gallery is not None and all(m.panels.predicted is None for m in gallery.movers):
         note = (
-            f"No predicted depth is shown: {run.root.name} holds no reconstructions; `rescore apply --evidence "
-            f"{run.root.name}/evidence` keeps them."
+            f"No predicted depth is shown: {run.root.name} holds no reconstructions; `rescore apply "
+            f"--evidence {run.root.name}/evidence` keeps them."
         )
     return gallery, note
 

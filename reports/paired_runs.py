@@ -130,8 +130,8 @@ def _compare(first: Evaluated, other: Evaluated) -> PairedRuns:
     if len(pairs) < MIN_SHARED:
         shared = "no image" if not len(pairs) else "one image"
         note = (
-            f"{counts}; they share {shared} (same picture, same annotated cars). So nothing can be paired: the "
-            "figures above differ by chance of the images too, and their intervals are each run's own."
+            f"{counts}; they share {shared} (same picture, same annotated cars). So nothing can be paired: "
+            "the figures above differ by chance of the images too, and their intervals are each run's own."
         )
         return PairedRuns(first.name, other.name, note, None)
     keys = [

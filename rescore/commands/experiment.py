@@ -268,7 +268,7 @@ def report(
         ),
     ] = None,
 ) -> None:
-    """Write the report of a run, one HTML file for a browser without network: result, curves, gallery, tuning.
+    """Write the report of a run: one HTML file with result, curves, gallery and tuning, for offline use.
 
     Several runs come side by side, with differences paired over the images that they share.
 
