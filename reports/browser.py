@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import select
 import shutil
 import subprocess
 import tempfile
@@ -27,7 +28,7 @@ _TIMEOUT_S = 60.0
 
 
 @dataclass(eq=False)
-class Page:
+class BrowserPage:
     """One page of a browser. What it complains of and asks for is kept."""
 
     _to_browser: int
@@ -102,6 +103,20 @@ class Page:
             raise RescoreError(f"chromium: expected a value of {script[:60]!r}, got {text}; mend the script")
         return answer["result"].get("value")
 
+    def wait_until(self, script: str) -> None:
+        """Wait until a JavaScript expression is true.
+
+        Raises:
+            RescoreError: it never is.
+        """
+        end = time.perf_counter() + _TIMEOUT_S
+        while not self.run(script):
+            if time.perf_counter() > end:
+                raise RescoreError(
+                    f"chromium: expected {script!r} within {_TIMEOUT_S:g} s, got false; look at the page"
+                )
+            time.sleep(0.02)
+
     def press(self, key: str, code: int, text: str = "") -> None:
         """Press and release a key, such as ("Tab", 9) or ("Enter", 13, "\\r")."""
         pressed = {"key": key, "code": key, "windowsVirtualKeyCode": code, "text": text}
@@ -125,6 +140,10 @@ class Page:
     def _next(self) -> dict[str, Any]:
         """The next message of the browser; events are kept."""
         while b"\0" not in self._rest:
+            if not select.select([self._from_browser], [], [], _TIMEOUT_S)[0]:
+                raise RescoreError(
+                    f"chromium: expected an answer within {_TIMEOUT_S:g} s, got none; try again"
+                )
             data = os.read(self._from_browser, 1 << 20)
             if not data:
                 raise RescoreError(
@@ -153,7 +172,7 @@ class Page:
 
 
 @contextmanager
-def open_browser() -> Iterator[Page]:
+def open_browser() -> Iterator[BrowserPage]:
     """A page of a new browser, which is ended with the block.
 
     Raises:
@@ -183,8 +202,8 @@ def open_browser() -> Iterator[Page]:
             process.wait(_TIMEOUT_S)
 
 
-def _first_page(to_browser: int, from_browser: int) -> Page:
-    page = Page(to_browser, from_browser)
+def _first_page(to_browser: int, from_browser: int) -> BrowserPage:
+    page = BrowserPage(to_browser, from_browser)
     target = page.call("Target.createTarget", url="about:blank")["targetId"]
     page.session = page.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
     for domain in ("Page", "Runtime", "Log", "Network"):
