@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence bench clean
+	published-evidence published-report bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -44,6 +44,9 @@ published-weight: paper
 	$(BIN)/rescore synth runs/weight_data --preset weight-study --jobs $(JOBS)
 	$(BIN)/rescore study-weight runs/paper --dataset runs/weight_data --keep runs/weight_candidates \
 	    --out reports/published/weight --jobs $(JOBS)
+
+published-report: paper
+	$(BIN)/python -m reports.screenshots runs/paper reports/published/report "make published-report"
 
 published-evidence: paper
 	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)

@@ -25,6 +25,8 @@ class Tile:
     what: str
     factor: str
     """What changed, with its interval; empty where there is none."""
+    worse: bool
+    """Whether there are more false positives after."""
 
 
 def headline(metrics: Mapping[str, Any]) -> str:
@@ -56,7 +58,8 @@ def tiles(metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
     shown = []
     for detector in _detectors(metrics):
         first, last = _ends(metrics, detector)
-        before, after = (number(_false_positives(row), 2) for row in (first, last))
+        values = [_false_positives(row) for row in (first, last)]
+        before, after = (number(v, 2) for v in values)
         found = _comparison(metrics, last)
         shown.append(
             Tile(
@@ -65,6 +68,7 @@ def tiles(metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
                 after if last is not first else None,
                 f"false positives per image at {LEVEL_TEXT} of the cars",
                 "" if found is None else _times(found["reduction"].get(HEADLINE_RECALL)),
+                worse=values[0] is not None and (values[1] is None or values[1] > values[0]),
             )
         )
     return tuple(shown)

@@ -22,6 +22,8 @@ RESIDUAL_LIMIT_M = 1.0
 _DEPTH_WIDTH_PX = 240
 """Narrower depth maps are enlarged by whole numbers, so that their pixels stay sharp."""
 _MARGIN = 0.2
+_ASPECT = 1.8
+"""Width over height of what is cut out, so that cards are alike."""
 _HOLE = (105, 105, 105)
 _QUALITY = 80
 _FRAME_QUALITY = 72
@@ -58,7 +60,7 @@ class CandidatePanels:
 def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
     """The pictures of a candidate: frame, crop with outline and parts, measured and predicted depth,
     residual."""
-    rows, columns = _crop_window(c, view.measured.shape)
+    rows, columns = crop_window(c, view.measured.shape)
     measured = view.measured[rows, columns]
     predicted = np.full(view.measured.shape, np.nan, np.float32)
     if c.instance is not None and c.registered is not None:
@@ -102,13 +104,20 @@ def as_webp(picture: Rgb, quality: int = _QUALITY) -> Picture:
     return Picture(uri, picture.shape[1], picture.shape[0])
 
 
-def _crop_window(c: CandidateView, shape: tuple[int, ...]) -> tuple[slice, slice]:
+def crop_window(c: CandidateView, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns around the box, of one aspect as far as the image allows."""
     x0, y0, x1, y1 = c.xyxy_px
-    pad = _MARGIN * max(x1 - x0, y1 - y0)
-    left, top = (int(np.clip(v - pad, 0, n - 2)) for v, n in ((x0, shape[1]), (y0, shape[0])))
-    right = int(np.clip(np.ceil(x1 + pad), left + 2, shape[1]))
-    bottom = int(np.clip(np.ceil(y1 + pad), top + 2, shape[0]))
-    return slice(top, bottom), slice(left, right)
+    pad = 2 * _MARGIN * max(x1 - x0, y1 - y0)
+    width, height = x1 - x0 + pad, y1 - y0 + pad
+    width, height = max(width, _ASPECT * height), max(height, width / _ASPECT)
+    return _within((y0 + y1) / 2, height, shape[0]), _within((x0 + x1) / 2, width, shape[1])
+
+
+def _within(middle: float, length: float, size: int) -> slice:
+    """So many pixels around a place, moved into the image."""
+    count = int(np.clip(round(length), 2, size))
+    first = int(np.clip(round(middle - count / 2), 0, size - count))
+    return slice(first, first + count)
 
 
 def _depth_range(c: CandidateView, view: FrameView, predicted: NDArray[np.float32]) -> tuple[float, float]:

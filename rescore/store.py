@@ -160,7 +160,7 @@ def imported_modules(file: Path) -> list[str]:
 
 _VERSIONED = (
     *("rescore", "numpy", "scipy", "opencv-python-headless", "scikit-learn", "joblib", "pydantic", "pyarrow"),
-    *("open3d", "open3d-cpu", "rerun-sdk", "plotly", "matplotlib", "trimesh", "pillow"),
+    *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow"),
 )
 
 

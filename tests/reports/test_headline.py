@@ -90,3 +90,9 @@ def test_few_images_get_a_warning():
     assert few_images(metrics(n_images=30)) is None
     assert str(few_images(metrics(n_images=6))).startswith("6 images prove little")
     assert str(few_images(metrics(n_images=1))).startswith("One image proves little")
+
+
+def test_a_tile_says_whether_it_became_worse():
+    for before, after, worse in ((2.0, 1.0, False), (1.0, 2.0, True), (None, 1.0, False), (1.0, None, True)):
+        (tile,) = tiles(metrics(row("detector", before), row("paper", after)))
+        assert tile.worse == worse
