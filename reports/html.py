@@ -109,6 +109,7 @@ def render_report(runs: Sequence[Evaluated]) -> str:
         detector_name=detector_name,
         charts={name: chart for g in groups for name, chart in g.as_json().items()},
         style=asset("report.css"),
+        theme=asset("theme.js"),
         scripts=[asset("charts.js"), asset("report.js")],
     )
 

@@ -17,6 +17,7 @@ from reports.tables import Table, number
 from rescore.bootstrap import BootstrapConfig, Comparison, bootstrap
 from rescore.comparisons import figure_as_json
 from rescore.curve_bands import CurveBands, curve_bands
+from rescore.frames import DataSet
 from rescore.matching import MatchTable, TruthTable
 from rescore.store import digest_of
 
@@ -37,22 +38,26 @@ class Evaluated:
     run: Run
 
     @cached_property
-    def truth(self) -> TruthTable:
-        """Images and cars in the order of the data set.
+    def data(self) -> DataSet:
+        """The frames that were evaluated.
 
         Raises:
             RescoreError: the data set is not where the run says.
         """
-        return TruthTable.of(run_data(self.run))
+        return run_data(self.run)
+
+    @cached_property
+    def truth(self) -> TruthTable:
+        """Images and cars in the order of the data set; raises as ``data`` does."""
+        return TruthTable.of(self.data)
 
     @cached_property
     def frame_keys(self) -> tuple[str, ...]:
         """What makes each frame the same in two runs: its left picture and its cars, in the order of the
         truth."""
-        data = run_data(self.run)
+        truths = ((f, self.data.truth[f.image_id]) for f in self.data.frames)
         return tuple(
-            f"{digest_of(f.left_path)} {t.xyxy_px.round(3).tolist()} {t.ignore.tolist()}"
-            for f, t in ((f, data.truth[f.image_id]) for f in data.frames)
+            f"{digest_of(f.left_path)} {t.xyxy_px.round(3).tolist()} {t.ignore.tolist()}" for f, t in truths
         )
 
     def match(self, detector: str, mode: str) -> MatchTable:

@@ -1,21 +1,10 @@
 "use strict";
-// Theme, gallery and printing of the page.
+// Switch of themes, gallery and printing of the page.
 
 const FIRST_CARDS = 12;
-const root = document.documentElement;
-const system = window.matchMedia("(prefers-color-scheme: dark)");
 const specs = JSON.parse(document.getElementById("charts").textContent);
 const groups = [...document.querySelectorAll(".chartgroup")].map(e => new ChartGroup(e, specs));
 
-function stored(value) {
-  // a browser may refuse storage to files
-  try { if (value) localStorage.setItem("rescore-theme", value); return localStorage.getItem("rescore-theme"); } catch { return value ?? null; }
-}
-let theme = stored() ?? "auto";
-function applyTheme() {
-  root.dataset.theme = theme === "auto" ? (system.matches ? "dark" : "light") : theme;
-  for (const b of document.querySelectorAll("button[data-set-theme]")) b.setAttribute("aria-pressed", b.dataset.setTheme === theme);
-}
 for (const b of document.querySelectorAll("button[data-set-theme]")) b.addEventListener("click", () => { theme = b.dataset.setTheme; stored(theme); applyTheme(); });
 system.addEventListener("change", applyTheme);
 applyTheme();
@@ -77,7 +66,7 @@ class Viewer {
   show(card) {
     this.card = card;
     this.dialog.classList.toggle("loss", card.classList.contains("loss"));
-    this.title.textContent = card.querySelector("h4").textContent;
+    this.title.textContent = card.querySelector("h3").textContent;
     const left = html("div"), right = html("div");
     const [frame, why, numbers] = [...card.querySelector(".more").children].map(n => n.cloneNode(true));
     left.append(frame, why);

@@ -114,12 +114,12 @@ def test_a_card_opens_large_pictures_with_the_keyboard(page: BrowserPage):
     page.wait_until("document.querySelector('dialog').open")
     title = "document.querySelector('#large-title').textContent"
     first = page.run(title)
-    assert first == page.run(f"{SHOWN}[0].querySelector('h4').textContent")
+    assert first == page.run(f"{SHOWN}[0].querySelector('h3').textContent")
     assert page.run("document.querySelectorAll('dialog img').length") == 5
     loaded = "[...document.querySelectorAll('dialog img')].every(i => i.complete && i.naturalWidth > 0)"
     page.wait_until(loaded)
     page.press("ArrowRight", 39)
-    assert page.run(title) == page.run(f"{SHOWN}[1].querySelector('h4').textContent")
+    assert page.run(title) == page.run(f"{SHOWN}[1].querySelector('h3').textContent")
     page.press("Escape", 27)
     page.wait_until("!document.querySelector('dialog').open")
     page.wait_until(f"document.activeElement === {SHOWN}[1].querySelector('button')")
