@@ -39,7 +39,8 @@ class Shot:
     """Whether the large pictures of the first candidate are open."""
 
 
-_TOP, _CURVES, _NUMBERS, _GALLERY, _TUNING = "", "#r0-curves", "#r0-numbers", "#r0-moves", "#r0-tuning"
+_TOP, _CURVES, _NUMBERS, _TUNING = "", "#r0-curves", "#r0-numbers", "#r0-tuning"
+_GALLERY, _CARDS = "#r0-moves", ".count"
 _RESULT = "The result, both detectors before and after, with bands of 95 %"
 _LARGE = "One candidate: picture, depths, residual, numbers and reason"
 SHOTS = (
@@ -48,7 +49,7 @@ SHOTS = (
     Shot("gallery", "Largest gains and worst losses, with the reason for each", _DESKTOP, False, (_GALLERY,)),
     Shot("candidate", _LARGE, (1280, 800), True, (_GALLERY,), card=True),
     Shot("tuning", "The objective over w, with the interval of w", _DESKTOP, False, (_TUNING,)),
-    Shot("phone_light", "On a phone", _PHONE, False, (_TOP, _CURVES, _GALLERY)),
+    Shot("phone_light", "On a phone", _PHONE, False, (_TOP, _CURVES, _CARDS)),
     Shot("phone_dark", "On a phone, dark", _PHONE, True, (_TOP, _CURVES, _NUMBERS)),
 )
 
