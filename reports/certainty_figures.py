@@ -20,9 +20,8 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
     """The objective over w of every detector and mode; None where no w was chosen."""
     charts, modes, n_images = [], [], 0
     for detector, tuned in tuning.items():
-        own = tuned.get("modes", {})
-        if not own:
-            continue
+        # an older version knows no other mode
+        own = tuned.get("modes") or {"paper": tuned}
         modes += own
         n_images = max([n_images, *(t.get("n_images") or 0 for t in own.values())])
         lines = tuple(_weight_line(mode, t) for mode, t in own.items())
