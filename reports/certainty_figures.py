@@ -18,7 +18,9 @@ SWEEP_FPPI = (0.03, 20.0)
 
 def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGroup | None:
     """The objective over w of every detector and mode; None where no w was chosen."""
-    charts, modes, n_images = [], [], 0
+    charts: list[Chart] = []
+    modes: list[str] = []
+    n_images = 0
     for detector, tuned in tuning.items():
         # an older version knows no other mode
         own = tuned.get("modes") or {"paper": tuned}
