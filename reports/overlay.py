@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.depth_map import DepthMap
-from rescore.align_depth import DepthAlignment
+from rescore.align_depth import DepthAlignment, predicted_region
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +50,27 @@ def registered_depth(predicted: DepthMap, alignment: DepthAlignment) -> NDArray[
     """Predicted depth (h, w) in the unit of the measured one: a1 and a2 of eq. 6, normalisation undone."""
     normalised = alignment.scale * predicted.depth.astype(float) + alignment.offset
     return (normalised * alignment.stereo_span + alignment.stereo_low).astype(np.float32)
+
+
+def registered_relief(
+    predicted: DepthMap, measured: NDArray[np.float32], xyxy_px: FloatArray, scale: float
+) -> NDArray[np.float32] | None:
+    """Predicted depth (h, w) in the unit of the measured one, by the fit of ``rescore.guarded``.
+
+    The predicted relief of inverse depth, times the scale, is laid on the measured one of the whole picture
+    ``measured`` in the box, median on median. None where nothing was measured there.
+    """
+    seen = measured[predicted.window].astype(float)
+    use = predicted_region(predicted, xyxy_px) & np.isfinite(seen) & (seen > 0)
+    if not use.any():
+        return None
+    inverse = 1 / predicted.depth.astype(float)
+    relief = inverse / np.median(inverse[use]) - 1
+    middle = np.median(1 / seen[use])
+    offset = np.median(1 / seen[use] / middle - 1 - scale * relief[use])
+    fitted = middle * (1 + scale * relief + offset)
+    # NaN outside the object compares False
+    return np.where(fitted > 0.05 * middle, 1 / np.where(fitted > 0, fitted, 1), np.nan).astype(np.float32)
 
 
 def points_of_depth(
