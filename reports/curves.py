@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 
 from reports.palette import detector_name, mode_name
 from reports.run_folder import Run
-from rescore.matching import OUTCOMES, MatchTable, ranking_of
+from rescore import candidate_columns
+from rescore.candidate_columns import score_column
+from rescore.matching import MatchTable
 from rescore.metrics import Curve, candidate_roc, recall_curve
 
 FloatArray = NDArray[np.float64]
@@ -52,25 +54,13 @@ class CurveSet:
 
 def match_table(run: Run, detector: str, mode: str) -> MatchTable:
     """The match table of one detector and mode, from candidates.parquet."""
-    rows = run.of(detector)
-    code = {str(name): i for i, name in enumerate(OUTCOMES)}
-    suffix = mode if f"annotation_id_{mode}" in rows else "detector"
-    raw = rows["detector_score"].astype(float)
-    return MatchTable(
-        n_images=int(run.metrics["n_images"]),
-        n_cars=int(run.metrics["n_cars"]),
-        # images without candidates are not in the file: they come last here
-        image=np.unique(rows["image_id"], return_inverse=True)[1],
-        ranking=ranking_of(raw if mode == "detector" else scores(run, detector, mode), raw),
-        outcome=np.array([code[str(o)] for o in rows[f"outcome_{suffix}"]], dtype=np.int8),
-        annotation_id=rows[f"annotation_id_{suffix}"].astype(np.int64),
-    )
+    n_images, n_cars = int(run.metrics["n_images"]), int(run.metrics["n_cars"])
+    return candidate_columns.match_table(run.of(detector), mode, n_images, n_cars)
 
 
 def scores(run: Run, detector: str, mode: str) -> FloatArray:
     """Score in [0, 1] of every candidate of a detector: l, or the posterior of the mode."""
-    rows = run.of(detector)
-    return np.asarray(rows["likelihood" if mode == "detector" else f"posterior_{mode}"], dtype=float)
+    return np.asarray(run.of(detector)[score_column(mode)], dtype=float)
 
 
 def curve_sets(run: Run) -> tuple[CurveSet, ...]:

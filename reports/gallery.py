@@ -11,6 +11,7 @@ from reports.palette import OUTCOME_NAME, detector_name
 from reports.pictures import CandidatePanels, candidate_panels
 from reports.run_folder import Run
 from reports.tables import REASON_TEXT
+from rescore.candidate_columns import places
 
 
 @dataclass(frozen=True)
@@ -111,13 +112,6 @@ def _picks(run: Run, detector: str, mode: str, per_shelf: int) -> dict[tuple[str
             for i in best
         ]
     return groups
-
-
-def places(ranking: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Place of each candidate, 1 is best; candidates of equal ranking in the order given."""
-    place = np.empty(len(ranking), np.int64)
-    place[np.argsort(-ranking, kind="stable")] = np.arange(1, len(ranking) + 1)
-    return place
 
 
 def _mover(detector: str, item: _Item, c: CandidateView, view: FrameView) -> Mover:

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.candidate_columns import Columns
 from rescore.store import read_candidates, read_json
-
-Columns = Mapping[str, NDArray[Any]]
-"""A table as arrays of one length, by column name."""
 
 _NEEDED = (
     *("detector", "image_id", "rank", "x0", "y0", "x1", "y1", "detector_score", "likelihood", "status"),
@@ -93,11 +91,6 @@ class Run:
         """The rows of candidates.parquet of one detector."""
         keep = self.candidates["detector"] == detector
         return {name: column[keep] for name, column in self.candidates.items()}
-
-
-def score_column(mode: str) -> str:
-    """Name of the column that ranks candidates in this mode."""
-    return "detector_score" if mode == "detector" else f"posterior_{mode}"
 
 
 def load_run(run_dir: Path) -> Run:

@@ -165,7 +165,7 @@ def _take_cars(
 ) -> IntArray:
     """The car each candidate takes, -1 where none; a round for each place in the ranking, images together."""
     taken_by = np.full(len(image), -1, np.int64)
-    place = _place_in_image(image, ranking)[candidate]
+    place = places_in_image(image, ranking)[candidate]
     free = np.ones(n_cars, bool)
     for p in np.unique(place):
         now = (place == p) & free[car]
@@ -176,8 +176,8 @@ def _take_cars(
     return taken_by
 
 
-def _place_in_image(image: IntArray, ranking: FloatArray) -> IntArray:
-    """0 for the best candidate of its image, 1 for the next, ...; ties in the order given."""
+def places_in_image(image: IntArray, ranking: FloatArray) -> IntArray:
+    """Place of each candidate (n,) in its image, 0 is best; equal ones in the order given."""
     order = np.lexsort((np.arange(len(image)), -np.asarray(ranking), image))
     first = np.searchsorted(image[order], image[order], side="left")
     place = np.empty(len(image), np.int64)

@@ -107,11 +107,22 @@ def average_precision(match: MatchTable) -> float:
     return float(np.append(best_beyond, 0.0)[np.minimum(at, len(best_beyond))].mean())
 
 
-def fppi_at_recall(curve: Curve, recall: float) -> float | None:
-    """False positives per image where the true-positive rate first reaches ``recall``; None if never."""
+def index_at_recall(curve: Curve, recall: float) -> int | None:
+    """Point of a recall curve where the true-positive rate first reaches ``recall``; None if never."""
     # a rate of 0.7 is a quotient of integers: allow for its rounding
     reached = np.flatnonzero(curve.y >= recall - 1e-12)
-    return float(curve.x[reached[0]]) if len(reached) else None
+    return int(reached[0]) if len(reached) else None
+
+
+def index_at_fppi(curve: Curve, fppi: float) -> int:
+    """Last point of a recall curve with at most ``fppi`` false positives per image."""
+    return int(np.flatnonzero(curve.x <= fppi + 1e-12)[-1])
+
+
+def fppi_at_recall(curve: Curve, recall: float) -> float | None:
+    """False positives per image where the true-positive rate first reaches ``recall``; None if never."""
+    at = index_at_recall(curve, recall)
+    return None if at is None else float(curve.x[at])
 
 
 def recall_ceiling(curve: Curve) -> float:
