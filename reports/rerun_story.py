@@ -1,0 +1,160 @@
+"""What a recording tells of a run: modes, the operating point, what changed there, and which frames to show."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+from reports.curves import match_table, scores
+from reports.evidence_view import CandidateView, run_data
+from reports.run_folder import Run
+from rescore.candidate_columns import ALONE
+from rescore.changes import CHANGED, Changes, Group, OperatingPoint, default_point
+from rescore.cues import LEARNED, Registration
+from rescore.evidence_model import EvidenceModel, load_models
+from rescore.matching import HIT, IGNORED, MatchTable
+
+BoolArray = NDArray[np.bool_]
+FloatArray = NDArray[np.float64]
+
+
+class Frames(StrEnum):
+    """Which frames a recording shows."""
+
+    ALL = "all"
+    FLIPS = "flips"
+    """Those where a candidate counts otherwise after rescoring."""
+    WORST = "worst"
+    """Those where a car is lost or a false alarm newly accepted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Story:
+    """A run with the mode that is explained."""
+
+    run: Run
+    mode: str
+    """The way of scoring that is compared with the detector alone."""
+    points: Mapping[str, OperatingPoint]
+    """By detector: where its curves are compared."""
+    tables: Mapping[tuple[str, str], MatchTable]
+    """By detector and mode."""
+    changes: Mapping[tuple[str, str], Changes]
+    """By detector and mode, against the detector alone."""
+    models: Mapping[str, EvidenceModel]
+    """By detector: the model of depth evidence of the mode, where the run folder has it."""
+
+    @classmethod
+    def of(cls, run: Run, mode: str | None = None) -> "Story":
+        """The story of a run; ``mode`` is the last of metrics.json unless it is named.
+
+        Raises:
+            RescoreError: the run has no such mode.
+        """
+        mode = mode or run.modes[-1]
+        if mode not in run.modes:
+            raise RescoreError(f"mode: expected one of {', '.join(run.modes)}, got {mode!r}; choose one")
+        tables = {(str(r["detector"]), str(r["mode"])): None for r in run.metrics["rows"]}
+        found = {key: match_table(run, *key) for key in tables}
+        points = {d: default_point(*(t for (own, _), t in found.items() if own == d)) for d in run.detectors}
+        changes = {
+            (d, m): Changes.between(found[d, ALONE], table, points[d]) for (d, m), table in found.items()
+        }
+        return cls(run, mode, points, found, changes, _models(run, mode))
+
+    def mode_of(self, detector: str) -> str:
+        """The mode that is explained; the detector alone where it was not rescored in that mode."""
+        return self.mode if (detector, self.mode) in self.tables else ALONE
+
+    def modes_of(self, detector: str) -> tuple[str, ...]:
+        """The modes of a detector, it alone first."""
+        return tuple(m for d, m in self.tables if d == detector)
+
+    def accepted(self, detector: str, mode: str) -> BoolArray:
+        """Which candidates (n,) of a detector are accepted at its operating point."""
+        return self.changes[detector, mode].after.accepted
+
+    def threshold(self, detector: str, mode: str) -> float:
+        """The least score that is accepted at the operating point; 1 where none is."""
+        score = scores(self.run, detector, mode)[self.accepted(detector, mode)]
+        return float(score.min()) if len(score) else 1.0
+
+    def group(self, detector: str, c: CandidateView) -> Group:
+        """What became of a candidate in the mode that is explained."""
+        return Group(self.changes[detector, self.mode_of(detector)].group[c.row])
+
+    def rates(self, detector: str, mode: str, accepted: BoolArray) -> tuple[float, float, float, float, float]:
+        """False positives an image, share of cars found, precision, and the shares of the false candidates and
+        of the hits that are accepted; NaN where undefined."""
+        t = self.tables[detector, mode]
+        hit, false = t.outcome == HIT, (t.outcome != HIT) & (t.outcome != IGNORED)
+        hits, wrong = int((hit & accepted).sum()), int((false & accepted).sum())
+        return (
+            wrong / max(t.n_images, 1),
+            _share(hits, t.n_cars),
+            _share(hits, hits + wrong),
+            _share(wrong, int(false.sum())),
+            _share(hits, int(hit.sum())),
+        )
+
+    def most_telling(self, detector: str, candidates: Sequence[CandidateView]) -> CandidateView | None:
+        """The candidate of a frame whose change says most: one that counts otherwise, and moved far."""
+        return max(candidates, key=lambda c: self._weight(detector, c), default=None)
+
+    def _weight(self, detector: str, c: CandidateView) -> tuple[int, bool, float]:
+        group = self.group(detector, c)
+        order = (Group.REJECTED_FALSE_ALARM, Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM, Group.GAINED_CAR)
+        place = len(order) - order.index(group) if group in order else 0
+        moved = abs(np.log(max(c.posterior, 1e-6)) - np.log(max(c.likelihood, 1e-6)))
+        return place, c.registered is not None, float(moved)
+
+
+def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | None = None) -> NDArray[np.int64]:
+    """Ids of the images to show, the most telling first.
+
+    Of all frames, ``max_frames`` evenly spread ones; of the others the first so many.
+
+    Raises:
+        RescoreError: no frame is of that kind.
+    """
+    ids = np.array([f.image_id for f in run_data(story.run).frames], dtype=np.int64)
+    count = np.array([_counts(story, d, which, ids) for d in story.run.detectors])
+    if which is Frames.ALL and max_frames is not None and max_frames < len(ids):
+        spread = np.unique(np.linspace(0, len(ids) - 1, max_frames).round().astype(int))
+        ids, count = ids[spread], count[:, spread]
+    # the first detector is the one that the blueprint shows
+    order = np.lexsort((np.arange(len(ids)), -count.sum(axis=0), -count[0]))
+    if which is not Frames.ALL:
+        order = order[count.sum(axis=0)[order] > 0][:max_frames]
+        if not len(order):
+            raise RescoreError(
+                f"frames: expected some with {which.value}, found none at "
+                f"{story.points[story.run.detectors[0]].text}; choose --frames all"
+            )
+    return np.asarray(ids[order])
+
+
+def _counts(story: Story, detector: str, which: Frames, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many candidates of each image are of the wanted kind."""
+    wanted = (Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM) if which is Frames.WORST else CHANGED
+    of_kind = np.isin(story.changes[detector, story.mode_of(detector)].group, wanted)
+    image_id = story.run.of(detector)["image_id"]
+    return np.array([int((of_kind & (image_id == i)).sum()) for i in ids])
+
+
+def _models(run: Run, mode: str) -> dict[str, EvidenceModel]:
+    if mode not in [m.value for m in LEARNED]:
+        return {}
+    found = {}
+    for detector in run.detectors:
+        file = run.root / "models" / f"{detector}.evidence.json"
+        if file.is_file():
+            found[detector] = load_models(file)
+    return {d: m[Registration(mode)] for d, m in found.items() if Registration(mode) in m}
+
+
+def _share(part: int, whole: int) -> float:
+    return part / whole if whole else float("nan")
