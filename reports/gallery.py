@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reports.curves import match_table
 from reports.evidence_view import CandidateView, FrameView, frame_views
 from reports.palette import OUTCOME_NAME, detector_name
 from reports.pictures import CandidatePanels, candidate_panels
 from reports.run_folder import Run
-from reports.tables import REASON_TEXT
 from rescore.candidate_columns import places
+from rescore.cue_words import status_text
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ def _mover(detector: str, item: _Item, c: CandidateView, view: FrameView) -> Mov
         likelihood=c.likelihood,
         posterior=c.posterior,
         depth_difference=c.depth_difference,
-        evidence=REASON_TEXT.get(c.status, c.status) + (f": {c.reason_detail}" if c.reason_detail else ""),
+        evidence=status_text(c.status) + (f": {c.reason_detail}" if c.reason_detail else ""),
         panels=candidate_panels(view, c),
         metric=view.metric,
     )

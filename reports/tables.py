@@ -9,24 +9,12 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 
 from reports.palette import detector_name, mode_name
+from rescore.cue_words import status_text
 
 RECALLS = ("0.5", "0.6", "0.7", "0.8")
 
 _SPLIT_TEXT = {"all": "all splits"}
 _SHORT_MODE = {"detector": "alone"}
-
-REASON_TEXT = {
-    "ok": "depth compared",
-    "no_outline": "no outline found",
-    "registration_failed": "does not fit the view of the model",
-    "no_ground_contact": "no part touches the ground",
-    "above_horizon": "ground line above the horizon",
-    "parts_not_placed": "too few parts placed",
-    "no_stereo": "too little measured depth",
-    "stereo_not_believed": "measured depth contradicts itself or the ground",
-    "no_calibration": "camera not calibrated",
-    "box_outside_image": "box outside the image",
-}
 
 
 @dataclass(frozen=True)
@@ -109,7 +97,7 @@ def reason_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table:
     totals = {d: max(sum(counts[d].values()), 1) for d in detectors}
     rows = tuple(
         (
-            REASON_TEXT.get(status, status.replace("_", " ")),
+            status_text(status),
             *(f"{counts[d].get(status, 0)} ({counts[d].get(status, 0) / totals[d]:.0%})" for d in detectors),
         )
         for status in statuses

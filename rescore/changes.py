@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.candidate_columns import places
 from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
 from rescore.metrics import index_at_fppi, index_at_recall, recall_ceiling, recall_curve
 
@@ -203,6 +204,37 @@ class Changes:
         return cls(point, one, two, _groups(one, two))
 
     @property
+    def place_before(self) -> IntArray:
+        """Place of each candidate in the whole test set, 1 is best, shape (n,)."""
+        return places(self.before.match.ranking)
+
+    @property
+    def place_after(self) -> IntArray:
+        """The same after."""
+        return places(self.after.match.ranking)
+
+    @property
+    def delta(self) -> IntArray:
+        """By how many places of the whole test set each candidate rose, shape (n,); below 0: it fell."""
+        return self.place_before - self.place_after
+
+    @property
+    def loss(self) -> IntArray:
+        """The places by which each candidate moved the wrong way, shape (n,): a car down, another one up.
+
+        Below 0 where it moved the right way; 0 on ignore regions.
+        """
+        outcomes = np.stack([self.before.match.outcome, self.after.match.outcome])
+        hit, ignored = (outcomes == HIT).any(axis=0), (outcomes == IGNORED).any(axis=0)
+        return np.where(hit, -self.delta, np.where(ignored, 0, self.delta))
+
+    @property
+    def rose(self) -> Mask:
+        """Candidates that are accepted now and were not, or where that is as before stand higher, (n,)."""
+        switched = self.after.accepted != self.before.accepted
+        return np.where(switched, self.after.accepted, self.delta > 0)
+
+    @property
     def tally(self) -> Tally:
         """The counts."""
         one, two = self.before, self.after
@@ -213,7 +245,7 @@ class Changes:
             cars_after=int(two.found.sum()),
             gained=int(np.isin(self.group, GAINS).sum()),
             lost=int(np.isin(self.group, LOSSES).sum()),
-            moved=sum(found[0][car] != found[1][car] for car in found[0].keys() & found[1].keys()),
+            moved=sum(int(found[0][car] != found[1][car]) for car in found[0].keys() & found[1].keys()),
             false_before=int(one.false.sum()),
             false_after=int(two.false.sum()),
             newly_accepted=int((two.false & ~one.accepted).sum()),
