@@ -11,9 +11,9 @@ from reports.evidence_view import CandidateView, FrameView
 from reports.palette import OUTCOME_NAME
 from reports.rerun_names import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
 from reports.rerun_story import Story
-from reports.tables import REASON_TEXT
 from rescore.candidate_columns import ALONE
 from rescore.changes import Group
+from rescore.cue_words import status_text
 from rescore.frames import Truth
 
 GROUP_TEXT = {
@@ -29,7 +29,7 @@ GROUP_TEXT = {
     Group.IGNORED: "does not count",
 }
 LEGEND = ("hit", "false_alarm", "duplicate", "missed")
-_LEGEND_TEXT = {"hit": "hit", "false_alarm": "false alarm", "duplicate": "duplicate", "missed": "missed car"}
+LEGEND_TEXT = {"hit": "hit", "false_alarm": "false alarm", "duplicate": "duplicate", "missed": "missed car"}
 _MAX_TABLE = 15
 _MAX_LABELS = 5
 
@@ -50,11 +50,10 @@ class Shown:
 def log_boxes(rec: rr.RecordingStream, story: Story, view: FrameView) -> None:
     """Log the candidates of all detectors and modes, and the tables, at the time that is set."""
     for detector in story.run.detectors:
-        main = story.mode_of(detector)
         for mode in story.modes_of(detector):
             log_shown(rec, boxes_path(detector, mode), shown(story, view, detector, mode), view)
         rec.log(f"tables/{part(detector)}", text(frame_table(story, view, detector)))
-        _log_legend(rec, f"{IMAGE}/{part(detector)}/legend", view, main)
+        _log_legend(rec, f"{IMAGE}/{part(detector)}/legend", view)
 
 
 def candidates_of(story: Story, view: FrameView, detector: str, mode: str) -> tuple[CandidateView, ...]:
@@ -121,7 +120,7 @@ def frame_table(story: Story, view: FrameView, detector: str) -> str:
         kind = f" ({c.kind.replace('_', ' ')})" if c.kind and c.outcome == "false_alarm" else ""
         became = GROUP_TEXT[story.group(detector, c)]
         if c.status != "ok":
-            became += f"; no evidence: {REASON_TEXT.get(c.status, c.status.replace('_', ' '))}"
+            became += f"; no evidence: {status_text(c.status)}"
         lines.append(
             f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {d} | {c.posterior:.3f} | "
             f"{OUTCOME_NAME[c.outcome]}{kind} | {became} |\n"
@@ -216,7 +215,7 @@ def _log_cars(rec: rr.RecordingStream, path: str, what: Shown, truth: Truth) -> 
     )
 
 
-def _log_legend(rec: rr.RecordingStream, path: str, view: FrameView, _mode: str) -> None:
+def _log_legend(rec: rr.RecordingStream, path: str, view: FrameView) -> None:
     """The colours, in a row below the picture."""
     h, w = view.measured.shape
     at = (np.arange(len(LEGEND)) + 0.5) / len(LEGEND) * w
@@ -225,7 +224,7 @@ def _log_legend(rec: rr.RecordingStream, path: str, view: FrameView, _mode: str)
         rr.Points2D(
             np.stack([at, np.full(len(at), 1.02 * h)], axis=1),
             class_ids=[OUTCOME_CLASSES.index(n) for n in LEGEND],
-            labels=[f"■ {_LEGEND_TEXT[n]}" for n in LEGEND],
+            labels=[f"■ {LEGEND_TEXT[n]}" for n in LEGEND],
             show_labels=True,
             radii=rr.Radius.ui_points(0),
         ),

@@ -15,6 +15,7 @@ from rescore.candidate_columns import ALONE
 from rescore.changes import CHANGED, Changes, Group, OperatingPoint, default_point
 from rescore.cues import LEARNED, Registration
 from rescore.evidence_model import EvidenceModel, load_models
+from rescore.explain import Explanation, explain
 from rescore.matching import HIT, IGNORED, MatchTable
 
 BoolArray = NDArray[np.bool_]
@@ -44,8 +45,10 @@ class Story:
     """By detector and mode."""
     changes: Mapping[tuple[str, str], Changes]
     """By detector and mode, against the detector alone."""
+    explanations: Mapping[str, tuple[Explanation, ...]]
+    """By detector: why each of its candidates rose or fell; empty where it was not rescored in the mode."""
     models: Mapping[str, EvidenceModel]
-    """By detector: the model of depth evidence of the mode, where the run folder has it."""
+    """By detector: the model of depth evidence of the mode, where the run folder has the one that was used."""
 
     @classmethod
     def of(cls, run: Run, mode: str | None = None) -> "Story":
@@ -57,13 +60,19 @@ class Story:
         mode = mode or run.modes[-1]
         if mode not in run.modes:
             raise RescoreError(f"mode: expected one of {', '.join(run.modes)}, got {mode!r}; choose one")
-        tables = {(str(r["detector"]), str(r["mode"])): None for r in run.metrics["rows"]}
-        found = {key: match_table(run, *key) for key in tables}
+        keys = [(str(r["detector"]), str(r["mode"])) for r in run.metrics["rows"]]
+        found = {key: match_table(run, *key) for key in keys}
         points = {d: default_point(*(t for (own, _), t in found.items() if own == d)) for d in run.detectors}
         changes = {
             (d, m): Changes.between(found[d, ALONE], table, points[d]) for (d, m), table in found.items()
         }
-        return cls(run, mode, points, found, changes, _models(run, mode))
+        told: dict[str, tuple[Explanation, ...]] = {}
+        models: dict[str, EvidenceModel] = {}
+        for d in run.detectors:
+            if mode != ALONE and (d, mode) in found:
+                told[d], model = _explained(run, d, mode, changes[d, mode])
+                models |= {} if model is None else {d: model}
+        return cls(run, mode, points, found, changes, told, models)
 
     def mode_of(self, detector: str) -> str:
         """The mode that is explained; the detector alone where it was not rescored in that mode."""
@@ -104,12 +113,12 @@ class Story:
         """The candidate of a frame whose change says most: one that counts otherwise, and moved far."""
         return max(candidates, key=lambda c: self._weight(detector, c), default=None)
 
-    def _weight(self, detector: str, c: CandidateView) -> tuple[int, bool, float]:
+    def _weight(self, detector: str, c: CandidateView) -> tuple[int, bool, int]:
         group = self.group(detector, c)
         order = (Group.REJECTED_FALSE_ALARM, Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM, Group.GAINED_CAR)
         place = len(order) - order.index(group) if group in order else 0
-        moved = abs(np.log(max(c.posterior, 1e-6)) - np.log(max(c.likelihood, 1e-6)))
-        return place, c.registered is not None, float(moved)
+        moved = self.changes[detector, self.mode_of(detector)].delta[c.row]
+        return place, c.registered is not None, abs(int(moved))
 
 
 def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | None = None) -> NDArray[np.int64]:
@@ -145,15 +154,22 @@ def _counts(story: Story, detector: str, which: Frames, ids: NDArray[np.int64]) 
     return np.array([int((of_kind & (image_id == i)).sum()) for i in ids])
 
 
-def _models(run: Run, mode: str) -> dict[str, EvidenceModel]:
-    if mode not in [m.value for m in LEARNED]:
-        return {}
-    found = {}
-    for detector in run.detectors:
-        file = run.root / "models" / f"{detector}.evidence.json"
-        if file.is_file():
-            found[detector] = load_models(file)
-    return {d: m[Registration(mode)] for d, m in found.items() if Registration(mode) in m}
+def _explained(
+    run: Run, detector: str, mode: str, changes: Changes
+) -> tuple[tuple[Explanation, ...], EvidenceModel | None]:
+    """Why each candidate moved, and the model of the evidence; without it where the folder has another one."""
+    rows, model = run.of(detector), _model(run, detector, mode)
+    try:
+        return explain(rows, mode, changes.rose, model), model
+    except RescoreError:
+        return explain(rows, mode, changes.rose), None
+
+
+def _model(run: Run, detector: str, mode: str) -> EvidenceModel | None:
+    file = run.root / "models" / f"{detector}.evidence.json"
+    if mode not in [m.value for m in LEARNED] or not file.is_file():
+        return None
+    return load_models(file).get(Registration(mode))
 
 
 def _share(part: int, whole: int) -> float:

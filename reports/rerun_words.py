@@ -1,0 +1,117 @@
+"""What a recording says of a candidate in words, and the bars beside them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from reports.evidence_view import CandidateView, FrameView
+from reports.palette import OUTCOME_NAME, detector_name, mode_name
+from reports.rerun_story import Story
+from rescore.changes import Group
+from rescore.cue_words import status_text
+
+HEADLINE = {
+    Group.LOST_CAR: "Car lost",
+    Group.GAINED_CAR: "Car gained",
+    Group.SWAPPED_CAR: "Finds another car now",
+    Group.REJECTED_FALSE_ALARM: "False alarm rejected",
+    Group.ACCEPTED_FALSE_ALARM: "False alarm newly accepted",
+    Group.MOVED_HIT: "Same car, another box",
+    Group.KEPT_CAR: "Car kept",
+    Group.KEPT_FALSE_ALARM: "False alarm kept",
+    Group.REJECTED: "Rejected before and after",
+    Group.IGNORED: "Does not count",
+}
+_MAX_BARS = 8
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One bar: a part of the evidence."""
+
+    name: str
+    value: float
+
+
+def evidence_bars(story: Story, detector: str, c: CandidateView) -> tuple[Bar, ...]:
+    """What the parts of the evidence add to the log odds that a candidate is a car, largest first.
+
+    Beyond the largest, one bar sums the others up; the first bar is what holds for all candidates. Where the
+    model of the evidence is not known, or the mode has none, the two terms of eq. 7.
+    """
+    model = story.models.get(detector)
+    if model is None:
+        return _terms_of_eq_7(story, detector, c)
+    bars = [Bar("any candidate of this detector", model.bias)]
+    parts = story.explanations[detector][c.row].parts
+    bars += [Bar(_short(p.text), p.log_odds) for p in parts[:_MAX_BARS]]
+    if parts[_MAX_BARS:]:
+        rest = parts[_MAX_BARS:]
+        bars.append(Bar(f"{len(rest)} other parts together", sum(p.log_odds for p in rest)))
+    return tuple(bars)
+
+
+def why(
+    story: Story, detector: str, view: FrameView, c: CandidateView, accepted: bool, residual_limit_m: float
+) -> str:
+    """Why a candidate rose or fell, as Markdown."""
+    mode = story.mode_of(detector)
+    changes = story.changes[detector, mode]
+    was = bool(changes.before.accepted[c.row])
+    kind = f" ({c.kind.replace('_', ' ')})" if c.kind and c.outcome == "false_alarm" else ""
+    told = story.explanations.get(detector)
+    score = (
+        f"*l* = {c.likelihood:.3f} from the detector"
+        + (f", D = {c.depth_difference:.3f} from depth" if np.isfinite(c.depth_difference) else ", no D")
+        + f", score {c.posterior:.3f}."
+    )
+    unit = "" if view.metric else " The camera is not calibrated: depths are relative, the median is set to 10 m."
+    lines = [
+        f"## {HEADLINE[Group(changes.group[c.row])]}: {_moved(changes.delta[c.row])}",
+        f"**{OUTCOME_NAME[c.outcome]}{kind}** in {view.file}, place {c.rank + 1} → {c.new_rank + 1} of this "
+        f"image, {changes.place_before[c.row]} → {changes.place_after[c.row]} of all {len(changes.group)} of "
+        f"{detector_name(detector, short=True)}, {mode_name(mode)}.",
+        score,
+        f"{_verdict(was)} before, {_verdict(accepted).lower()} after, at {story.points[detector].text}: "
+        f"least *l* {_least(story, detector, 'detector')}, least score {_least(story, detector, mode)}.",
+    ]
+    if told is not None:
+        lines.append(f"**Why:** {told[c.row].text}.")
+    if c.status != "ok":
+        lines.append(f"No evidence: {status_text(c.status)}.")
+    if c.registered is None:
+        lines.append("No model could be registered here: predicted depth and residual stay empty.")
+    lines.append(
+        f"*Residual:* measured less predicted depth, red nearer, white 0, blue farther, ±{residual_limit_m:.1f} m; "
+        f"grey: nothing to compare.{unit}"
+    )
+    return "\n\n".join(lines)
+
+
+def _terms_of_eq_7(story: Story, detector: str, c: CandidateView) -> tuple[Bar, ...]:
+    w = story.run.row(detector, story.mode_of(detector))["w"]
+    if w is None or not np.isfinite(c.depth_difference) or c.likelihood <= 0 or c.depth_difference >= 1:
+        return ()
+    return (
+        Bar("detector: w log l", float(w * np.log(c.likelihood))),
+        Bar("depth: (1 − w) log(1 − D)", float((1 - w) * np.log1p(-c.depth_difference))),
+    )
+
+
+def _short(sentence: str) -> str:
+    """Without what cars usually have, which the words beside the bars say."""
+    return sentence.partition(" (cars")[0]
+
+
+def _moved(delta: int) -> str:
+    if delta == 0:
+        return "stayed"
+    return f"{'rose' if delta > 0 else 'fell'} by {abs(int(delta))} {'place' if abs(delta) == 1 else 'places'}"
+
+
+def _verdict(accepted: bool) -> str:
+    return "Accepted" if accepted else "Rejected"
+
+
+def _least(story: Story, detector: str, mode: str) -> str:
+    return f"{story.threshold(detector, mode):.3f}"
