@@ -45,7 +45,9 @@ class CurveBands:
     """x: share of all annotated cars found; height: precision. Ends where some resamples never get."""
 
 
-def curve_bands(match: MatchTable, cars_of_image: IntArray, seed: int, fppi: tuple[float, float]) -> CurveBands:
+def curve_bands(
+    match: MatchTable, cars_of_image: IntArray, seed: int, fppi: tuple[float, float]
+) -> CurveBands:
     """The bands of a match table.
 
     Args:

@@ -7,10 +7,8 @@ import rerun.blueprint as rrb
 from reports.palette import detector_name, mode_name
 from reports.rerun_candidate import CROP_HEIGHT_PX, CROP_WIDTH_PX, bars_view
 from reports.rerun_names import (
-    CAMERA,
     FRAME_TIME,
     IMAGE,
-    RIGHT_CAMERA,
     RIGHT_IMAGE,
     WORLD,
     boxes_path,
@@ -22,14 +20,19 @@ from reports.rerun_names import (
 )
 from reports.rerun_plot import BACKGROUND, Plot
 from reports.rerun_story import Story
-from reports.rerun_threshold import CurvePlots, threshold_tab
+from reports.rerun_threshold import CurvePlots, sheet_size_px, threshold_tab
 from rescore.candidate_columns import ALONE
 
-_SKY = [24, 26, 32]
+_SKY = [34, 37, 45]
 
 
 def blueprint(
-    story: Story, plots: Mapping[str, CurvePlots], weights: Sequence[Plot], size_px: tuple[int, int] | None, right: bool
+    story: Story,
+    plots: Mapping[str, CurvePlots],
+    weights: Sequence[Plot],
+    size_px: tuple[int, int] | None,
+    n_frames: int,
+    right: bool,
 ) -> rrb.Blueprint:
     """The blueprint of a recording.
 
@@ -38,14 +41,16 @@ def blueprint(
         plots: the curves by detector.
         weights: the plots of w.
         size_px: width and height of the pictures; None where they differ.
+        n_frames: frames that are shown.
         right: whether there are right pictures.
     """
     first, *others = story.run.detectors
+    sheet = None if size_px is None else sheet_size_px(size_px, n_frames)
     tabs = [
         _overview(plots),
         _frame_tab(story, first, size_px, right, "frame"),
         _candidate_tab(first, "candidate"),
-        threshold_tab(first, plots[first], "threshold"),
+        threshold_tab(first, plots[first], sheet, "threshold"),
         _curves_tab(plots, weights),
     ]
     for d in others:
@@ -53,7 +58,7 @@ def blueprint(
         tabs += [
             _frame_tab(story, d, size_px, right, f"frame: {name}"),
             _candidate_tab(d, f"candidate: {name}"),
-            threshold_tab(d, plots[d], f"threshold: {name}"),
+            threshold_tab(d, plots[d], sheet, f"threshold: {name}"),
         ]
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
@@ -69,10 +74,11 @@ def _overview(plots: Mapping[str, CurvePlots]) -> rrb.Horizontal:
     rows = [
         rrb.Horizontal(*(p.cars.view() for p in plots.values())),
         rrb.Horizontal(*(p.candidate.view() for p in plots.values())),
-        rrb.TextDocumentView(origin="results", name="results on the test set"),
     ]
     guide = rrb.TextDocumentView(origin="guide", name="how to read this recording")
-    return rrb.Horizontal(guide, rrb.Vertical(*rows, row_shares=[5, 5, 3.4]), column_shares=[2, 5], name="overview")
+    results = rrb.TextDocumentView(origin="results", name="results on the test set")
+    words = rrb.Vertical(guide, results, row_shares=[2.1, 1])
+    return rrb.Horizontal(words, rrb.Vertical(*rows), column_shares=[2, 5], name="overview")
 
 
 def _curves_tab(plots: Mapping[str, CurvePlots], weights: Sequence[Plot]) -> rrb.Grid:
@@ -84,23 +90,29 @@ def _frame_tab(
     story: Story, detector: str, size_px: tuple[int, int] | None, right: bool, title: str
 ) -> rrb.Horizontal:
     main = story.mode_of(detector)
-    point = story.points[detector].text
-    before = _picture_view(story, detector, (ALONE,), ALONE, size_px, f"before: detector alone, at {point}")
+    before = _picture_view(story, detector, (ALONE,), ALONE, size_px, f"before: {mode_name(ALONE)}")
     columns = [before]
     if main != ALONE:
         others = tuple(m for m in story.modes_of(detector) if m != ALONE)
-        columns.append(
-            _picture_view(story, detector, others, main, size_px, f"after: {mode_name(main)}, at {point}")
-        )
+        columns.append(_picture_view(story, detector, others, main, size_px, f"after: {mode_name(main)}"))
     depths = [rrb.Spatial2DView(name="measured depth", origin=IMAGE, contents=[f"{IMAGE}/measured_depth/**"])]
     if right:
-        depths.append(rrb.Spatial2DView(name="right picture", origin=RIGHT_IMAGE, contents=[f"{RIGHT_IMAGE}/right"]))
-    side = rrb.Vertical(_scene_view(detector), rrb.Horizontal(*depths), _table_view(detector), row_shares=[5, 3, 4])
-    return rrb.Horizontal(rrb.Vertical(*columns), side, column_shares=[1, 1.25], name=title)
+        depths.append(
+            rrb.Spatial2DView(name="right picture", origin=RIGHT_IMAGE, contents=[f"{RIGHT_IMAGE}/right"])
+        )
+    side = rrb.Vertical(
+        _scene_view(detector), rrb.Horizontal(*depths), _table_view(detector), row_shares=[6, 3.4, 4.6]
+    )
+    return rrb.Horizontal(rrb.Vertical(*columns), side, column_shares=[1, 1.15], name=title)
 
 
 def _picture_view(
-    story: Story, detector: str, modes: tuple[str, ...], shown: str, size_px: tuple[int, int] | None, name: str
+    story: Story,
+    detector: str,
+    modes: tuple[str, ...],
+    shown: str,
+    size_px: tuple[int, int] | None,
+    name: str,
 ) -> rrb.Spatial2DView:
     """A view of the boxes of some modes, of which one is shown and the others can be switched on."""
     paths = [boxes_path(detector, m) for m in modes]
@@ -128,12 +140,14 @@ def _scene_view(detector: str) -> rrb.Spatial3DView:
         name="stereo points, best three models, their boxes",
         origin=WORLD,
         contents=[
-            *(f"{WORLD}/stereo_points", f"{WORLD}/ground", CAMERA, IMAGE, f"{IMAGE}/left"),
-            *(RIGHT_CAMERA, RIGHT_IMAGE, f"{models_path(detector)}/**"),
+            *(f"{WORLD}/stereo_points", f"{WORLD}/ground", IMAGE, f"{IMAGE}/left"),
+            *(RIGHT_IMAGE, f"{models_path(detector)}/**"),
         ],
         background=_SKY,
         line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(position=(-3.0, -5.5, 4.6), look_target=(1.2, 11.0, 0.4), eye_up=(0, 0, 1)),
+        eye_controls=rrb.EyeControls3D(
+            position=(-2.0, -2.4, 2.7), look_target=(0.6, 9.0, 0.7), eye_up=(0, 0, 1)
+        ),
     )
 
 
@@ -143,7 +157,9 @@ def _candidate_tab(detector: str, title: str) -> rrb.Horizontal:
 
     def crop(name: str, *contents: str) -> rrb.Spatial2DView:
         paths = [f"{root}/{c}" for c in contents]
-        return rrb.Spatial2DView(name=name, origin=root, contents=paths, visual_bounds=bounds, background=BACKGROUND)
+        return rrb.Spatial2DView(
+            name=name, origin=root, contents=paths, visual_bounds=bounds, background=BACKGROUND
+        )
 
     crops = rrb.Grid(
         crop("box and outline", "picture", "box", "outline"),
@@ -167,9 +183,10 @@ def _object_view(detector: str) -> rrb.Spatial3DView:
         origin=f"{root}/place",
         contents=[
             *(f"{WORLD}/stereo_points", f"{WORLD}/ground", f"{root}/**"),
-            *(CAMERA, IMAGE, f"{IMAGE}/left", RIGHT_CAMERA, RIGHT_IMAGE),
         ],
         background=_SKY,
         line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(position=(-3.2, -5.0, 3.0), look_target=(0.0, 0.3, 0.6), eye_up=(0, 0, 1)),
+        eye_controls=rrb.EyeControls3D(
+            position=(-2.7, -4.2, 2.3), look_target=(0.0, 0.3, 0.6), eye_up=(0, 0, 1)
+        ),
     )

@@ -1,6 +1,5 @@
 """The candidates of a frame as boxes over the picture, before and after rescoring, and as a table."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +30,7 @@ GROUP_TEXT = {
 LEGEND = ("hit", "false_alarm", "duplicate", "missed")
 LEGEND_TEXT = {"hit": "hit", "false_alarm": "false alarm", "duplicate": "duplicate", "missed": "missed car"}
 _MAX_TABLE = 15
-_MAX_LABELS = 5
+_MAX_LABELS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +62,7 @@ def candidates_of(story: Story, view: FrameView, detector: str, mode: str) -> tu
     return view.other_modes[detector, mode]
 
 
-def shown(
-    story: Story, view: FrameView, detector: str, mode: str, least_score: float | None = None
-) -> Shown:
+def shown(story: Story, view: FrameView, detector: str, mode: str, least_score: float | None = None) -> Shown:
     """What is shown of a detector and mode: accepted at its operating point, or from a score on."""
     some = candidates_of(story, view, detector, mode)
     rows = [c.row for c in some]
@@ -77,7 +74,7 @@ def shown(
 
 
 def labelled(story: Story, view: FrameView, detector: str) -> NDArray[np.bool_]:
-    """Which candidates of a frame have their label shown: the same before and after, the most telling ones."""
+    """Which candidates of a frame have their label shown, the same before and after: the foremost."""
     before = story.accepted(detector, ALONE)
     after = story.accepted(detector, story.mode_of(detector))
     some = view.candidates[detector]
@@ -177,15 +174,15 @@ def _log_rectangles(rec: rr.RecordingStream, path: str, what: Shown, use: NDArra
 def _log_labels(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView) -> None:
     """Labels apart from the boxes, for the viewer would break them into lines as wide as the box."""
     h, w = view.measured.shape
-    some = [(c, a) for c, a, n in zip(what.candidates, what.accepted, what.labelled, strict=True) if n]
-    some.sort(key=lambda pair: pair[0].xyxy_px[3])
-    boxes = np.array([c.xyxy_px for c, _ in some]).reshape(-1, 4)
+    some = [c for c, named in zip(what.candidates, what.labelled, strict=True) if named]
+    some.sort(key=lambda c: float(c.xyxy_px[3]))
+    boxes = np.array([c.xyxy_px for c in some]).reshape(-1, 4)
     rec.log(
         path,
         rr.Points2D(
             label_spots(boxes, w, h, 0.2 if what.alone else 0.38),
-            class_ids=[outcome_class(c.outcome, accepted) for c, accepted in some],
-            labels=[candidate_label(c, what.alone) for c, _ in some],
+            class_ids=[outcome_class(c.outcome, accepted=True) for c in some],
+            labels=[candidate_label(c, what.alone) for c in some],
             show_labels=True,
             radii=rr.Radius.ui_points(0),
             draw_order=30,

@@ -1,12 +1,14 @@
-"""One candidate of a recording: crops, the registered model in 3D, the parts of its evidence, and why it moved."""
+"""One candidate of a recording: crops, the registered model in 3D, parts of the evidence, why it moved."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from recon.class_model import ClassModel
 from reports.evidence_view import CandidateView, FrameView
@@ -37,14 +39,18 @@ from reports.rerun_names import (
 )
 from reports.rerun_plot import BACKGROUND
 from reports.rerun_story import Story
-from reports.rerun_words import Bar, evidence_bars, why
+from reports.rerun_words import Bar, ColourRange, evidence_bars, why
 
-CROP_WIDTH_PX, CROP_HEIGHT_PX = 240, 144
+CROP_WIDTH_PX, CROP_HEIGHT_PX = 160, 96
 SHOWN_MODELS = 3
 """So many best candidates show their models in the 3D view of a frame."""
 _AROUND = 1.45
+_OUTLINE_POINTS = 90
+_VIEWED_WIDTH_M = 4.4
 _BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
-_BARS_ZERO, _BARS_REACH = 470.0, 140.0
+_BARS_ZERO, _BARS_REACH = 480.0, 100.0
+_SHORTEST_SCALE = 0.5
+"""Log odds of the longest bar are taken to be at least this."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,7 @@ class Crop:
         matrix = np.diag([self.zoom, self.zoom, 1.0]) @ (camera_matrix + shift)
         return np.asarray(matrix - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]))
 
-    def cut(self, image: NDArray[np.generic], how: int, fill: float) -> NDArray[np.generic]:
+    def cut(self, image: NDArray[Any], how: int, fill: float) -> NDArray[Any]:
         """The window of an image (h, w) or (h, w, 3); ``fill`` where it reaches beyond."""
         step = 1 / self.zoom
         inverse = np.array([[step, 0, step / 2 + self.left - 0.5], [0, step, step / 2 + self.top - 0.5]])
@@ -100,7 +106,9 @@ def log_models(rec: rr.RecordingStream, story: Story, view: FrameView, model: Cl
         root, top = models_path(detector), shown_models(candidates)
         accepted = story.accepted(detector, story.mode_of(detector))
         _log_mesh(rec, f"{root}/parts", [_mesh(c, view, 600) for c in top], view)
-        colours = [class_colour(OUTCOME_CLASSES[outcome_class(c.outcome, bool(accepted[c.row]))]) for c in top]
+        colours = [
+            class_colour(OUTCOME_CLASSES[outcome_class(c.outcome, bool(accepted[c.row]))]) for c in top
+        ]
         _log_boxes(rec, f"{root}/boxes", top, colours, view, model)
 
 
@@ -113,14 +121,13 @@ def log_candidate(
     model: ClassModel | None,
 ) -> None:
     """Log one candidate at the time that is set."""
-    accepted = bool(story.accepted(detector, story.mode_of(detector))[c.row])
     colour = class_colour(OUTCOME_CLASSES[outcome_class(c.outcome, accepted=True)])
-    limit = _log_crops(rec, crop_path(detector), c, view, colour)
+    colours_m = _log_crops(rec, crop_path(detector), c, view, colour)
     root = object_path(detector)
-    _log_mesh(rec, f"{root}/parts", [_mesh(c, view, 900)], view)
+    _log_mesh(rec, f"{root}/parts", [_mesh(c, view, 450)], view)
     _log_boxes(rec, f"{root}/box", (c,) if c.registered is not None else (), [colour], view, model)
     _log_place(rec, f"{root}/place", c, view)
-    rec.log(f"{why_path(detector)}/text", text(why(story, detector, view, c, accepted, limit)))
+    rec.log(f"{why_path(detector)}/text", text(why(story, detector, view, c, colours_m)))
     _log_bars(rec, f"{why_path(detector)}/bars", evidence_bars(story, detector, c))
 
 
@@ -130,21 +137,29 @@ def bars_view(detector: str) -> rrb.Spatial2DView:
         origin=f"{why_path(detector)}/bars",
         name="what the depth says (log-odds that it is a car)",
         background=BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=[0, _BARS_WIDTH], y_range=[-0.3 * _BAR_HEIGHT, 10.6 * _BAR_HEIGHT]),
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[0, _BARS_WIDTH], y_range=[-0.3 * _BAR_HEIGHT, 10.6 * _BAR_HEIGHT]
+        ),
     )
 
 
 def _log_crops(
     rec: rr.RecordingStream, root: str, c: CandidateView, view: FrameView, colour: tuple[int, int, int]
-) -> float:
-    """Log the crops of a candidate; the residual, in metres, of the end colours."""
+) -> ColourRange:
+    """Log the crops of a candidate; returns what their colours mean."""
     crop = Crop.around(c.xyxy_px)
-    rec.log(root, pinhole(crop.matrix(view.camera.matrix), CROP_WIDTH_PX, CROP_HEIGHT_PX, image_plane_distance=2.0))
-    rec.log(f"{root}/picture", picture(np.asarray(crop.cut(view.rgb, cv2.INTER_LINEAR, 40), np.uint8), quality=80))
+    rec.log(
+        root,
+        pinhole(crop.matrix(view.camera.matrix), CROP_WIDTH_PX, CROP_HEIGHT_PX, image_plane_distance=2.0),
+    )
+    rec.log(
+        f"{root}/picture", picture(np.asarray(crop.cut(view.rgb, cv2.INTER_LINEAR, 40), np.uint8), quality=80)
+    )
     x0, y0, x1, y1 = c.xyxy_px
     corners = crop.points(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]))
     rec.log(
-        f"{root}/box", rr.LineStrips2D([corners], colors=[colour], radii=rr.Radius.ui_points(1.2), draw_order=20)
+        f"{root}/box",
+        rr.LineStrips2D([corners], colors=[colour], radii=rr.Radius.ui_points(1.2), draw_order=20),
     )
     _log_outline(rec, f"{root}/outline", c, crop)
     labels = np.zeros(view.measured.shape, np.uint8)
@@ -154,7 +169,8 @@ def _log_crops(
         if c.registered is not None:
             fitted[c.instance.depth.window] = c.registered
     rec.log(
-        f"{root}/parts", rr.SegmentationImage(np.asarray(crop.cut(labels, cv2.INTER_NEAREST, 0), np.uint8), opacity=0.75)
+        f"{root}/parts",
+        rr.SegmentationImage(np.asarray(crop.cut(labels, cv2.INTER_NEAREST, 0), np.uint8), opacity=0.75),
     )
     measured, fitted = (
         np.asarray(crop.cut(in_metres(d, view), cv2.INTER_NEAREST, np.nan), np.float32)
@@ -164,19 +180,20 @@ def _log_crops(
     log_depth(rec, f"{root}/measured_depth", measured, range_m=(near, far))
     log_depth(rec, f"{root}/predicted_depth", fitted, range_m=(near, far))
     limit = _residual_limit(fitted)
-    rec.log(
-        f"{root}/residual", picture(colourise(measured - fitted, -limit, limit, "RdBu"), quality=90)
-    )
-    return limit
+    rec.log(f"{root}/residual", picture(colourise(measured - fitted, -limit, limit, "RdBu"), quality=90))
+    return ColourRange(near, far, limit)
 
 
 def _log_outline(rec: rr.RecordingStream, path: str, c: CandidateView, crop: Crop) -> None:
     # pixel centres to pixel edges, and back to the first point to close the line
     ring = np.zeros((0, 2)) if c.instance is None else c.instance.outline_px
+    ring = ring[:: max(1, len(ring) // _OUTLINE_POINTS)]
     strips = [crop.points(ring[[*range(len(ring)), 0]] + 0.5)] if len(ring) else []
     rec.log(
         path,
-        rr.LineStrips2D(strips, colors=[(255, 255, 255)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21),
+        rr.LineStrips2D(
+            strips, colors=[(255, 255, 255)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21
+        ),
     )
 
 
@@ -194,7 +211,7 @@ def _residual_limit(fitted: NDArray[np.float32]) -> float:
     """Residual of the end colours: a metre, or more where stereo is coarse."""
     if not np.isfinite(fitted).any():
         return RESIDUAL_LIMIT_M
-    return float(max(RESIDUAL_LIMIT_M, 0.05 * np.nanmedian(fitted)))
+    return max(RESIDUAL_LIMIT_M, 0.05 * float(np.nanmedian(fitted)))
 
 
 def _mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | None:
@@ -235,7 +252,8 @@ def _log_boxes(
     world = world_from_camera(view.ground)
     centres, halves, turns = np.zeros((len(some), 3)), np.zeros((len(some), 3)), []
     for i, c in enumerate(some):
-        assert c.instance is not None and c.registered is not None
+        assert c.instance is not None
+        assert c.registered is not None
         points = points_of_depth(
             in_metres(c.registered, view), view.camera, c.instance.depth.x0_px, c.instance.depth.y0_px
         )
@@ -245,7 +263,7 @@ def _log_boxes(
             points, turn, None if model is None else model.extents, points.mean(axis=0)
         )
         centres[i] = apply_transform(world, centre)
-        turns.append(rr.Quaternion(xyzw=_quaternion(world[:3, :3] @ turn)))
+        turns.append(rr.Quaternion(xyzw=Rotation.from_matrix(world[:3, :3] @ turn).as_quat()))
     rec.log(
         path,
         rr.Boxes3D(
@@ -259,43 +277,31 @@ def _log_boxes(
     )
 
 
-def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """x, y, z and w of a rotation matrix (3, 3), by the eigenvector of its symmetric form (Bar-Itzhack 2000)."""
-    r = rotation
-    k = np.array(
-        [
-            [r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
-            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
-            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r.trace()],
-        ]
-    )
-    return np.asarray(np.linalg.eigh(k / 3)[1][:, -1])
-
-
 def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: FrameView) -> None:
-    """Log where the candidate stands: a frame on the ground that looks along the ray to it."""
+    """Log where the candidate stands: a frame at the foot of its box that looks along the ray to it."""
     world = world_from_camera(view.ground)
     x0, y0, x1, y1 = c.xyxy_px
-    ray = view.camera.rays(np.array([(x0 + x1) / 2, (y0 + y1) / 2]) - 0.5)
+    ray = view.camera.rays(np.array([(x0 + x1) / 2, y1]) - 0.5)
     seen = in_metres(view.measured, view)[
         max(int(y0), 0) : max(int(y1), 1), max(int(x0), 0) : max(int(x1), 1)
     ]
     distance = float(np.nanmedian(seen)) if np.isfinite(seen).any() else 12.0
     if c.registered is not None and np.isfinite(c.registered).any():
         distance = float(np.nanmedian(in_metres(c.registered, view)))
+    # small things come nearer, so that what fills the box fills the view
+    size = float(np.clip((x1 - x0) / view.camera.fx_px * distance / _VIEWED_WIDTH_M, 0.1, 4.0))
     spot = apply_transform(world, ray * distance)
     forward = (world[:3, :3] @ ray) * [1, 1, 0]
     forward /= np.linalg.norm(forward)
     axes = np.stack([np.cross(forward, [0, 0, 1]), forward, [0, 0, 1]], axis=1)
-    rec.log(path, rr.Transform3D(translation=spot * [1, 1, 0], mat3x3=axes))
+    rec.log(path, rr.Transform3D(translation=spot, mat3x3=axes * size))
 
 
 def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None:
     """Horizontal bars with their names at the left and their values at the ends."""
     y = (np.arange(len(bars)) + 0.5) * _BAR_HEIGHT
     amount = np.array([b.value for b in bars], float)
-    longest = max(float(np.abs(amount).max(initial=0.0)), 1.0)
+    longest = max(float(np.abs(amount).max(initial=0.0)), _SHORTEST_SCALE)
     ends = _BARS_ZERO + amount / longest * _BARS_REACH
     colours = [rgb(on_dark(SKY if v >= 0 else ORANGE)) for v in amount]
     strips = [[(_BARS_ZERO, row), (end, row)] for row, end in zip(y, ends, strict=True)]

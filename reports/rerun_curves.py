@@ -49,7 +49,6 @@ def curve_plots(story: Story) -> dict[str, CurvePlots]:
         title: str,
         axes: tuple[Axis, Axis],
         detector: str,
-        legend_at: tuple[float, float],
         points: Callable[[CurveSet], tuple[FloatArray, FloatArray]],
         band: Callable[[CurveBands], Band],
         figure: str,
@@ -70,25 +69,25 @@ def curve_plots(story: Story) -> dict[str, CurvePlots]:
         )
         name = f"{detector_name(detector, short=True)}: {title}"
         hidden = tuple(line.name for line in lines if line.name not in (ALONE, story.mode_of(detector)))
-        return Plot(f"curves/{part(detector)}/{kind}", name, *axes, lines, legend_at, hidden)
+        return Plot(f"curves/{part(detector)}/{kind}", name, *axes, lines, hidden)
 
     return {
         d: CurvePlots(
             candidate=plot(
-                *("candidate_roc", "candidate ROC", (false, share), d, (0.68, 0.04)),
+                *("candidate_roc", "candidate ROC", (false, share), d),
                 lambda c: (c.candidate.x, c.candidate.y),
                 lambda b: b.candidate,
                 "auc",
             ),
             cars=plot(
-                *("car_roc", "cars found, false positives", (rate, found), d, (0.3, 0.7)),
+                *("car_roc", "cars found, false positives", (rate, found), d),
                 lambda c: (c.cars.x, c.cars.y),
                 lambda b: b.cars,
                 "average_precision",
                 steps=True,
             ),
             precision=plot(
-                *("precision_recall", "precision and recall", (found, precise), d, (0.3, 0.04)),
+                *("precision_recall", "precision and recall", (found, precise), d),
                 lambda c: (c.precision.recall, c.precision.precision),
                 lambda b: b.precision,
                 "average_precision",
@@ -111,10 +110,9 @@ def weight_plots(story: Story) -> tuple[Plot, ...]:
             Plot(
                 f"curves/{part(detector)}/weight",
                 f"{detector_name(detector, short=True)}: choice of w",
-                Axis("w (1: detector alone, 0: depth alone); broad: where w may lie (95 %)", 0, 1, _SHARES),
+                Axis("w: 0 depth alone, 1 detector alone (broad: 95 % interval)", 0, 1, _SHARES),
                 Axis(f"{tuned['objective_name'].replace('_', ' ')} on the validation set", low, high, ticks),
                 tuple(_weight_line(mode, t) for mode, t in modes.items()),
-                (0.3, 0.04),
             )
         )
     return tuple(plots)
@@ -135,7 +133,7 @@ def _figure(row: Mapping[str, Any], name: str) -> str:
     """A figure of a row with its interval."""
     words = {"auc": "area", "average_precision": "AP"}[name]
     ends = row.get("intervals", {}).get(name)
-    interval = "" if not ends or None in ends else f" ({number(ends[0], 2)} to {number(ends[1], 2)})"
+    interval = "" if not ends or None in ends else f" ({number(ends[0], 2)}–{number(ends[1], 2)})"
     return f"{words} {number(row[name])}{interval}"
 
 

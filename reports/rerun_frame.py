@@ -1,4 +1,4 @@
-"""One frame of a recording, apart from its candidates: both pictures, measured depth, points, ground, cameras."""
+"""One frame of a recording without its candidates: pictures, measured depth, points, ground, cameras."""
 
 import cv2
 import numpy as np
@@ -36,7 +36,7 @@ def log_frame(rec: rr.RecordingStream, view: FrameView, packed: bool = True) -> 
     """
     h, w = view.measured.shape
     world = world_from_camera(view.ground)
-    look = {"image_plane_distance": 1.0, "color": _LEFT_COLOUR}
+    look = {"image_plane_distance": 0.55, "color": _LEFT_COLOUR}
     rec.log(CAMERA, rr.Transform3D(translation=world[:3, 3], mat3x3=world[:3, :3]))
     rec.log(IMAGE, pinhole(view.camera.matrix, w, h, **look))
     rec.log(f"{IMAGE}/left", picture(view.rgb, packed))
@@ -49,7 +49,10 @@ def log_frame(rec: rr.RecordingStream, view: FrameView, packed: bool = True) -> 
     log_depth(rec, f"{IMAGE}/measured_depth", depth, packed)
     boxes = np.array([c.xyxy_px for some in view.candidates.values() for c in some]).reshape(-1, 4)
     xyz, colours = stereo_points(depth, view.rgb, view.camera, boxes)
-    rec.log(f"{WORLD}/stereo_points", rr.Points3D(apply_transform(world, xyz), colors=colours, radii=0.025))
+    rec.log(
+        f"{WORLD}/stereo_points",
+        rr.Points3D(apply_transform(world, xyz), colors=colours, radii=rr.Radius.ui_points(1.6)),
+    )
     rec.log(f"{WORLD}/ground", _ground_grid(view.ground))
 
 

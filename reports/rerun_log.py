@@ -1,9 +1,10 @@
-"""The recording of a run for the Rerun viewer: test frames in 2D and 3D, candidates and why they moved, curves."""
+"""The recording of a run for the Rerun viewer: frames in 2D and 3D, candidates and why they moved, curves."""
 
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from recon.class_model import ClassModel
 from reports.evidence_view import CandidateView, FrameView, frame_views, run_data
@@ -36,7 +37,8 @@ from rescore.store import atomic_path
 APPLICATION_ID = "rescore"
 MAX_EXPLAINED = 30
 """So many candidates a frame and detector have pictures of their own: the best before or after rescoring."""
-_CHUNK_BYTES = 8 * 2**20
+_CHUNK_BYTES = 2**19
+"""An entity holds back so much before it is written: what is held must not grow with the frames."""
 
 
 def write_recording(
@@ -88,17 +90,17 @@ class _Writer:
         self.model = _class_model(story.run)
         most = max((_most_candidates(story.run, d) for d in story.run.detectors), default=0)
         self.stride = 10 ** len(str(max(most, 9)))
-        """Steps of the candidates' timeline from one frame to the next: a power of ten, so that the last digits
-        are the place and the others the frame."""
+        """Steps of the candidates' timeline from one frame to the next: a power of ten, so that the last
+        digits are the place and the others the frame."""
 
-    def write(self, path: Path, chosen: "np.ndarray[tuple[int], np.dtype[np.int64]]", show: bool) -> None:
+    def write(self, path: Path, chosen: NDArray[np.int64], show: bool) -> None:
         """Log everything."""
         rec, story = self.rec, self.story
         shapes = {(f.width_px, f.height_px) for f in self.records.values()}
         size = next(iter(shapes)) if len(shapes) == 1 else None
         right = any((r := self.records[i].right_path) is not None and r.is_file() for i in chosen.tolist())
         plots, weights = curve_plots(story), weight_plots(story)
-        rec.save(path, default_blueprint=blueprint(story, plots, weights, size, right))
+        rec.save(path, default_blueprint=blueprint(story, plots, weights, size, len(chosen), right))
         self._log_static()
         for plot in [p for own in plots.values() for p in (own.cars, own.candidate, own.precision)]:
             plot.log(rec)
@@ -115,7 +117,7 @@ class _Writer:
                 # what the threshold's timeline shows of all that does not depend on it
                 rec.set_time(THRESHOLD_TIME, sequence=0)
                 log_default_points(rec, story, plots)
-            if len(tiles) < MAX_TILES and size is not None or not tiles:
+            if (len(tiles) < MAX_TILES and size is not None) or not tiles:
                 tiles.append(Tile.of(story, view))
             log_frame(rec, view, packed=size is not None)
             log_boxes(rec, story, view)
@@ -151,7 +153,9 @@ class _Writer:
         for detector in story.run.detectors:
             rec.log(f"{IMAGE}/{part(detector)}", outcome_context(), static=True)
         rec.log("guide", text(_guide(story, self.stride)), static=True)
-        rec.log("results", text(short_table(story.run.metrics, ("0.5", "0.7", "0.8")).markdown()), static=True)
+        rec.log(
+            "results", text(short_table(story.run.metrics, ("0.5", "0.7", "0.8")).markdown()), static=True
+        )
 
 
 def _most_candidates(run: Run, detector: str) -> int:

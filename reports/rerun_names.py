@@ -34,7 +34,7 @@ _DIM = 0.42
 
 def part(name: str) -> str:
     """A name as one part of an entity path."""
-    return rr.escape_entity_path_part(name)
+    return str(rr.escape_entity_path_part(name))
 
 
 def boxes_path(detector: str, mode: str) -> str:
@@ -64,7 +64,7 @@ def why_path(detector: str) -> str:
 
 def class_colour(name: str) -> tuple[int, int, int]:
     """Colour of a class of boxes; candidates below the threshold are dim."""
-    bright = rgb(on_dark(OUTCOME_COLOUR[name.split(",")[0]]))
+    bright = rgb(on_dark(OUTCOME_COLOUR[name.partition(",")[0]]))
     if name in OUTCOME_COLOUR:
         return bright
     r, g, b = (round(_DIM * c + (1 - _DIM) * d) for c, d in zip(bright, BACKGROUND, strict=True))
@@ -80,7 +80,9 @@ def outcome_context() -> rr.AnnotationContext:
     """Names and colours of the classes of boxes."""
     return rr.AnnotationContext(
         [
-            rr.AnnotationInfo(id=i, label=OUTCOME_NAME.get(name, name.replace("_", " ")), color=class_colour(name))
+            rr.AnnotationInfo(
+                id=i, label=OUTCOME_NAME.get(name, name.replace("_", " ")), color=class_colour(name)
+            )
             for i, name in enumerate(OUTCOME_CLASSES)
         ]
     )

@@ -23,7 +23,10 @@ _GRID = (52, 56, 64)
 _AXIS = (150, 156, 165)
 _LABEL = (225, 228, 232)
 _DASH = 0.022 * HEIGHT
-_BAND_OPACITY = 0.22
+_MARK_LABEL = np.array([0.17 * WIDTH, 0.02 * HEIGHT])
+"""From a point to the middle of the upper edge of its label."""
+_BAND_OPACITY = 0.16
+_LEGEND_X, _LEGEND_STEP = 1.4 * WIDTH, 0.115 * HEIGHT
 
 
 @dataclass(frozen=True)
@@ -80,8 +83,6 @@ class Plot:
     x: Axis
     y: Axis
     lines: tuple[Line, ...]
-    legend_at: tuple[float, float]
-    """Middle and bottom line of the legend, as shares of the width and height."""
     hidden_bands: tuple[str, ...] = ()
     """Names of the curves whose bands are hidden at first, for too many bands hide each other."""
 
@@ -106,14 +107,16 @@ class Plot:
         colours = [rgb(on_dark(c)) for c in marks.colours]
         rec.log(
             f"{self.path}/operating_point",
-            rr.Points2D(spots, colors=colours, radii=rr.Radius.ui_points(5), draw_order=60, show_labels=False),
+            rr.Points2D(
+                spots, colors=colours, radii=rr.Radius.ui_points(5), draw_order=60, show_labels=False
+            ),
             rr.AnyValues(x=marks.x, y=marks.y),
         )
         named = [i for i, text in enumerate(marks.labels) if text]
         rec.log(
             f"{self.path}/operating_point/label",
             rr.Points2D(
-                spots[named].reshape(-1, 2) + [0, 0.012 * HEIGHT],
+                spots[named].reshape(-1, 2) + _MARK_LABEL,
                 labels=[marks.labels[i] for i in named],
                 colors=[colours[i] for i in named],
                 radii=rr.Radius.ui_points(0),
@@ -124,13 +127,15 @@ class Plot:
 
     def view(self) -> rrb.Spatial2DView:
         """The blueprint's view of this plot."""
-        hidden = {f"{self._path_of(name)}/band": rrb.EntityBehavior(visible=False) for name in self.hidden_bands}
+        hidden = {
+            f"{self._path_of(name)}/band": rrb.EntityBehavior(visible=False) for name in self.hidden_bands
+        }
         return rrb.Spatial2DView(
             origin=self.path,
             name=self.title,
             background=BACKGROUND,
             visual_bounds=rrb.VisualBounds2D(
-                x_range=[-0.13 * WIDTH, 1.06 * WIDTH], y_range=[-0.12 * HEIGHT, 1.17 * HEIGHT]
+                x_range=[-0.13 * WIDTH, 1.78 * WIDTH], y_range=[-0.13 * HEIGHT, 1.19 * HEIGHT]
             ),
             overrides=hidden,
         )
@@ -181,11 +186,9 @@ class Plot:
         if line.band is not None and len(line.band.x):
             self._log_band(rec, f"{path}/band", line.band, index)
         # a label keeps its size on screen, so no drawn key could stay beside it: the text bears the colour
-        key = "– –" if line.dashed else "——"
-        level = (1 - self.legend_at[1] - 0.075 * (len(self.lines) - 1 - index)) * HEIGHT
-        _log_labels(
-            rec, f"{path}/key", [(self.legend_at[0] * WIDTH, level - 0.04 * HEIGHT)], [f"{key} {line.legend}"], colour
-        )
+        key = "- -" if line.dashed else "—"
+        spot = (_LEGEND_X, (index + 0.5) * _LEGEND_STEP)
+        _log_labels(rec, f"{path}/key", [spot], [f"{key} {line.legend}"], colour)
 
     def _log_band(self, rec: rr.RecordingStream, path: str, band: Band, index: int) -> None:
         """A mask: in a 2D view only masks are drawn translucent."""

@@ -1,4 +1,4 @@
-"""What a recording tells of a run: modes, the operating point, what changed there, and which frames to show."""
+"""What a recording tells of a run: modes, operating points, what changed there, which frames to show."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,6 +31,19 @@ class Frames(StrEnum):
     WORST = "worst"
     """Those where a car is lost or a false alarm newly accepted."""
 
+    @classmethod
+    def named(cls, name: str) -> "Frames":
+        """The choice of that name.
+
+        Raises:
+            RescoreError: there is none.
+        """
+        if name not in [f.value for f in cls]:
+            raise RescoreError(
+                f"--frames: expected {', '.join(f.value for f in cls)}, got {name!r}; choose one"
+            )
+        return cls(name)
+
 
 @dataclass(frozen=True, eq=False)
 class Story:
@@ -48,7 +61,7 @@ class Story:
     explanations: Mapping[str, tuple[Explanation, ...]]
     """By detector: why each of its candidates rose or fell; empty where it was not rescored in the mode."""
     models: Mapping[str, EvidenceModel]
-    """By detector: the model of depth evidence of the mode, where the run folder has the one that was used."""
+    """By detector: the model of depth evidence that was used, where the run folder has it."""
 
     @classmethod
     def of(cls, run: Run, mode: str | None = None) -> "Story":
@@ -95,9 +108,11 @@ class Story:
         """What became of a candidate in the mode that is explained."""
         return Group(self.changes[detector, self.mode_of(detector)].group[c.row])
 
-    def rates(self, detector: str, mode: str, accepted: BoolArray) -> tuple[float, float, float, float, float]:
-        """False positives an image, share of cars found, precision, and the shares of the false candidates and
-        of the hits that are accepted; NaN where undefined."""
+    def rates(
+        self, detector: str, mode: str, accepted: BoolArray
+    ) -> tuple[float, float, float, float, float]:
+        """False positives an image, share of cars found, precision, and the shares of the false candidates
+        and of the hits that are accepted; NaN where undefined."""
         t = self.tables[detector, mode]
         hit, false = t.outcome == HIT, (t.outcome != HIT) & (t.outcome != IGNORED)
         hits, wrong = int((hit & accepted).sum()), int((false & accepted).sum())
@@ -110,19 +125,29 @@ class Story:
         )
 
     def most_telling(self, detector: str, candidates: Sequence[CandidateView]) -> CandidateView | None:
-        """The candidate of a frame whose change says most: one that counts otherwise, and moved far."""
+        """The candidate of a frame whose change says most: of the false alarms rejected (or else of what
+        counts otherwise, or else of all) the one whose score moved most."""
         return max(candidates, key=lambda c: self._weight(detector, c), default=None)
 
-    def _weight(self, detector: str, c: CandidateView) -> tuple[int, bool, int]:
+    def moved(self, detector: str) -> FloatArray:
+        """How much the score of each candidate (n,) moved: its logarithm, weighed with the larger score."""
+        before = np.maximum(scores(self.run, detector, ALONE), 1e-6)
+        after = np.maximum(scores(self.run, detector, self.mode_of(detector)), 1e-6)
+        return np.asarray(np.maximum(before, after) * np.abs(np.log(after / before)))
+
+    def _weight(self, detector: str, c: CandidateView) -> tuple[int, bool, float]:
         group = self.group(detector, c)
         order = (Group.REJECTED_FALSE_ALARM, Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM, Group.GAINED_CAR)
         place = len(order) - order.index(group) if group in order else 0
-        moved = self.changes[detector, self.mode_of(detector)].delta[c.row]
-        return place, c.registered is not None, abs(int(moved))
+        return place, c.registered is not None, float(self.moved(detector)[c.row])
 
 
-def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | None = None) -> NDArray[np.int64]:
+def choose_frames(
+    story: Story, which: Frames = Frames.ALL, max_frames: int | None = None
+) -> NDArray[np.int64]:
     """Ids of the images to show, the most telling first.
+
+    Those come first where a car is found and the score of a candidate of the kind moved most.
 
     Of all frames, ``max_frames`` evenly spread ones; of the others the first so many.
 
@@ -130,14 +155,15 @@ def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | No
         RescoreError: no frame is of that kind.
     """
     ids = np.array([f.image_id for f in run_data(story.run).frames], dtype=np.int64)
-    count = np.array([_counts(story, d, which, ids) for d in story.run.detectors])
+    most = np.array([_most_moved(story, d, which, ids) for d in story.run.detectors])
     if which is Frames.ALL and max_frames is not None and max_frames < len(ids):
         spread = np.unique(np.linspace(0, len(ids) - 1, max_frames).round().astype(int))
-        ids, count = ids[spread], count[:, spread]
+        ids, most = ids[spread], most[:, spread]
     # the first detector is the one that the blueprint shows
-    order = np.lexsort((np.arange(len(ids)), -count.sum(axis=0), -count[0]))
+    kept = _keeps_a_car(story, story.run.detectors[0], ids)
+    order = np.lexsort((np.arange(len(ids)), -most.max(axis=0), -most[0], ~(kept & (most[0] > 0))))
     if which is not Frames.ALL:
-        order = order[count.sum(axis=0)[order] > 0][:max_frames]
+        order = order[most.max(axis=0)[order] > 0][:max_frames]
         if not len(order):
             raise RescoreError(
                 f"frames: expected some with {which.value}, found none at "
@@ -146,18 +172,26 @@ def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | No
     return np.asarray(ids[order])
 
 
-def _counts(story: Story, detector: str, which: Frames, ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How many candidates of each image are of the wanted kind."""
+def _most_moved(story: Story, detector: str, which: Frames, ids: NDArray[np.int64]) -> FloatArray:
+    """How much a candidate of the wanted kind moved at most in each image; 0 where none is."""
     wanted = (Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM) if which is Frames.WORST else CHANGED
     of_kind = np.isin(story.changes[detector, story.mode_of(detector)].group, wanted)
     image_id = story.run.of(detector)["image_id"]
-    return np.array([int((of_kind & (image_id == i)).sum()) for i in ids])
+    # one whose score stayed can change sides too, as others move past it
+    moved = np.where(of_kind, np.maximum(story.moved(detector), 1e-9), 0.0)
+    return np.array([moved[image_id == i].max(initial=0.0) for i in ids])
+
+
+def _keeps_a_car(story: Story, detector: str, ids: NDArray[np.int64]) -> BoolArray:
+    """In which images a car is found after rescoring, shape of ``ids``."""
+    found = story.changes[detector, story.mode_of(detector)].after.found
+    return np.isin(ids, story.run.of(detector)["image_id"][found])
 
 
 def _explained(
     run: Run, detector: str, mode: str, changes: Changes
 ) -> tuple[tuple[Explanation, ...], EvidenceModel | None]:
-    """Why each candidate moved, and the model of the evidence; without it where the folder has another one."""
+    """Why each candidate moved, and the model of the evidence; None where the folder has another one."""
     rows, model = run.of(detector), _model(run, detector, mode)
     try:
         return explain(rows, mode, changes.rose, model), model

@@ -1,6 +1,6 @@
-"""The threshold's timeline of a recording: operating points on the curves, and what is accepted in some frames."""
+"""The threshold's timeline of a recording: operating points on the curves, what is accepted in frames."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -80,9 +80,7 @@ def threshold_steps(story: Story) -> NDArray[np.int64]:
 
     Thinned to so many that each step accepts about as many candidates less; most candidates have low scores.
     """
-    every = [
-        scores(story.run, d, m) for d in story.run.detectors for m in {ALONE, story.mode_of(d)}
-    ]
+    every = [scores(story.run, d, m) for d in story.run.detectors for m in {ALONE, story.mode_of(d)}]
     steps = np.unique(np.ceil(np.clip(np.concatenate(every), 0, 1) * THRESHOLD_STEPS).astype(np.int64))
     if len(steps) >= MAX_STEPS:
         steps = steps[np.unique(np.linspace(0, len(steps) - 1, MAX_STEPS - 1).round().astype(int))]
@@ -142,11 +140,18 @@ def log_points(
         return tuple(form.format(v) if m == main else "" for m, v in zip(modes, y, strict=True))
 
     plots.cars.log_marks(rec, Marks(fppi, recall, colours, named("{:.2f} FP/image", fppi)))
-    plots.candidate.log_marks(rec, Marks(false_share, hit_share, colours, named("{:.0%} of the false", false_share)))
+    plots.candidate.log_marks(
+        rec, Marks(false_share, hit_share, colours, named("{:.0%} of the false", false_share))
+    )
     known = np.isfinite(precision)
     plots.precision.log_marks(
         rec,
-        Marks(recall[known], precision[known], tuple(c for c, k in zip(colours, known, strict=True) if k), ("",) * int(known.sum())),
+        Marks(
+            recall[known],
+            precision[known],
+            tuple(c for c, k in zip(colours, known, strict=True) if k),
+            ("",) * int(known.sum()),
+        ),
     )
     rec.log(points_path(detector), text(_points_table(story, detector, rates, least_score)))
 
@@ -164,7 +169,10 @@ def log_sheet(
             accepted = np.array([c.posterior >= least_score for c in what.candidates], bool)
         some = list(zip(what.candidates, accepted.tolist(), strict=True))
         found = {c.annotation_id for c, a in some if a and c.outcome == "hit"}
-        missed = [int(i) not in found and not g for i, g in zip(tile.truth.annotation_id, tile.truth.ignore, strict=True)]
+        missed = [
+            int(i) not in found and not g
+            for i, g in zip(tile.truth.annotation_id, tile.truth.ignore, strict=True)
+        ]
         offset = np.tile(corner, 2)
         boxes += [tile.truth.xyxy_px.reshape(-1, 4) * tile.zoom + offset]
         classes += [OUTCOME_CLASSES.index("missed" if m else "found") for m in missed]
@@ -178,30 +186,54 @@ def log_sheet(
         array = np.concatenate(boxes)
         rec.log(
             path,
-            rr.Boxes2D(array=array, array_format=rr.Box2DFormat.XYXY, class_ids=classes, radii=width, show_labels=False),
+            rr.Boxes2D(
+                array=array,
+                array_format=rr.Box2DFormat.XYXY,
+                class_ids=classes,
+                radii=width,
+                show_labels=False,
+            ),
         )
     else:
         rec.log(path, rr.Boxes2D.from_fields(class_ids=classes, radii=width))
 
 
-def threshold_tab(detector: str, plots: CurvePlots, title: str) -> rrb.Horizontal:
-    """The blueprint's tab of the threshold."""
+def sheet_size_px(size_px: tuple[int, int], n_frames: int) -> tuple[int, int]:
+    """Width and height of the sheet of pictures of one size."""
+    tile = (_TILE_WIDTH_PX, round(size_px[1] * _TILE_WIDTH_PX / size_px[0]))
+    n = min(n_frames, MAX_TILES)
+    columns = _columns(tile, n)
+    rows = -(-n // columns)
+    return columns * (tile[0] + _GAP_PX) - _GAP_PX, rows * (tile[1] + _GAP_PX) - _GAP_PX
+
+
+def threshold_tab(
+    detector: str, plots: CurvePlots, sheet_px: tuple[int, int] | None, title: str
+) -> rrb.Horizontal:
+    """The blueprint's tab of the threshold; the sheet's size is None where pictures differ in size."""
     numbers = rrb.TextDocumentView(origin=points_path(detector), name="operating points")
+    bounds = None
+    if sheet_px is not None:
+        w, h = sheet_px
+        bounds = rrb.VisualBounds2D(x_range=[-6, w + 6], y_range=[-6, h + 0.045 * w])
     sheet = rrb.Spatial2DView(
-        origin=sheet_path(detector), name="what is accepted, in the most telling frames", background=BACKGROUND
+        origin=sheet_path(detector),
+        name="what is accepted, in the most telling frames",
+        background=BACKGROUND,
+        visual_bounds=bounds,
     )
-    left = rrb.Vertical(plots.cars.view(), numbers, row_shares=[3, 2])
+    left = rrb.Vertical(plots.cars.view(), numbers, row_shares=[4, 3])
     return rrb.Horizontal(left, sheet, column_shares=[2, 3], name=title)
 
 
-def _points_table(
-    story: Story, detector: str, rates: NDArray[np.float64], least_score: float | None
-) -> str:
+def _points_table(story: Story, detector: str, rates: NDArray[np.float64], least_score: float | None) -> str:
     modes = story.modes_of(detector)
     if least_score is None:
-        head = f"**Where {story.points[detector].text} are reached.** Choose the timeline *threshold* to move it.\n\n"
+        point = story.points[detector].text
+        head = f"**Where {point} are reached.** Choose the timeline *threshold* to move it.\n\n"
     else:
-        head = f"**Accepted: score at least {least_score:.3f}** (step {round(least_score * THRESHOLD_STEPS)})\n\n"
+        step = round(least_score * THRESHOLD_STEPS)
+        head = f"**Accepted: score at least {least_score:.3f}** (step {step})\n\n"
     lines = [
         head,
         "| score of | from | cars found | FP/image | precision |\n",
@@ -209,9 +241,8 @@ def _points_table(
     ]
     for mode, (fppi, recall, precision, _, _) in zip(modes, rates.tolist(), strict=True):
         least = story.threshold(detector, mode) if least_score is None else least_score
-        lines.append(
-            f"| {mode_name(mode)} | {least:.3f} | {_percent(recall)} | {number(fppi, 2)} | {_percent(precision)} |\n"
-        )
+        figures = (f"{least:.3f}", _percent(recall), number(fppi, 2), _percent(precision))
+        lines.append(f"| {mode_name(mode)} | {' | '.join(figures)} |\n")
     return "".join(lines)
 
 
@@ -219,25 +250,25 @@ def _percent(share: float) -> str:
     return percent(share if np.isfinite(share) else None)
 
 
-def _columns(tiles: Sequence[Tile]) -> int:
-    h, w = tiles[0].picture.shape[:2]
-    most = 4 if h > 0.5 * w else 2
-    return min(most, len(tiles))
+def _columns(tile_px: tuple[int, int], n: int) -> int:
+    most = 3 if tile_px[1] > 0.5 * tile_px[0] else 2
+    return min(most, n)
 
 
 def _corner(i: int, tiles: Sequence[Tile]) -> NDArray[np.float64]:
     """Left and top of a tile in the sheet."""
-    row, column = divmod(i, _columns(tiles))
     height = max(t.picture.shape[0] for t in tiles)
+    row, column = divmod(i, _columns((_TILE_WIDTH_PX, height), len(tiles)))
     return np.array([column * (_TILE_WIDTH_PX + _GAP_PX), row * (height + _GAP_PX)], float)
 
 
 def _log_sheet_picture(rec: rr.RecordingStream, path: str, tiles: Sequence[Tile]) -> None:
     rec.log(path, outcome_context(), static=True)
-    corners: Iterable[NDArray[np.float64]] = [_corner(i, tiles) for i in range(len(tiles))]
-    whole = np.max(corners, axis=0).astype(int) + [_TILE_WIDTH_PX, max(t.picture.shape[0] for t in tiles)]
+    corners = np.array([_corner(i, tiles) for i in range(len(tiles))]).astype(int)
+    tile_px = np.array([_TILE_WIDTH_PX, max(t.picture.shape[0] for t in tiles)])
+    whole = corners.max(axis=0) + tile_px
     sheet = np.full((whole[1], whole[0], 3), BACKGROUND, np.uint8)
-    for tile, (x, y) in zip(tiles, np.array(corners, int), strict=True):
+    for tile, (x, y) in zip(tiles, corners, strict=True):
         sheet[y : y + tile.picture.shape[0], x : x + tile.picture.shape[1]] = tile.picture
     rec.log(f"{path}/picture", picture(sheet), static=True)
     at = (np.arange(len(LEGEND)) + 0.5) / len(LEGEND) * whole[0]

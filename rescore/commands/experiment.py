@@ -257,7 +257,10 @@ def log(
         Path | None, typer.Option(help="Recording to write.", show_default="RUN/recording.rrd")
     ] = None,
     frames: Annotated[
-        str, typer.Option(help="all, flips (a candidate changed sides) or worst (a car lost, a false alarm accepted).")
+        str,
+        typer.Option(
+            help="all, flips (a candidate changed sides) or worst (a car lost, a false alarm accepted)."
+        ),
     ] = "all",
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
@@ -268,9 +271,11 @@ def log(
     Example: [bold]rescore log runs/demo && rerun runs/demo/recording.rrd[/bold]
     """
     from reports.rerun_log import write_recording
-    from reports.rerun_story import frames_of
+    from reports.rerun_story import Frames
 
-    file = write_recording(run, out or run / "recording.rrd", frames=frames_of(frames), max_frames=max_frames)
+    file = write_recording(
+        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
+    )
     say(f"recording: {file} (open it with: rerun {file})")
 
 
