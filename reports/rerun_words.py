@@ -93,8 +93,8 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         lines.append("No model could be registered here: predicted depth and residual stay empty.")
     lines.append(
         f"*Colours:* depth dark {colours_m.near:.1f} m to bright {colours_m.far:.1f} m, black not measured. "
-        f"Residual: red nearer than predicted, white 0, blue farther, ±{colours_m.residual:.1f} m, grey nothing "
-        f"to compare.{unit}"
+        f"Residual: red nearer than predicted, white 0, blue farther, ±{colours_m.residual:.1f} m, grey "
+        f"nothing to compare.{unit}"
     )
     return "\n\n".join(lines)
 
