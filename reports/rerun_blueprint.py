@@ -23,6 +23,8 @@ from reports.rerun_story import Story
 from reports.rerun_threshold import CurvePlots, sheet_size_px, threshold_tab
 from rescore.candidate_columns import ALONE
 
+TABS = ("overview", "frame", "candidate", "threshold", "more curves")
+"""The tabs of the first detector; those of the others follow."""
 _SKY = [34, 37, 45]
 
 
@@ -33,6 +35,7 @@ def blueprint(
     size_px: tuple[int, int] | None,
     n_frames: int,
     right: bool,
+    tab: int,
 ) -> rrb.Blueprint:
     """The blueprint of a recording.
 
@@ -43,14 +46,15 @@ def blueprint(
         size_px: width and height of the pictures; None where they differ.
         n_frames: frames that are shown.
         right: whether there are right pictures.
+        tab: index of the tab that is open at first.
     """
     first, *others = story.run.detectors
     sheet = None if size_px is None else sheet_size_px(size_px, n_frames)
     tabs = [
         _overview(plots),
-        _frame_tab(story, first, size_px, right, "frame"),
-        _candidate_tab(first, "candidate"),
-        threshold_tab(first, plots[first], sheet, "threshold"),
+        _frame_tab(story, first, size_px, right, TABS[1]),
+        _candidate_tab(first, TABS[2]),
+        threshold_tab(first, plots[first], sheet, TABS[3]),
         _curves_tab(plots, weights),
     ]
     for d in others:
@@ -61,7 +65,7 @@ def blueprint(
             threshold_tab(d, plots[d], sheet, f"threshold: {name}"),
         ]
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, active_tab=0),
+        rrb.Tabs(*tabs, active_tab=tab),
         rrb.TimePanel(timeline=FRAME_TIME, state="collapsed", play_state="paused", fps=2),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
@@ -78,12 +82,12 @@ def _overview(plots: Mapping[str, CurvePlots]) -> rrb.Horizontal:
     guide = rrb.TextDocumentView(origin="guide", name="how to read this recording")
     results = rrb.TextDocumentView(origin="results", name="results on the test set")
     words = rrb.Vertical(guide, results, row_shares=[2.1, 1])
-    return rrb.Horizontal(words, rrb.Vertical(*rows), column_shares=[2, 5], name="overview")
+    return rrb.Horizontal(words, rrb.Vertical(*rows), column_shares=[2, 5], name=TABS[0])
 
 
 def _curves_tab(plots: Mapping[str, CurvePlots], weights: Sequence[Plot]) -> rrb.Grid:
     views = [p.precision.view() for p in plots.values()] + [w.view() for w in weights]
-    return rrb.Grid(*views, grid_columns=max(len(plots), 1), name="more curves")
+    return rrb.Grid(*views, grid_columns=max(len(plots), 1), name=TABS[4])
 
 
 def _frame_tab(

@@ -83,11 +83,12 @@ def labelled(story: Story, view: FrameView, detector: str) -> NDArray[np.bool_]:
     return np.array([any(c is b for b in best) for c in some], bool)
 
 
-def log_shown(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView) -> None:
+def log_shown(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView, labels: bool = True) -> None:
     """Log boxes, labels and annotated cars at an entity path."""
     _log_rectangles(rec, f"{path}/accepted", what, what.accepted)
     _log_rectangles(rec, f"{path}/rejected", what, ~what.accepted)
-    _log_labels(rec, f"{path}/labels", what, view)
+    if labels:
+        _log_labels(rec, f"{path}/labels", what, view)
     _log_cars(rec, f"{path}/cars", what, view.truth)
 
 

@@ -172,6 +172,13 @@ def choose_frames(
     return np.asarray(ids[order])
 
 
+def count_flips(story: Story) -> int:
+    """In how many frames a candidate counts otherwise after rescoring."""
+    ids = np.array([f.image_id for f in run_data(story.run).frames], dtype=np.int64)
+    most = [_most_moved(story, d, Frames.FLIPS, ids) for d in story.run.detectors]
+    return int((np.max(most, axis=0) > 0).sum())
+
+
 def _most_moved(story: Story, detector: str, which: Frames, ids: NDArray[np.int64]) -> FloatArray:
     """How much a candidate of the wanted kind moved at most in each image; 0 where none is."""
     wanted = (Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM) if which is Frames.WORST else CHANGED

@@ -30,7 +30,7 @@ from reports.tables import number, percent
 from rescore.candidate_columns import ALONE
 from rescore.frames import Truth
 
-MAX_STEPS = 80
+MAX_STEPS = 60
 MAX_TILES = 12
 _TILE_WIDTH_PX = 320
 _GAP_PX = 6
@@ -119,7 +119,8 @@ def log_thresholds(
             log_points(rec, story, detector, own, least)
             log_sheet(rec, detector, tiles, least, whole=i == 0)
             for mode in dict.fromkeys((ALONE, story.mode_of(detector))):
-                log_shown(rec, boxes_path(detector, mode), shown(story, first, detector, mode, least), first)
+                what = shown(story, first, detector, mode, least)
+                log_shown(rec, boxes_path(detector, mode), what, first, labels=False)
 
 
 def log_points(

@@ -184,7 +184,8 @@ def test_each_candidate_has_its_own_time_with_words_bars_and_pictures(story: Sto
         bars = read(recording, f"/why/{detector}/bars/bars", "candidate rank")
         root = f"/world/camera/{detector}_candidate"
         residual = read(recording, f"{root}/residual", "candidate rank")
-        assert set(words) == set(residual) and len(words) == len(rows["rank"])
+        assert set(words) == set(residual)
+        assert len(words) == len(rows["rank"])
         for time, row in words.items():
             frame, place = divmod(time, stride)
             (i,) = np.flatnonzero((rows["image_id"] == ids[frame]) & (rows["rank"] == place - 1))
