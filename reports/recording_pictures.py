@@ -1,17 +1,24 @@
 """Pictures of a recording in the viewer: ``python -m reports.recording_pictures RUN FOLDER COMMAND``.
 
-One picture a tab, and a page that says how to read them. The viewer draws without a screen; it needs a Vulkan
-driver, which Debian has as ``mesa-vulkan-drivers``.
+One picture a tab, and a page that says how to read them. The viewer draws without a screen, and listens on
+this machine alone; it needs a Vulkan driver, which Debian has as ``mesa-vulkan-drivers``.
 """
 
 import os
+import socket
 import subprocess
 import sys
 import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
+import numpy as np
 import rerun_cli  # type: ignore[import-untyped]
+from rerun.experimental import ViewerClient
 
 from recon.errors import RescoreError
 from reports.palette import detector_name, mode_name
@@ -25,7 +32,10 @@ from rescore.store import atomic_path
 WINDOW_PX = (1600, 900)
 MAX_FRAMES = 12
 _QUALITY = 88
-_TIMEOUT_S = 180
+_MENU_PX = 34
+_TIMEOUT_S = 60.0
+_SETTLING_SHOTS = 8
+"""Data and fonts are loaded while the window is drawn."""
 
 
 def publish_recording(run_dir: Path, folder: Path, command: str) -> Path:
@@ -43,12 +53,9 @@ def publish_recording(run_dir: Path, folder: Path, command: str) -> Path:
     flips = count_flips(story)
     frames = Frames.FLIPS if flips else Frames.ALL
     with tempfile.TemporaryDirectory() as scratch:
-        for i, name in enumerate(TABS):
-            # the pictures show the first frames alone, and the curves are those of all frames
-            recording = write_recording(
-                run_dir, Path(scratch) / "tab.rrd", frames, MAX_FRAMES, show=False, tab=i
-            )
-            draw_window(recording, folder / f"{name.replace(' ', '_')}.jpg")
+        # the pictures show the first frames alone, and the curves are those of all frames
+        recording = write_recording(run_dir, Path(scratch) / "some.rrd", frames, MAX_FRAMES, show=False)
+        draw_tabs(recording, folder)
     first = story.run.detectors[0]
     page = folder / "README.md"
     page.write_text(
@@ -66,43 +73,93 @@ def publish_recording(run_dir: Path, folder: Path, command: str) -> Path:
     return page
 
 
-def draw_window(recording: Path, picture: Path) -> None:
-    """Draw the viewer's window with a recording, as it opens, into a JPEG file.
+def draw_tabs(recording: Path, folder: Path) -> None:
+    """Draw the viewer's window with each tab of the first detector into JPEG files.
 
     Raises:
-        RescoreError: the viewer failed.
+        RescoreError: the viewer could not draw, or a view reports a fault.
     """
-    viewer = Path(rerun_cli.__file__).parent / "rerun"
-    with tempfile.TemporaryDirectory() as scratch, recording.open("rb") as data:
-        shot = Path(scratch) / "window.png"
-        size = "x".join(str(v) for v in WINDOW_PX)
-        options = ["--headless", "--bind", "127.0.0.1", "--port", "auto", "--window-size", size]
-        try:
-            # a recording from standard input is read whole before the picture is taken
-            done = subprocess.run(
-                [viewer, "-", *options, "--screenshot-to", shot],
-                stdin=data,
-                env={**os.environ, "CI": "true", "RUST_LOG": "off"},
-                timeout=_TIMEOUT_S,
-                capture_output=True,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as error:
+    with _viewer() as client:
+        client.open(str(recording.resolve()))
+        _wait(lambda: bool(client.get_state().recordings) and not client.get_state().loading, "load")
+        store = client.get_state().active_recording
+        container, tabs = _tabs(client.get_blueprint().blueprint)
+        for name, tab in zip(TABS, tabs, strict=False):
+            layout = client.get_blueprint().blueprint
+            layout[container]["ContainerBlueprint"]["active_tab"] = tab
+            client.set_blueprint(layout, store_id=store)
+            for _ in range(_SETTLING_SHOTS):
+                client.take_screenshot(max_size=64)
+                time.sleep(0.25)
+            faults = [f"{v.name}: {r.summary}" for v in client.get_state().views for r in v.reports]
+            if faults:
+                raise RescoreError(f"viewer: expected views without a fault, got {faults[0]}")
+            _write_jpeg(client.take_screenshot(), folder / f"{name.replace(' ', '_')}.jpg")
+
+
+def _tabs(layout: dict[str, Any]) -> tuple[str, list[str]]:
+    """The container of the tabs in a blueprint, and its tabs in order."""
+    for path, entry in layout.items():
+        container = entry.get("ContainerBlueprint", {})
+        if container.get("container_kind") == "Tabs" and isinstance(container["contents"], list):
+            return path, container["contents"]
+    raise RescoreError("recording: expected a blueprint with tabs, found none; write it with `rescore log`")
+
+
+@contextmanager
+def _viewer() -> Iterator[ViewerClient]:
+    """A viewer without a screen that listens on this machine alone."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    size = "x".join(str(v) for v in WINDOW_PX)
+    options = ["--bind", "127.0.0.1", "--port", str(port), "--window-size", size, "--hide-welcome-screen"]
+    process = subprocess.Popen(
+        # the binary itself, for its wrapper would leave it behind when it is ended
+        [Path(rerun_cli.__file__).parent / "rerun", "--headless", *options],
+        env={**os.environ, "CI": "true", "RUST_LOG": "off"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        _wait(lambda: process.poll() is not None or _listens(port), "start")
+        if process.poll() is not None:
             raise RescoreError(
-                f"viewer: expected a picture within {_TIMEOUT_S} s, got none; try again on an idle machine"
-            ) from error
-        window = cv2.imread(str(shot)) if shot.is_file() else None
-        if window is None:
-            raise RescoreError(
-                f"viewer: expected a picture, got exit code {done.returncode}; it draws with Vulkan: "
+                f"viewer: expected to start, got exit code {process.returncode}; it draws with Vulkan: "
                 "`apt-get install mesa-vulkan-drivers`"
             )
-        with atomic_path(picture) as beside:
-            cv2.imwrite(
-                str(beside),
-                cv2.resize(window, WINDOW_PX, interpolation=cv2.INTER_AREA),
-                [cv2.IMWRITE_JPEG_QUALITY, _QUALITY],
-            )
+        yield ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+    except ConnectionError as error:
+        raise RescoreError(
+            f"viewer: expected an answer, got {str(error).splitlines()[0]!r}; it draws with Vulkan: "
+            "`apt-get install mesa-vulkan-drivers`"
+        ) from error
+    finally:
+        process.terminate()
+        process.wait(10)
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as client:
+        return client.connect_ex(("127.0.0.1", port)) == 0
+
+
+def _wait(ready: Callable[[], bool], what: str) -> None:
+    begin = time.monotonic()
+    while not ready():
+        if time.monotonic() - begin > _TIMEOUT_S:
+            raise RescoreError(f"viewer: expected to {what} within {_TIMEOUT_S:.0f} s; try an idle machine")
+        time.sleep(0.1)
+
+
+def _write_jpeg(png: bytes, path: Path) -> None:
+    window = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    if window is None:
+        raise RescoreError("viewer: expected a picture, got no PNG; try again")
+    # without the menu, which speaks of the machine
+    window = window[_MENU_PX:]
+    with atomic_path(path) as beside:
+        cv2.imwrite(str(beside), window, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
 
 
 if __name__ == "__main__":

@@ -35,7 +35,6 @@ def blueprint(
     size_px: tuple[int, int] | None,
     n_frames: int,
     right: bool,
-    tab: int,
 ) -> rrb.Blueprint:
     """The blueprint of a recording.
 
@@ -46,7 +45,6 @@ def blueprint(
         size_px: width and height of the pictures; None where they differ.
         n_frames: frames that are shown.
         right: whether there are right pictures.
-        tab: index of the tab that is open at first.
     """
     first, *others = story.run.detectors
     sheet = None if size_px is None else sheet_size_px(size_px, n_frames)
@@ -65,7 +63,7 @@ def blueprint(
             threshold_tab(d, plots[d], sheet, f"threshold: {name}"),
         ]
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, active_tab=tab),
+        rrb.Tabs(*tabs, active_tab=0),
         rrb.TimePanel(timeline=FRAME_TIME, state="collapsed", play_state="paused", fps=2),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),

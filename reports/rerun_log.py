@@ -48,7 +48,6 @@ def write_recording(
     max_frames: int | None = None,
     mode: str | None = None,
     show: bool = True,
-    tab: int = 0,
 ) -> Path:
     """Write the recording of a run; frames are streamed, so memory does not grow with their number.
 
@@ -59,7 +58,6 @@ def write_recording(
         max_frames: at most so many of them; None for all.
         mode: the way of scoring that is explained; None for the last of metrics.json.
         show: whether to show a progress bar.
-        tab: index of the tab that is open at first, in the order of ``reports.rerun_blueprint.TABS``.
 
     Returns:
         The path written.
@@ -77,7 +75,7 @@ def write_recording(
             APPLICATION_ID, recording_id=story.run.root.name, send_properties=False, batcher_config=batches
         )
         rr.set_log_time_enabled(False, recording=rec)
-        _Writer(rec, story).write(beside, chosen, show, tab)
+        _Writer(rec, story).write(beside, chosen, show)
         rec.flush()
         rec.disconnect()
     return out
@@ -95,19 +93,21 @@ class _Writer:
         """Steps of the candidates' timeline from one frame to the next: a power of ten, so that the last
         digits are the place and the others the frame."""
 
-    def write(self, path: Path, chosen: NDArray[np.int64], show: bool, tab: int) -> None:
+    def write(self, path: Path, chosen: NDArray[np.int64], show: bool) -> None:
         """Log everything."""
         rec, story = self.rec, self.story
         shapes = {(f.width_px, f.height_px) for f in self.records.values()}
         size = next(iter(shapes)) if len(shapes) == 1 else None
         right = any((r := self.records[i].right_path) is not None and r.is_file() for i in chosen.tolist())
         plots, weights = curve_plots(story), weight_plots(story)
-        rec.save(path, default_blueprint=blueprint(story, plots, weights, size, len(chosen), right, tab))
+        rec.save(path, default_blueprint=blueprint(story, plots, weights, size, len(chosen), right))
         self._log_static()
         for plot in [p for own in plots.values() for p in (own.cars, own.candidate, own.precision)]:
             plot.log(rec)
         for plot in weights:
             plot.log(rec)
+        # names, colours and texts come first in the file, not when enough of them has gathered
+        rec.flush()
         tiles: list[Tile] = []
         first: FrameView | None = None
         others = [m for m in story.run.modes if m != story.mode]

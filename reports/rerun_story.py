@@ -11,7 +11,7 @@ from recon.errors import RescoreError
 from reports.curves import match_table, scores
 from reports.evidence_view import CandidateView, run_data
 from reports.run_folder import Run
-from rescore.candidate_columns import ALONE
+from rescore.candidate_columns import ALONE, difference
 from rescore.changes import CHANGED, Changes, Group, OperatingPoint, default_point
 from rescore.cues import LEARNED, Registration
 from rescore.evidence_model import EvidenceModel, load_models
@@ -20,6 +20,8 @@ from rescore.matching import HIT, IGNORED, MatchTable
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
+
+_DISAGREEING = 0.2
 
 
 class Frames(StrEnum):
@@ -130,10 +132,18 @@ class Story:
         return max(candidates, key=lambda c: self._weight(detector, c), default=None)
 
     def moved(self, detector: str) -> FloatArray:
-        """How much the score of each candidate (n,) moved: its logarithm, weighed with the larger score."""
+        """How much the score of each candidate (n,) moved: its logarithm, weighed with the larger score.
+
+        Less where its own depth does not say so, that is, where others moved past it: a low D should rise.
+        """
+        mode = self.mode_of(detector)
         before = np.maximum(scores(self.run, detector, ALONE), 1e-6)
-        after = np.maximum(scores(self.run, detector, self.mode_of(detector)), 1e-6)
-        return np.asarray(np.maximum(before, after) * np.abs(np.log(after / before)))
+        after = np.maximum(scores(self.run, detector, mode), 1e-6)
+        d = difference(self.run.of(detector), mode)
+        middle = np.nanmedian(d) if np.isfinite(d).any() else 0.0
+        agrees = (middle - d) * self.changes[detector, mode].delta > 0
+        weight = np.where(agrees, 1.0, _DISAGREEING)
+        return np.asarray(weight * np.maximum(before, after) * np.abs(np.log(after / before)))
 
     def _weight(self, detector: str, c: CandidateView) -> tuple[int, bool, float]:
         group = self.group(detector, c)
