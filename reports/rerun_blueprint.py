@@ -32,7 +32,7 @@ def blueprint(
     story: Story,
     plots: Mapping[str, CurvePlots],
     weights: Sequence[Plot],
-    size_px: tuple[int, int] | None,
+    size_px: tuple[int, int],
     n_frames: int,
     right: bool,
 ) -> rrb.Blueprint:
@@ -42,12 +42,12 @@ def blueprint(
         story: the run.
         plots: the curves by detector.
         weights: the plots of w.
-        size_px: width and height of the pictures; None where they differ.
+        size_px: width and height of the largest picture.
         n_frames: frames that are shown.
         right: whether there are right pictures.
     """
     first, *others = story.run.detectors
-    sheet = None if size_px is None else sheet_size_px(size_px, n_frames)
+    sheet = sheet_size_px(size_px, n_frames)
     tabs = [
         _overview(plots),
         _frame_tab(story, first, size_px, right, TABS[1]),
@@ -89,7 +89,7 @@ def _curves_tab(plots: Mapping[str, CurvePlots], weights: Sequence[Plot]) -> rrb
 
 
 def _frame_tab(
-    story: Story, detector: str, size_px: tuple[int, int] | None, right: bool, title: str
+    story: Story, detector: str, size_px: tuple[int, int], right: bool, title: str
 ) -> rrb.Horizontal:
     main = story.mode_of(detector)
     before = _picture_view(story, detector, (ALONE,), ALONE, size_px, f"before: {mode_name(ALONE)}")
@@ -113,16 +113,14 @@ def _picture_view(
     detector: str,
     modes: tuple[str, ...],
     shown: str,
-    size_px: tuple[int, int] | None,
+    size_px: tuple[int, int],
     name: str,
 ) -> rrb.Spatial2DView:
     """A view of the boxes of some modes, of which one is shown and the others can be switched on."""
     paths = [boxes_path(detector, m) for m in modes]
     hidden = {boxes_path(detector, m): rrb.EntityBehavior(visible=False) for m in modes if m != shown}
-    bounds = None
-    if size_px is not None:
-        w, h = size_px
-        bounds = rrb.VisualBounds2D(x_range=[-0.01 * w, 1.01 * w], y_range=[-0.02 * h, 1.1 * h])
+    w, h = size_px
+    bounds = rrb.VisualBounds2D(x_range=[-0.01 * w, 1.01 * w], y_range=[-0.02 * h, 1.1 * h])
     return rrb.Spatial2DView(
         name=name,
         origin=IMAGE,

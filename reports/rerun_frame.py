@@ -15,6 +15,7 @@ from reports.rerun_names import (
     RIGHT_CAMERA,
     RIGHT_IMAGE,
     WORLD,
+    padded,
     picture,
     pinhole,
 )
@@ -25,28 +26,27 @@ DEPTH_RANGE_M = (2.0, 40.0)
 _LEFT_COLOUR, _RIGHT_COLOUR = (255, 200, 0), (90, 160, 255)
 
 
-def log_frame(rec: rr.RecordingStream, view: FrameView, packed: bool = True) -> None:
+def log_frame(rec: rr.RecordingStream, view: FrameView, size_px: tuple[int, int]) -> None:
     """Log one frame at the time that is set.
 
     Args:
         rec: the recording.
         view: the frame.
-        packed: whether pictures are stored as JPEG and depth as PNG. Rerun takes the files of an entity for
-            one video stream, whose frames must have one size; pictures of several sizes are stored plain.
+        size_px: width and height that pictures are stored with, those of the largest.
     """
     h, w = view.measured.shape
     world = world_from_camera(view.ground)
     look = {"image_plane_distance": 0.55, "color": _LEFT_COLOUR}
     rec.log(CAMERA, rr.Transform3D(translation=world[:3, 3], mat3x3=world[:3, :3]))
     rec.log(IMAGE, pinhole(view.camera.matrix, w, h, **look))
-    rec.log(f"{IMAGE}/left", picture(view.rgb, packed))
+    rec.log(f"{IMAGE}/left", picture(padded(view.rgb, size_px, 0)))
     if view.right_rgb is not None:
         right = apply_transform(world, np.array([view.baseline, 0.0, 0.0]))
         rec.log(RIGHT_CAMERA, rr.Transform3D(translation=right, mat3x3=world[:3, :3]))
         rec.log(RIGHT_IMAGE, pinhole(view.camera.matrix, w, h, **(look | {"color": _RIGHT_COLOUR})))
-        rec.log(f"{RIGHT_IMAGE}/right", picture(view.right_rgb, packed))
+        rec.log(f"{RIGHT_IMAGE}/right", picture(padded(view.right_rgb, size_px, 0)))
     depth = in_metres(view.measured, view)
-    log_depth(rec, f"{IMAGE}/measured_depth", depth, packed)
+    log_depth(rec, f"{IMAGE}/measured_depth", padded(depth, size_px, np.nan))
     boxes = np.array([c.xyxy_px for some in view.candidates.values() for c in some]).reshape(-1, 4)
     xyz, colours = stereo_points(depth, view.rgb, view.camera, boxes)
     rec.log(
@@ -68,24 +68,19 @@ def log_depth(
     rec: rr.RecordingStream,
     path: str,
     depth_m: NDArray[np.float32],
-    packed: bool = True,
     range_m: tuple[float, float] = DEPTH_RANGE_M,
 ) -> None:
     """Log depth at ``path/depth``, and above it at ``path/holes`` a mask that shows holes as dark pixels."""
-    rec.log(f"{path}/depth", depth_picture(depth_m, packed, range_m))
+    rec.log(f"{path}/depth", depth_picture(depth_m, range_m))
     holes = np.where(np.isfinite(depth_m) & (depth_m > 0), 0, HOLE_CLASS).astype(np.uint8)
     rec.log(f"{path}/holes", rr.SegmentationImage(holes, opacity=1.0, draw_order=5))
 
 
-def depth_picture(
-    depth_m: NDArray[np.float32], packed: bool, range_m: tuple[float, float]
-) -> rr.EncodedDepthImage | rr.DepthImage:
-    """A depth picture of 16 bits, as PNG where it is packed; holes are 0."""
+def depth_picture(depth_m: NDArray[np.float32], range_m: tuple[float, float]) -> rr.EncodedDepthImage:
+    """A depth picture of 16 bits, as PNG; holes are 0."""
     steps = np.nan_to_num(depth_m * DEPTH_UNIT, nan=0.0, posinf=0.0, neginf=0.0)
     steps = np.where(steps < np.iinfo(np.uint16).max, np.clip(np.rint(steps), 0, None), 0).astype(np.uint16)
     shown = [v * DEPTH_UNIT for v in range_m]
-    if not packed:
-        return rr.DepthImage(steps, meter=DEPTH_UNIT, colormap="viridis", depth_range=shown)
     _, png = cv2.imencode(".png", steps)
     return rr.EncodedDepthImage(
         png.tobytes(), media_type="image/png", meter=DEPTH_UNIT, colormap="viridis", depth_range=shown

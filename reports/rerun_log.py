@@ -96,9 +96,9 @@ class _Writer:
     def write(self, path: Path, chosen: NDArray[np.int64], show: bool) -> None:
         """Log everything."""
         rec, story = self.rec, self.story
-        shapes = {(f.width_px, f.height_px) for f in self.records.values()}
-        size = next(iter(shapes)) if len(shapes) == 1 else None
-        right = any((r := self.records[i].right_path) is not None and r.is_file() for i in chosen.tolist())
+        shown = [self.records[i] for i in chosen.tolist()]
+        size = max(f.width_px for f in shown), max(f.height_px for f in shown)
+        right = any(f.right_path is not None and f.right_path.is_file() for f in shown)
         plots, weights = curve_plots(story), weight_plots(story)
         rec.save(path, default_blueprint=blueprint(story, plots, weights, size, len(chosen), right))
         self._log_static()
@@ -119,9 +119,9 @@ class _Writer:
                 # what the threshold's timeline shows of all that does not depend on it
                 rec.set_time(THRESHOLD_TIME, sequence=0)
                 log_default_points(rec, story, plots)
-            if (len(tiles) < MAX_TILES and size is not None) or not tiles:
-                tiles.append(Tile.of(story, view))
-            log_frame(rec, view, packed=size is not None)
+            if len(tiles) < MAX_TILES:
+                tiles.append(Tile.of(story, view, size))
+            log_frame(rec, view, size)
             log_boxes(rec, story, view)
             log_models(rec, story, view, self.model)
             self._log_candidates(i, view)

@@ -114,10 +114,18 @@ def text(markdown: str) -> rr.TextDocument:
     return rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
 
 
-def picture(rgb_image: NDArray[np.uint8], packed: bool = True, quality: int = JPEG_QUALITY) -> Any:
-    """A picture for the recording, as JPEG where it is packed."""
-    if not packed:
-        return rr.Image(rgb_image)
+def padded(image: NDArray[Any], size_px: tuple[int, int], fill: float) -> NDArray[Any]:
+    """An image (h, w, ...) with room added at its right and lower side up to a width and height.
+
+    Rerun takes the encoded files of an entity for one video, whose frames must have one size.
+    """
+    h, w = image.shape[:2]
+    room = [(0, size_px[1] - h), (0, size_px[0] - w), *[(0, 0)] * (image.ndim - 2)]
+    return np.pad(image, room, constant_values=fill)
+
+
+def picture(rgb_image: NDArray[np.uint8], quality: int = JPEG_QUALITY) -> rr.EncodedImage:
+    """A picture for the recording, as JPEG."""
     _, data = cv2.imencode(".jpg", rgb_image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg")
 

@@ -20,6 +20,7 @@ from reports.rerun_names import (
     boxes_path,
     outcome_class,
     outcome_context,
+    padded,
     part,
     picture,
     text,
@@ -56,11 +57,13 @@ class Tile:
     truth: Truth
 
     @classmethod
-    def of(cls, story: Story, view: FrameView) -> "Tile":
-        """The tile of a frame."""
+    def of(cls, story: Story, view: FrameView, size_px: tuple[int, int]) -> "Tile":
+        """The tile of a frame; room for a picture of width and height ``size_px``."""
         h, w = view.measured.shape
-        zoom = _TILE_WIDTH_PX / w
-        small = cv2.resize(view.rgb, (_TILE_WIDTH_PX, round(h * zoom)), interpolation=cv2.INTER_AREA)
+        room = _tile_px(size_px)
+        zoom = min(room[0] / w, room[1] / h)
+        whole = cv2.resize(view.rgb, (round(w * zoom), round(h * zoom)), interpolation=cv2.INTER_AREA)
+        small = padded(whole, room, 0)
         some = {d: shown(story, view, d, story.mode_of(d)) for d in story.run.detectors}
         return cls(np.asarray(small, np.uint8), zoom, some, view.truth)
 
@@ -199,24 +202,24 @@ def log_sheet(
         rec.log(path, rr.Boxes2D.from_fields(class_ids=classes, radii=width))
 
 
+def _tile_px(size_px: tuple[int, int]) -> tuple[int, int]:
+    return _TILE_WIDTH_PX, round(size_px[1] * _TILE_WIDTH_PX / size_px[0])
+
+
 def sheet_size_px(size_px: tuple[int, int], n_frames: int) -> tuple[int, int]:
-    """Width and height of the sheet of pictures of one size."""
-    tile = (_TILE_WIDTH_PX, round(size_px[1] * _TILE_WIDTH_PX / size_px[0]))
+    """Width and height of the sheet; the largest picture has the size ``size_px``."""
+    tile = _tile_px(size_px)
     n = min(n_frames, MAX_TILES)
     columns = _columns(tile, n)
     rows = -(-n // columns)
     return columns * (tile[0] + _GAP_PX) - _GAP_PX, rows * (tile[1] + _GAP_PX) - _GAP_PX
 
 
-def threshold_tab(
-    detector: str, plots: CurvePlots, sheet_px: tuple[int, int] | None, title: str
-) -> rrb.Horizontal:
-    """The blueprint's tab of the threshold; the sheet's size is None where pictures differ in size."""
+def threshold_tab(detector: str, plots: CurvePlots, sheet_px: tuple[int, int], title: str) -> rrb.Horizontal:
+    """The blueprint's tab of the threshold; the sheet has the width and height ``sheet_px``."""
     numbers = rrb.TextDocumentView(origin=points_path(detector), name="operating points")
-    bounds = None
-    if sheet_px is not None:
-        w, h = sheet_px
-        bounds = rrb.VisualBounds2D(x_range=[-6, w + 6], y_range=[-6, h + 0.045 * w])
+    w, h = sheet_px
+    bounds = rrb.VisualBounds2D(x_range=[-6, w + 6], y_range=[-6, h + 0.045 * w])
     sheet = rrb.Spatial2DView(
         origin=sheet_path(detector),
         name="what is accepted, in the most telling frames",
@@ -258,7 +261,7 @@ def _columns(tile_px: tuple[int, int], n: int) -> int:
 
 def _corner(i: int, tiles: Sequence[Tile]) -> NDArray[np.float64]:
     """Left and top of a tile in the sheet."""
-    height = max(t.picture.shape[0] for t in tiles)
+    height = tiles[0].picture.shape[0]
     row, column = divmod(i, _columns((_TILE_WIDTH_PX, height), len(tiles)))
     return np.array([column * (_TILE_WIDTH_PX + _GAP_PX), row * (height + _GAP_PX)], float)
 
@@ -266,7 +269,7 @@ def _corner(i: int, tiles: Sequence[Tile]) -> NDArray[np.float64]:
 def _log_sheet_picture(rec: rr.RecordingStream, path: str, tiles: Sequence[Tile]) -> None:
     rec.log(path, outcome_context(), static=True)
     corners = np.array([_corner(i, tiles) for i in range(len(tiles))]).astype(int)
-    tile_px = np.array([_TILE_WIDTH_PX, max(t.picture.shape[0] for t in tiles)])
+    tile_px = np.array([_TILE_WIDTH_PX, tiles[0].picture.shape[0]])
     whole = corners.max(axis=0) + tile_px
     sheet = np.full((whole[1], whole[0], 3), BACKGROUND, np.uint8)
     for tile, (x, y) in zip(tiles, corners, strict=True):

@@ -296,7 +296,7 @@ def test_a_right_picture_is_shown_where_there_is_one(run_dir: Path, recording: P
     np.testing.assert_allclose(right - left, [0.25, 0, 0], atol=1e-6)
 
 
-def test_pictures_of_several_sizes_store_depth_plain(run_dir: Path, tmp_path: Path):
+def test_pictures_of_several_sizes_are_stored_with_one(run_dir: Path, tmp_path: Path):
     # Rerun takes PNGs of one entity for a video, whose frames must have one size
     shutil.copytree(run_dir, tmp_path / "run")
     file = tmp_path / "run" / "data" / "annotations.json"
@@ -309,5 +309,12 @@ def test_pictures_of_several_sizes_store_depth_plain(run_dir: Path, tmp_path: Pa
     file.write_text(json.dumps(value))
     out = write_recording(tmp_path / "run", tmp_path / "mixed.rrd", max_frames=2, show=False)
     depth = read(out, f"{IMAGE}/measured_depth/depth")
-    assert all("DepthImage:buffer" in row for row in depth.values())
-    assert len(depth) == 2
+    sizes = {
+        cv2.imdecode(np.array(row["EncodedDepthImage:blob"][0], np.uint8), cv2.IMREAD_UNCHANGED).shape
+        for row in depth.values()
+    }
+    assert (len(depth), sizes) == (2, {(240, 320)})
+    # the room below the lower picture holds no depth
+    (small,) = np.flatnonzero(choose_frames(Story.of(load_run(tmp_path / "run")), max_frames=2) == 1)
+    (mask,) = read(out, f"{IMAGE}/measured_depth/holes")[int(small)]["SegmentationImage:buffer"]
+    assert (np.array(mask, np.uint8).reshape(240, 320)[-8:] == HOLE_CLASS).all()
