@@ -62,6 +62,7 @@ def publish_recording(run_dir: Path, folder: Path, command: str) -> Path:
         render(
             "recording_page.md.j2",
             command=command,
+            name=story.run.root.name,
             metrics=story.run.metrics,
             detector=detector_name(first, short=True),
             mode=mode_name(story.mode_of(first)),

@@ -51,7 +51,7 @@ def blueprint(
     tabs = [
         _overview(plots),
         _frame_tab(story, first, size_px, right, TABS[1]),
-        _candidate_tab(first, TABS[2]),
+        _candidate_tab(story, first, TABS[2]),
         threshold_tab(first, plots[first], sheet, TABS[3]),
         _curves_tab(plots, weights),
     ]
@@ -59,7 +59,7 @@ def blueprint(
         name = detector_name(d, short=True)
         tabs += [
             _frame_tab(story, d, size_px, right, f"frame: {name}"),
-            _candidate_tab(d, f"candidate: {name}"),
+            _candidate_tab(story, d, f"candidate: {name}"),
             threshold_tab(d, plots[d], sheet, f"threshold: {name}"),
         ]
     return rrb.Blueprint(
@@ -151,7 +151,7 @@ def _scene_view(detector: str) -> rrb.Spatial3DView:
     )
 
 
-def _candidate_tab(detector: str, title: str) -> rrb.Horizontal:
+def _candidate_tab(story: Story, detector: str, title: str) -> rrb.Horizontal:
     root = crop_path(detector)
     bounds = rrb.VisualBounds2D(x_range=[0, CROP_WIDTH_PX], y_range=[0, CROP_HEIGHT_PX])
 
@@ -171,7 +171,7 @@ def _candidate_tab(detector: str, title: str) -> rrb.Horizontal:
         grid_columns=2,
     )
     words = rrb.TextDocumentView(origin=f"{why_path(detector)}/text", name="why it rose or fell")
-    left = rrb.Vertical(words, bars_view(detector), row_shares=[5, 6])
+    left = rrb.Vertical(words, bars_view(story, detector), row_shares=[5, 6])
     return rrb.Horizontal(left, crops, column_shares=[2, 3], name=title)
 
 

@@ -131,11 +131,13 @@ def log_candidate(
     _log_bars(rec, f"{why_path(detector)}/bars", evidence_bars(story, detector, c))
 
 
-def bars_view(detector: str) -> rrb.Spatial2DView:
+def bars_view(story: Story, detector: str) -> rrb.Spatial2DView:
     """The blueprint's view of the bars."""
+    known = detector in story.models
+    name = "what the depth says (log odds that it is a car)" if known else "terms of eq. 7 (log of the score)"
     return rrb.Spatial2DView(
         origin=f"{why_path(detector)}/bars",
-        name="what the depth says (log-odds that it is a car)",
+        name=name,
         background=BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(
             x_range=[0, _BARS_WIDTH], y_range=[-0.3 * _BAR_HEIGHT, 10.6 * _BAR_HEIGHT]
@@ -198,11 +200,13 @@ def _log_outline(rec: rr.RecordingStream, path: str, c: CandidateView, crop: Cro
 
 
 def _depth_range(measured: NDArray[np.float32], fitted: NDArray[np.float32]) -> tuple[float, float]:
-    """Depths of the first and last colour: those of the prediction widened, or of the whole crop."""
-    values_m = fitted[np.isfinite(fitted)] if np.isfinite(fitted).any() else measured[np.isfinite(measured)]
-    if not len(values_m):
-        return 2.0, 40.0
-    low, high = (float(v) for v in np.percentile(values_m, [2, 98]))
+    """Depths of the first and last colour: those of the prediction widened, or around the crop's middle."""
+    if not np.isfinite(fitted).any():
+        h, w = measured.shape
+        middle = measured[h // 4 : -h // 4, w // 4 : -w // 4]
+        depth_m = float(np.nanmedian(middle)) if np.isfinite(middle).any() else 16.0
+        return 0.75 * depth_m, 1.25 * depth_m
+    low, high = (float(v) for v in np.percentile(fitted[np.isfinite(fitted)], [2, 98]))
     wide = max(high - low, 0.06 * abs(high), 0.5)
     return max(low - 0.6 * wide, 0.0), high + 0.9 * wide
 
@@ -299,6 +303,8 @@ def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: Frame
 
 def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None:
     """Horizontal bars with their names at the left and their values at the ends."""
+    if not bars:
+        bars = (Bar("no evidence", 0.0),)
     y = (np.arange(len(bars)) + 0.5) * _BAR_HEIGHT
     amount = np.array([b.value for b in bars], float)
     longest = max(float(np.abs(amount).max(initial=0.0)), _SHORTEST_SCALE)

@@ -87,7 +87,7 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
     ]
     if told is not None:
         lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
-    if c.status != "ok":
+    elif c.status != "ok":
         lines.append(f"No evidence: {status_text(c.status)}.")
     if c.registered is None:
         lines.append("No model could be registered here: predicted depth and residual stay empty.")
