@@ -114,6 +114,12 @@ def load_run(run_dir: Path) -> Run:
         raise RescoreError(
             f"{root / 'metrics.json'}: expected key {lacking[0]!r}, found none; run `rescore evaluate` again"
         )
+    n = len(columns["rank"])
+    if n != metrics["n_candidates"]:
+        raise RescoreError(
+            f"{root}: expected {metrics['n_candidates']} candidates in candidates.parquet, as metrics.json "
+            f"says, got {n}: the two are of different runs; run `rescore evaluate` again"
+        )
     return Run(root, _read_object(root / "config.json"), metrics, columns)
 
 

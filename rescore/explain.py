@@ -95,7 +95,7 @@ def explain(
             text = told.without_evidence(str(why[i]), str(detail[i] or ""), cues[i], bool(rose[i]))
             found.append(Explanation(text))
             continue
-        head = f"D {d[i]:.2f} (median {median:.2f})"
+        head = f"D {d[i]:.3f} (median {median:.3f})"
         if mode == Registration.PAPER:
             found.append(Explanation(f"{head}, {_eq_6(rows, i)}"))
             continue

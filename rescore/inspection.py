@@ -1,4 +1,4 @@
-"""The candidates of one detector before and after rescoring, with the reason for each change, as one table."""
+"""The candidates of one detector before and after rescoring, each with the reason for its change."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

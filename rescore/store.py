@@ -9,12 +9,14 @@ import shutil
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from enum import StrEnum
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -219,9 +221,24 @@ def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
                 kinds.setdefault(name, kind)
     if set(columns) != set(kinds):
         raise ValueError(f"candidates: columns differ: {sorted(set(columns) ^ set(kinds))}")
-    arrays = {name: pa.array(columns[name], type=kind) for name, kind in kinds.items()}
+    write_table(path, {name: pa.array(columns[name], type=kind) for name, kind in kinds.items()})
+
+
+class TableFormat(StrEnum):
+    """Forms of tables, by the end of the file's name."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+def write_table(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write columns of one length as a table: CSV where the path ends with .csv, else Parquet."""
+    table = pa.table(dict(columns))
     with atomic_path(path) as beside:
-        pq.write_table(pa.table(arrays), beside, compression="zstd")
+        if path.suffix == f".{TableFormat.CSV}":
+            pa_csv.write_csv(table, beside)
+        else:
+            pq.write_table(table, beside, compression="zstd")
 
 
 def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)) -> dict[str, NDArray[Any]]:
@@ -234,7 +251,7 @@ def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)
         raise RescoreError(f"{path}: expected a table of candidates, found no file; run `rescore evaluate`")
     try:
         table = pq.read_table(path)
-    except pa.ArrowException as error:
+    except (pa.ArrowException, OSError) as error:
         raise RescoreError(f"{path}: expected a table of candidates, got {error}; write it again") from error
     missing = [name for name in needed if name not in table.column_names]
     if missing:

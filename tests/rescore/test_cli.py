@@ -30,6 +30,7 @@ COMMANDS = (
     "apply",
     "evaluate",
     "log",
+    "inspect",
     "reproduce",
     "reconstruct",
     "popup",

@@ -1,0 +1,160 @@
+"""The command ``inspect``: which candidates of a run rose or fell, and why."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from recon.errors import RescoreError
+from rescore.commands.base import app, say
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from rescore.changes import OperatingPoint
+    from rescore.inspection import Inspection
+
+_Choice = TypeVar("_Choice", bound=StrEnum)
+
+SHOWN = 20
+"""Candidates shown in a terminal unless told otherwise."""
+
+
+@app.command()
+def inspect(
+    run: Annotated[Path, typer.Argument(help="Run folder of `rescore reproduce` or `rescore evaluate`.")],
+    detector: Annotated[str | None, typer.Option(show_default="the first")] = None,
+    mode: Annotated[
+        str | None,
+        typer.Option(help="Way of rescoring: paper, guarded or metric.", show_default="the last of the run"),
+    ] = None,
+    only: Annotated[
+        str,
+        typer.Option(
+            help="changed, all, newly-rejected-false-alarms, newly-accepted-false-alarms, lost-cars, "
+            "gained-cars or flips (found by another box).",
+            show_default="changed; all with --frame",
+        ),
+    ] = "",
+    sort: Annotated[
+        str,
+        typer.Option(
+            help="delta (most places moved), loss (most places the wrong way) or depth_difference (D)."
+        ),
+    ] = "delta",
+    frame: Annotated[int | None, typer.Option(help="Candidates of this image alone, by its id.")] = None,
+    recall: Annotated[
+        float | None,
+        typer.Option(
+            help="Compare where both find this share of all cars.",
+            show_default="0.7, or the next tenth below that both reach",
+        ),
+    ] = None,
+    false_positives: Annotated[
+        float | None, typer.Option(help="Compare where both make up to so many false positives an image.")
+    ] = None,
+    top: Annotated[
+        int | None,
+        typer.Option(min=1, help="So many candidates.", show_default=f"{SHOWN} in a terminal, else all"),
+    ] = None,
+    evidence_model: Annotated[
+        Path | None,
+        typer.Option(help="What D was made with, to name its parts.", show_default="that of the run folder"),
+    ] = None,
+    export: Annotated[
+        str | None,
+        typer.Option(
+            help="csv or parquet: also write all that is listed, with every column, to RUN/changes_*."
+        ),
+    ] = None,
+    open_viewer: Annotated[
+        bool, typer.Option("--open", help="Open the recording at --frame, or at the first frame listed.")
+    ] = False,
+) -> None:
+    """List the candidates that rescoring moved, with the reason for each.
+
+    The lists add up: cars gained less cars lost, and false alarms accepted less those rejected, are the
+    differences of the two curves. In a pipe the table is plain: columns separated by tabs.
+
+    Example: [bold]rescore inspect runs/demo --only lost-cars --sort loss[/bold]
+    """
+    from reports.run_folder import load_run
+    from reports.run_inspection import inspect_run
+    from rescore.inspection import Only, Sort
+    from rescore.store import TableFormat
+
+    form = None if export is None else _choice("--export", export, TableFormat)
+    loaded = load_run(run)
+    inspection = inspect_run(loaded, detector, mode, _point(recall, false_positives), evidence_model)
+    chosen = _choice("--only", only, Only) if only else Only.CHANGED if frame is None else Only.ALL
+    rows = inspection.listed(chosen, _choice("--sort", sort, Sort), frame)
+    _show(inspection, rows, top)
+    if form is not None:
+        _export(inspection, rows, run / f"changes_{inspection.detector}_{inspection.mode}.{form}")
+    if open_viewer:
+        _open(inspection, rows, run, frame)
+
+
+def _point(recall: float | None, false_positives: float | None) -> "OperatingPoint | None":
+    from rescore.changes import OperatingPoint
+
+    if recall is not None and false_positives is not None:
+        raise RescoreError("inspect: expected --recall or --false-positives, got both; give one of them")
+    if recall is None and false_positives is None:
+        return None
+    return OperatingPoint(recall, false_positives)
+
+
+def _choice(option: str, value: str, of: type[_Choice]) -> _Choice:
+    if value not in list(of):
+        raise RescoreError(f"{option}: expected {', '.join(of)}, got {value!r}; choose one of these")
+    return of(value)
+
+
+def _show(inspection: "Inspection", rows: "NDArray[np.int64]", top: int | None) -> None:
+    """Print the summary and the candidates: a table in a terminal, plain lines elsewhere."""
+    import sys
+
+    from rich.console import Console
+
+    from reports.run_inspection import note, plain_lines, summary, terminal_table
+
+    about = note(inspection)
+    if about:
+        say(f"note: {about}")
+    if not sys.stdout.isatty():
+        print(f"# {summary(inspection)}")
+        print(*plain_lines(inspection, rows[:top]), sep="\n")
+        return
+    console = Console()
+    console.print(summary(inspection), highlight=False, markup=False)
+    shown = rows[: top or SHOWN]
+    if len(rows):
+        console.print(terminal_table(inspection, shown, console.width))
+    if len(shown) < len(rows):
+        console.print(f"{len(shown)} of {len(rows)} shown; --top {len(rows)} shows all", highlight=False)
+    if not len(rows):
+        console.print("none of these")
+
+
+def _export(inspection: "Inspection", rows: "NDArray[np.int64]", path: Path) -> None:
+    from rescore.store import write_table
+
+    write_table(path, {name: column[rows] for name, column in inspection.columns().items()})
+    say(f"{len(rows)} candidates: {path}")
+
+
+def _open(inspection: "Inspection", rows: "NDArray[np.int64]", run: Path, frame: int | None) -> None:
+    from reports.viewer import open_recording
+    from rescore.run_folder import RunFolder
+
+    if frame is None and not len(rows):
+        raise RescoreError("--open: expected a frame to open, got an empty list; give --frame")
+    image_id = int(inspection.rows["image_id"][rows[0]]) if frame is None else frame
+    recording = RunFolder(run).recording
+    open_recording(recording, image_id, inspection.detector)
+    say(f"{recording} at frame {image_id}")

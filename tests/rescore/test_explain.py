@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+
+from recon.errors import RescoreError
+from rescore.cue_words import CUE_WORDS, STATUS_TEXT, favourable, range_text, words_of
+from rescore.cues import CUES, Registration
+from rescore.evidence_model import EvidenceModel
+from rescore.explain import ExplainConfig, explain
+
+HEIGHT, FOOT, SCALE = (CUES.index(name) for name in ("height", "foot", "relief_scale"))
+
+
+def metric_model(floors: dict[str, float] | None = None) -> EvidenceModel:
+    """Height speaks from ratio 0.8 to 1.25, feet below 0.5 m, and the scale never much."""
+    low, high = np.log(0.8), np.log(1.25)
+    knots = {"height": [2 * low, 0.0, 2 * high], "foot": [0.0, 1.0], "relief_scale": [-1.0, 1.0]}
+    log_odds = {"height": [-1.0, 1.0, -1.0], "foot": [0.5, -0.5], "relief_scale": [-0.1, -0.1]}
+    arrays = [{k: np.array(v) for k, v in part.items()} for part in (knots, log_odds)]
+    return EvidenceModel(Registration.METRIC, *arrays, -1.0, 0.5, floors or {})
+
+
+def rows_of(model: EvidenceModel, cues: np.ndarray, status: list[str] | None = None) -> dict[str, np.ndarray]:
+    n = len(cues)
+    d = np.where(np.isfinite(model.difference(cues)), model.difference(cues), model.neutral)
+    return {
+        "image_id": np.arange(n),
+        "status": np.full(n, "ok", object),
+        "status_metric": np.array(status or ["ok"] * n, object),
+        "reason_detail": np.full(n, "of eq. 6", object),
+        "difference_metric": d,
+        **{f"cue_{name}": cues[:, j] for j, name in enumerate(CUES)},
+    }
+
+
+def cues_with(**values: float) -> np.ndarray:
+    cues = np.full(len(CUES), np.nan)
+    for name, value in values.items():
+        cues[CUES.index(name)] = value
+    return cues
+
+
+def test_the_reason_names_what_speaks_most_for_a_riser_and_against_a_faller() -> None:
+    model = metric_model()
+    tall = cues_with(height=2 * np.log(1.25), foot=0.0, relief_scale=np.log(3.0))
+    right = cues_with(height=0.0, foot=0.2, relief_scale=0.0)
+    cues = np.stack([tall, right])
+    fell, rose = explain(rows_of(model, cues), "metric", np.array([False, True]), model)
+    # 1.5 m x 1.25^2 = 2.3 m, against 1.2 to 1.9 m; -1.0 is more than half of what speaks against it
+    assert fell.text.endswith(": 2.3 m tall (cars 1.2 to 1.9 m) -1.00")
+    assert [p.cue for p in fell.parts] == ["height", "foot", "relief_scale"]
+    assert fell.parts[2].text == "relief 3.0 times the predicted one, at its bound"
+    assert "1.5 m tall (cars 1.2 to 1.9 m) +1.00" in rose.text
+    for one, c in zip((fell, rose), cues, strict=True):
+        assert sum(p.log_odds for p in one.parts) == pytest.approx(model.contributions(c[None]).sum())
+
+
+def test_one_that_fell_though_depth_is_for_it_says_so() -> None:
+    model = metric_model()
+    cues = cues_with(height=0.0, foot=0.0, relief_scale=0.0)[None]
+    (one,) = explain(rows_of(model, cues), "metric", np.array([False]), model)
+    assert ", cues together +1.40; against it: relief 1.0 times the predicted one -0.10" in one.text
+
+
+def test_a_height_is_a_multiple_where_the_class_is_not_known() -> None:
+    model = metric_model()
+    cues = cues_with(height=np.log(2.0), foot=2.0, relief_scale=0.0)[None]
+    (one,) = explain(rows_of(model, cues), "metric", np.array([False]), model, ExplainConfig(height_m=None))
+    assert "2.0 times as tall as a car (cars 0.8 to 1.2 times)" in one.text
+
+
+def test_without_evidence_the_status_and_the_failed_check_are_told() -> None:
+    model = metric_model({"agreement": 0.9})
+    cues = np.stack([cues_with(height=0, foot=0, agreement=0.75), cues_with(measured=0.125)])
+    rows = rows_of(model, cues, ["stereo_not_believed", "no_stereo"])
+    doubted, empty = explain(rows, "metric", np.zeros(2, bool), model)
+    told = "75.0 % of neighbouring measurements agree, at least 90.0 % needed"
+    assert doubted.text == f"{STATUS_TEXT['stereo_not_believed']} ({told}): gets the D of no evidence"
+    assert empty.text == "too little measured depth (88 % of stereo missing): gets the D of no evidence"
+    assert not doubted.parts
+
+
+def test_eq_6_is_told_by_its_numbers_and_failures_keep_their_likelihood() -> None:
+    rows = {
+        "image_id": np.arange(3),
+        "status": np.array(["ok", "no_ground_contact", ""], object),
+        "reason_detail": np.array(["", "no wheels", None], object),
+        "depth_difference": np.array([0.25, np.nan, np.nan]),
+        "scale": np.array([-0.5, np.nan, np.nan]),
+        "offset": np.array([1.5, np.nan, np.nan]),
+        "valid_share": np.array([0.75, np.nan, np.nan]),
+    }
+    found = explain(rows, "paper", np.array([True, False, True]))
+    assert [f.text for f in found] == [
+        "D 0.250 (median 0.250), a1 -0.500, a2 +1.50: fits turned inside out, 25 % of stereo missing",
+        "no part touches the ground (no wheels): keeps its likelihood; others rose past it",
+        "not rescored",
+    ]
+
+
+def test_without_the_model_D_alone_is_told_and_another_model_is_refused() -> None:  # noqa: N802
+    model = metric_model()
+    cues = cues_with(height=0.0, foot=0.0, relief_scale=0.0)[None]
+    rows = rows_of(model, cues)
+    (bare,) = explain(rows, "metric", np.array([True]))
+    assert bare.text == f"D {rows['difference_metric'][0]:.3f} (median {rows['difference_metric'][0]:.3f})"
+    other = EvidenceModel(model.registration, model.knots, model.log_odds, 0.5, 0.5, {})
+    with pytest.raises(RescoreError, match="the model that made D of these candidates, got another: 1 of 1"):
+        explain(rows, "metric", np.array([True]), other)
+    with pytest.raises(RescoreError, match="expected the model of mode guarded, got metric"):
+        explain(rows | {"difference_guarded": rows["difference_metric"]}, "guarded", np.array([True]), model)
+
+
+def test_ranges_where_a_function_is_positive() -> None:
+    assert favourable([0, 1, 2, 3], [-1, 1, 1, -3]) == [(0.5, 2.25)]
+    assert favourable([0, 1], [1, -1]) == [(-np.inf, 0.5)]
+    assert favourable([0, 1, 2], [1, -1, 1]) == [(-np.inf, 0.5), (1.5, np.inf)]
+    assert favourable([0.0], [-1.0]) == []
+    share = CUE_WORDS["left"]
+    assert range_text(0.9, [(-np.inf, 0.2)], share) == "up to 20 %"
+    assert range_text(0.9, [(-np.inf, 0.2), (0.95, np.inf)], share) == "from 95 %"
+    assert range_text(0.9, [], share) == range_text(0.9, [(-np.inf, np.inf)], share) == ""
+    assert range_text(3.0, [(-0.04, 0.5)], CUE_WORDS["foot"]) == "0.0 to 0.5 m"
+
+
+@pytest.mark.parametrize("cue", CUES)
+def test_every_cue_has_words(cue: str) -> None:
+    told = words_of(cue, 1.5).told(0.5)
+    assert "{" not in told
+    assert any(c.isdigit() for c in told)
