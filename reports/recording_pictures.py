@@ -4,21 +4,14 @@ One picture a tab, and a page that says how to read them. The viewer draws witho
 this machine alone; it needs a Vulkan driver, which Debian has as ``mesa-vulkan-drivers``.
 """
 
-import os
-import socket
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import rerun_cli  # type: ignore[import-untyped]
-from rerun.experimental import ViewerClient
 
 from recon.errors import RescoreError
 from reports.palette import detector_name, mode_name
@@ -27,13 +20,12 @@ from reports.rerun_log import write_recording
 from reports.rerun_story import Frames, Story, count_flips
 from reports.run_folder import load_run
 from reports.templating import render
+from reports.viewer import start_viewer
 from rescore.store import atomic_path
 
-WINDOW_PX = (1600, 900)
 MAX_FRAMES = 12
 _QUALITY = 88
 _MENU_PX = 34
-_TIMEOUT_S = 60.0
 _SETTLING_SHOTS = 8
 """Data and fonts are loaded while the window is drawn."""
 
@@ -80,9 +72,8 @@ def draw_tabs(recording: Path, folder: Path) -> None:
     Raises:
         RescoreError: the viewer could not draw, or a view reports a fault.
     """
-    with _viewer() as client:
-        client.open(str(recording.resolve()))
-        _wait(lambda: bool(client.get_state().recordings) and not client.get_state().loading, "load")
+    viewer, client = start_viewer(recording.resolve(), headless=True)
+    try:
         store = client.get_state().active_recording
         container, tabs = _tabs(client.get_blueprint().blueprint)
         for name, tab in zip(TABS, tabs, strict=False):
@@ -96,6 +87,14 @@ def draw_tabs(recording: Path, folder: Path) -> None:
             if faults:
                 raise RescoreError(f"viewer: expected views without a fault, got {faults[0]}")
             _write_jpeg(client.take_screenshot(), folder / f"{name.replace(' ', '_')}.jpg")
+    except ConnectionError as error:
+        raise RescoreError(
+            f"viewer: expected an answer, got {str(error).splitlines()[0]!r}; it draws with Vulkan: "
+            "`apt-get install mesa-vulkan-drivers`"
+        ) from error
+    finally:
+        viewer.terminate()
+        viewer.wait(10)
 
 
 def _tabs(layout: dict[str, Any]) -> tuple[str, list[str]]:
@@ -105,52 +104,6 @@ def _tabs(layout: dict[str, Any]) -> tuple[str, list[str]]:
         if container.get("container_kind") == "Tabs" and isinstance(container["contents"], list):
             return path, container["contents"]
     raise RescoreError("recording: expected a blueprint with tabs, found none; write it with `rescore log`")
-
-
-@contextmanager
-def _viewer() -> Iterator[ViewerClient]:
-    """A viewer without a screen that listens on this machine alone."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    size = "x".join(str(v) for v in WINDOW_PX)
-    options = ["--bind", "127.0.0.1", "--port", str(port), "--window-size", size, "--hide-welcome-screen"]
-    process = subprocess.Popen(
-        # the binary itself, for its wrapper would leave it behind when it is ended
-        [Path(rerun_cli.__file__).parent / "rerun", "--headless", *options],
-        env={**os.environ, "CI": "true", "RUST_LOG": "off"},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        _wait(lambda: process.poll() is not None or _listens(port), "start")
-        if process.poll() is not None:
-            raise RescoreError(
-                f"viewer: expected to start, got exit code {process.returncode}; it draws with Vulkan: "
-                "`apt-get install mesa-vulkan-drivers`"
-            )
-        yield ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-    except ConnectionError as error:
-        raise RescoreError(
-            f"viewer: expected an answer, got {str(error).splitlines()[0]!r}; it draws with Vulkan: "
-            "`apt-get install mesa-vulkan-drivers`"
-        ) from error
-    finally:
-        process.terminate()
-        process.wait(10)
-
-
-def _listens(port: int) -> bool:
-    with socket.socket() as client:
-        return client.connect_ex(("127.0.0.1", port)) == 0
-
-
-def _wait(ready: Callable[[], bool], what: str) -> None:
-    begin = time.monotonic()
-    while not ready():
-        if time.monotonic() - begin > _TIMEOUT_S:
-            raise RescoreError(f"viewer: expected to {what} within {_TIMEOUT_S:.0f} s; try an idle machine")
-        time.sleep(0.1)
 
 
 def _write_jpeg(png: bytes, path: Path) -> None:

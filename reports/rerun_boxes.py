@@ -10,23 +10,11 @@ from reports.evidence_view import CandidateView, FrameView
 from reports.palette import OUTCOME_NAME
 from reports.rerun_names import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
 from reports.rerun_story import Story
+from reports.run_inspection import GROUP_TEXT
 from rescore.candidate_columns import ALONE
-from rescore.changes import Group
 from rescore.cue_words import status_text
 from rescore.frames import Truth
 
-GROUP_TEXT = {
-    Group.LOST_CAR: "car **lost**",
-    Group.GAINED_CAR: "car **gained**",
-    Group.SWAPPED_CAR: "other car found",
-    Group.REJECTED_FALSE_ALARM: "false alarm **rejected**",
-    Group.ACCEPTED_FALSE_ALARM: "false alarm **accepted**",
-    Group.MOVED_HIT: "car found by another box",
-    Group.KEPT_CAR: "car kept",
-    Group.KEPT_FALSE_ALARM: "false alarm kept",
-    Group.REJECTED: "rejected before and after",
-    Group.IGNORED: "does not count",
-}
 LEGEND = ("hit", "false_alarm", "duplicate", "missed")
 LEGEND_TEXT = {"hit": "hit", "false_alarm": "false alarm", "duplicate": "duplicate", "missed": "missed car"}
 _MAX_TABLE = 15

@@ -11,10 +11,10 @@ from recon.errors import RescoreError
 from reports.curves import match_table, scores
 from reports.evidence_view import CandidateView, run_data
 from reports.run_folder import Run
+from reports.run_inspection import explain_config, model_of
 from rescore.candidate_columns import ALONE, difference
 from rescore.changes import CHANGED, Changes, Group, OperatingPoint, default_point
-from rescore.cues import LEARNED, Registration
-from rescore.evidence_model import EvidenceModel, load_models
+from rescore.evidence_model import EvidenceModel
 from rescore.explain import Explanation, explain
 from rescore.matching import HIT, IGNORED, MatchTable
 
@@ -209,18 +209,12 @@ def _explained(
     run: Run, detector: str, mode: str, changes: Changes
 ) -> tuple[tuple[Explanation, ...], EvidenceModel | None]:
     """Why each candidate moved, and the model of the evidence; None where the folder has another one."""
-    rows, model = run.of(detector), _model(run, detector, mode)
+    rows, config = run.of(detector), explain_config(run)
     try:
-        return explain(rows, mode, changes.rose, model), model
+        model = model_of(run, detector, mode)
+        return explain(rows, mode, changes.rose, model, config), model
     except RescoreError:
-        return explain(rows, mode, changes.rose), None
-
-
-def _model(run: Run, detector: str, mode: str) -> EvidenceModel | None:
-    file = run.root / "models" / f"{detector}.evidence.json"
-    if mode not in [m.value for m in LEARNED] or not file.is_file():
-        return None
-    return load_models(file).get(Registration(mode))
+        return explain(rows, mode, changes.rose, None, config), None
 
 
 def _share(part: int, whole: int) -> float:

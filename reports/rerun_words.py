@@ -7,21 +7,9 @@ import numpy as np
 from reports.evidence_view import CandidateView, FrameView
 from reports.palette import OUTCOME_NAME, detector_name, mode_name
 from reports.rerun_story import Story
-from rescore.changes import Group
+from reports.run_inspection import GROUP_TEXT
 from rescore.cue_words import status_text
 
-HEADLINE = {
-    Group.LOST_CAR: "Car lost",
-    Group.GAINED_CAR: "Car gained",
-    Group.SWAPPED_CAR: "Finds another car now",
-    Group.REJECTED_FALSE_ALARM: "False alarm rejected",
-    Group.ACCEPTED_FALSE_ALARM: "False alarm newly accepted",
-    Group.MOVED_HIT: "Same car, another box",
-    Group.KEPT_CAR: "Car kept",
-    Group.KEPT_FALSE_ALARM: "False alarm kept",
-    Group.REJECTED: "Rejected before and after",
-    Group.IGNORED: "Does not count",
-}
 _MAX_BARS = 8
 
 
@@ -77,7 +65,7 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         else " The camera is not calibrated: depths are relative, the median is set to 10 m."
     )
     lines = [
-        f"## {HEADLINE[Group(changes.group[c.row])]}: {_moved(changes.delta[c.row])}",
+        f"## {GROUP_TEXT[story.group(detector, c)].capitalize()}: {_moved(changes.delta[c.row])}",
         f"**{OUTCOME_NAME[c.outcome]}{kind}** in {view.file}, place {c.rank + 1} → {c.new_rank + 1} of this "
         f"image, {changes.place_before[c.row]} → {changes.place_after[c.row]} of all {len(changes.group)} of "
         f"{detector_name(detector, short=True)}, {mode_name(mode)}.",
