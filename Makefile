@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-report bench clean
+	published-evidence published-recording published-report bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -50,6 +50,10 @@ published-report: paper
 
 published-evidence: paper
 	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
+
+# pictures of the viewer, which draws with Vulkan: apt-get install mesa-vulkan-drivers
+published-recording: paper
+	$(BIN)/python -m reports.recording_pictures runs/paper reports/published/recording "make published-recording"
 
 bench: setup
 	$(BIN)/python tests/bench.py

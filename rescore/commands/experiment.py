@@ -286,15 +286,26 @@ def log(
     out: Annotated[
         Path | None, typer.Option(help="Recording to write.", show_default="RUN/recording.rrd")
     ] = None,
-    frames: Annotated[int | None, typer.Option(min=1, help="So many frames, evenly spread.")] = None,
+    frames: Annotated[
+        str,
+        typer.Option(
+            help="all, flips (a candidate changed sides) or worst (a car lost, a false alarm accepted)."
+        ),
+    ] = "all",
+    max_frames: Annotated[
+        int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
+    ] = None,
 ) -> None:
-    """Write a recording for the Rerun viewer: candidates, measured and predicted depth, 3D, curves.
+    """Write a recording for the Rerun viewer: candidates and why they moved, depth, 3D, curves.
 
     Example: [bold]rescore log runs/demo && rerun runs/demo/recording.rrd[/bold]
     """
     from reports.rerun_log import write_recording
+    from reports.rerun_story import Frames
 
-    file = write_recording(run, out or run / "recording.rrd", max_frames=frames)
+    file = write_recording(
+        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
+    )
     say(f"recording: {file} (open it with: rerun {file})")
 
 
