@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-stereo bench clean
+	published-evidence published-stereo published-recording published-report bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -45,6 +45,9 @@ published-weight: paper
 	$(BIN)/rescore study-weight runs/paper --dataset runs/weight_data --keep runs/weight_candidates \
 	    --out reports/published/weight --jobs $(JOBS)
 
+published-report: paper
+	$(BIN)/python -m reports.screenshots runs/paper reports/published/report "make published-report"
+
 published-evidence: paper
 	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
 
@@ -59,6 +62,10 @@ published-stereo: setup
 	$(BIN)/python -m reports.stereo_pairs $(SCENES)/download/opencv-doc \
 	    $(SCENES)/download/scikit_image-0.16.2-*.whl $(SCENES)
 	$(BIN)/rescore study-stereo $(SCENES)/aloe $(SCENES)/motorcycle $(KITTI) --out reports/published/stereo
+
+# pictures of the viewer, which draws with Vulkan: apt-get install mesa-vulkan-drivers
+published-recording: paper
+	$(BIN)/python -m reports.recording_pictures runs/paper reports/published/recording "make published-recording"
 
 bench: setup
 	$(BIN)/python tests/bench.py

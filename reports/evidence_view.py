@@ -12,12 +12,14 @@ from recon.outcome import Failure
 from recon.reconstruct import Reconstruction
 from recon.stereo import SgbmConfig
 from reports.curves import scores
-from reports.overlay import registered_depth
+from reports.overlay import registered_depth, registered_relief
 from reports.run_folder import Run, boxes_px
 from rescore.align_depth import DepthAlignment, measured_depth
+from rescore.candidate_columns import difference, of_mode, status
+from rescore.cues import CUES
 from rescore.evidence_files import Predicted, evidence_path, read_evidence
 from rescore.formats.open import read_dataset
-from rescore.frames import DataSet, Truth, load_frame
+from rescore.frames import DataSet, FrameRecord, Truth, load_frame, read_rgb
 from rescore.predicted import BoxPrediction
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +29,8 @@ FloatArray = NDArray[np.float64]
 class CandidateView:
     """One candidate of one detector with all that led to its score."""
 
+    row: int
+    """Its row in the table of candidates of its detector."""
     rank: int
     """Place by detector score in its frame, 0 is best."""
     new_rank: int
@@ -35,8 +39,9 @@ class CandidateView:
     likelihood: float
     posterior: float
     depth_difference: float
-    """D; NaN where there is no evidence."""
+    """D of the mode shown; NaN where there is none."""
     status: str
+    """Whether the mode shown had evidence, and why not."""
     reason_detail: str
     outcome: str
     """Outcome in the mode shown."""
@@ -49,7 +54,10 @@ class CandidateView:
     predicted: DepthMap | None
     """Depth before registration, of the instance or of another system; None where there is none."""
     registered: NDArray[np.float32] | None
-    """Predicted depth of its window after eq. 6, in the unit of the measured depth; None without evidence."""
+    """Predicted depth of the window after the registration of the mode shown, in the unit of the measured
+    depth; None where there is no registration."""
+    cues: FloatArray
+    """Parts of the depth evidence (k,), columns ``rescore.cues.CUES``; NaN where one is missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,47 +74,90 @@ class FrameView:
     ground: GroundPlane
     truth: Truth
     candidates: Mapping[str, tuple[CandidateView, ...]]
-    """By detector, best detector score first."""
+    """By detector, best detector score first, in the mode shown."""
+    file: str
+    """Path of the left picture in the data set."""
+    right_rgb: NDArray[np.uint8] | None
+    """None where the data set has no right picture."""
+    baseline: float
+    """Distance of the two eyes, metres; 0 where it is not known."""
+    other_modes: Mapping[tuple[str, str], tuple[CandidateView, ...]]
+    """Candidates by detector and mode, without their reconstructions, of the other modes asked for."""
+
+
+def run_dataset(run: Run) -> DataSet:
+    """The data set of a run, with all its splits."""
+    return read_dataset(run.data_dir, run.class_name)
 
 
 def run_data(run: Run) -> DataSet:
     """The frames that the run was evaluated on."""
-    data = read_dataset(run.data_dir, run.class_name)
+    data = run_dataset(run)
     return data if run.split == "all" else data.split(run.split)
 
 
-def frame_views(run: Run, mode: str, image_ids: NDArray[np.int64] | None = None) -> Iterator[FrameView]:
-    """The frames of a run one after another, in the order of the data set; all, or those of ``image_ids``."""
+def frame_views(
+    run: Run, mode: str, image_ids: NDArray[np.int64] | None = None, others: Sequence[str] = ()
+) -> Iterator[FrameView]:
+    """The frames of a run one after another.
+
+    Args:
+        run: the run.
+        mode: the way of scoring that is shown.
+        image_ids: the frames to read, in this order; None for all, in the order of the data set.
+        others: other modes whose candidates are wanted too.
+    """
     data = run_data(run)
     tables = {d: _Table(run, d, mode) for d in run.detectors}
-    for record in data.frames:
-        if image_ids is not None and record.image_id not in image_ids:
-            continue
+    more = {(d, m): _Table(run, d, m, with_instances=False) for d in run.detectors for m in others}
+    records = {r.image_id: r for r in data.frames}
+    for image_id in records if image_ids is None else image_ids.tolist():
+        record = records[image_id]
         frame = load_frame(record, SgbmConfig(**run.config.get("stereo", {})))
         camera = frame.camera.left if frame.camera else default_camera(record.width_px, record.height_px)
+        measured = measured_depth(frame.disparity_px, frame.camera)
         yield FrameView(
             image_id=frame.image_id,
             rgb=frame.left_rgb,
-            measured=measured_depth(frame.disparity_px, frame.camera),
+            measured=measured,
             metric=frame.camera is not None,
             camera=camera,
             ground=frame.ground or DEFAULT_GROUND,
             truth=data.truth[record.image_id],
-            candidates={d: table.frame(frame.image_id) for d, table in tables.items()},
+            candidates={d: table.frame(frame.image_id, measured) for d, table in tables.items()},
+            file=record.left_path.relative_to(data.root).as_posix()
+            if record.left_path.is_relative_to(data.root)
+            else record.left_path.name,
+            right_rgb=_right_picture(record),
+            baseline=frame.camera.baseline_m if frame.camera else 0.0,
+            other_modes={key: table.frame(frame.image_id, measured) for key, table in more.items()},
         )
 
 
+def _right_picture(record: FrameRecord) -> NDArray[np.uint8] | None:
+    if record.right_path is None or not record.right_path.is_file():
+        return None
+    return read_rgb(record.right_path, record.width_px, record.height_px)
+
+
 class _Table:
-    """The candidates of one detector, looked up by frame."""
+    """The candidates of one detector in one mode, looked up by frame."""
 
-    def __init__(self, run: Run, detector: str, mode: str) -> None:
-        self._rows = run.of(detector)
+    def __init__(self, run: Run, detector: str, mode: str, with_instances: bool = True) -> None:
+        self._rows = rows = run.of(detector)
         self._posterior = scores(run, detector, mode)
-        self._folder = run.root / "evidence"
+        self._difference = difference(rows, mode)
+        self._status = status(rows, mode)
+        self._outcome = of_mode(rows, "outcome", mode)
+        self._annotation_id = of_mode(rows, "annotation_id", mode)
+        nothing = np.full(len(rows["rank"]), np.nan)
+        self._cues = np.stack([rows.get(f"cue_{name}", nothing) for name in CUES], axis=1)
+        # eq. 6 has a scale and an offset of depth, the other modes a scale of relief
+        self._of_relief = f"difference_{mode}" in rows
+        self._folder = run.root / "evidence" if with_instances else None
         self._detector = detector
-        self._mode = mode
 
-    def frame(self, image_id: int) -> tuple[CandidateView, ...]:
+    def frame(self, image_id: int, measured: NDArray[np.float32]) -> tuple[CandidateView, ...]:
         """The candidates of one frame, best detector score first."""
         rows = self._rows
         index = np.flatnonzero(rows["image_id"] == image_id)
@@ -114,37 +165,54 @@ class _Table:
         order = np.lexsort((rows["rank"][index], -rows["detector_score"][index], -self._posterior[index]))
         new_rank = np.empty(len(index), int)
         new_rank[order] = np.arange(len(index))
-        path = evidence_path(self._folder, self._detector, image_id)
-        instances = read_evidence(path) if path.is_file() else ()
+        instances: tuple[Predicted, ...] = ()
+        if self._folder is not None:
+            path = evidence_path(self._folder, self._detector, image_id)
+            instances = read_evidence(path) if path.is_file() else ()
         return tuple(
-            self._view(int(i), int(new), _found(instances, int(rows["rank"][i])))
+            self._view(int(i), int(new), _found(instances, int(rows["rank"][i])), measured)
             for i, new in zip(index, new_rank, strict=True)
         )
 
-    def _view(self, i: int, new_rank: int, found: Reconstruction | BoxPrediction | None) -> CandidateView:
+    def _view(
+        self,
+        i: int,
+        new_rank: int,
+        found: Reconstruction | BoxPrediction | None,
+        measured: NDArray[np.float32],
+    ) -> CandidateView:
         rows = self._rows
-        suffix = self._mode if f"outcome_{self._mode}" in rows else "detector"
-        registered = None
-        if found is not None and np.isfinite(rows["scale"][i]):
-            inverse = isinstance(found, BoxPrediction) and found.inverse
-            registered = registered_depth(found.depth, self._alignment(i), inverse)
+        box = boxes_px({k: rows[k][i : i + 1] for k in ("x0", "y0", "x1", "y1")})[0]
         return CandidateView(
+            row=i,
             rank=int(rows["rank"][i]),
             new_rank=new_rank,
-            xyxy_px=boxes_px({k: rows[k][i : i + 1] for k in ("x0", "y0", "x1", "y1")})[0],
+            xyxy_px=box,
             likelihood=float(rows["likelihood"][i]),
             posterior=float(self._posterior[i]),
-            depth_difference=float(rows["depth_difference"][i]),
-            status=str(rows["status"][i]),
-            reason_detail=str(rows["reason_detail"][i]),
-            outcome=str(rows[f"outcome_{suffix}"][i]),
+            depth_difference=float(self._difference[i]),
+            status=str(self._status[i]),
+            reason_detail=str(rows["reason_detail"][i]) if "reason_detail" in rows else "",
+            outcome=str(self._outcome[i]),
             outcome_detector=str(rows["outcome_detector"][i]),
-            annotation_id=int(rows[f"annotation_id_{suffix}"][i]),
+            annotation_id=int(self._annotation_id[i]),
             kind=str(rows["kind"][i]) if "kind" in rows else "",
             instance=found if isinstance(found, Reconstruction) else None,
             predicted=None if found is None else found.depth,
-            registered=registered,
+            registered=None if found is None else self._registered(i, found, box, measured),
+            cues=self._cues[i],
         )
+
+    def _registered(
+        self, i: int, found: Reconstruction | BoxPrediction, box: FloatArray, measured: NDArray[np.float32]
+    ) -> NDArray[np.float32] | None:
+        if self._of_relief:
+            scale = float(np.exp(self._cues[i, CUES.index("relief_scale")]))
+            return registered_relief(found.depth, measured, box, scale) if np.isfinite(scale) else None
+        if not np.isfinite(self._rows["scale"][i]):
+            return None
+        inverse = isinstance(found, BoxPrediction) and found.inverse
+        return registered_depth(found.depth, self._alignment(i), inverse)
 
     def _alignment(self, i: int) -> DepthAlignment:
         names = ("scale", "offset", "depth_difference", "valid_share", "stereo_low", "stereo_span")

@@ -1,256 +1,147 @@
-"""The interactive curves of the HTML page, as the data and layout that plotly.js draws."""
+"""The interactive curves of the HTML page, for ``reports.charts``."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from reports.certainty_tables import in_interval, weight_text
+from reports.charts import Axis, Chart, ChartGroup, Line, Look, Switch, mode_switches
 from reports.curves import CurveSet
-from reports.palette import detector_colour, detector_name, mode_name
+from reports.palette import detector_name, mode_name
 from reports.roc import left_edge
 from reports.tables import number
+from rescore.curve_bands import Band, CurveBands
 
-FloatArray = NDArray[np.float64]
-Figure = dict[str, Any]
-"""``id``, ``title``, ``alt``, ``note``, ``traces`` and ``layout``; JSON values only."""
+CARS, CANDIDATES, PRECISION = "Cars found", "Candidate ROC", "Precision and recall"
+RIGHT_EDGE_FPPI = 20.0
+RIGHT_EDGE_LINEAR_FPPI = 5.0
+Bands = Mapping[tuple[str, str], CurveBands | None]
+"""By detector and mode."""
 
-_DASHES = ("solid", "dashdot", "dot", "longdashdot")
+
+def curve_group(
+    name: str, curves: Sequence[CurveSet], metrics: Mapping[str, Any], bands: Bands
+) -> ChartGroup:
+    """The three curves of every detector, a line a mode; the detector alone and the last mode are on."""
+    modes = list(dict.fromkeys(c.mode for c in curves))
+    lines = [_Lines(c, mode_name(c.mode), Look.of_mode(c.mode), (c.mode,), bands) for c in curves]
+    switches = mode_switches(modes, {m: mode_name(m) for m in modes}, (modes[0], modes[-1]))
+    return _group(name, lines, (metrics,), switches)
 
 
-def json_values(value: Any) -> Any:
-    """The value with null for every number that JSON cannot hold, such as the rates of a class that is empty.
+def runs_group(
+    name: str,
+    runs: Mapping[str, Sequence[CurveSet]],
+    colours: Mapping[str, str],
+    metrics: Sequence[Mapping[str, Any]],
+) -> ChartGroup:
+    """The curves of several runs in the same charts: a colour a run, dashes by mode.
 
-    A browser refuses a page's data whole for a single NaN.
+    The detector alone and the last mode of each run are on.
     """
-    if isinstance(value, dict):
-        return {k: json_values(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [json_values(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def candidate_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Figure:
-    """The ROC over candidates."""
-    traces = [
-        _trace(
-            c, curves, (c.candidate.x, c.candidate.y), c.candidate.threshold, f"area {number(c.row['auc'])}"
+    modes = list(dict.fromkeys(c.mode for curves in runs.values() for c in curves))
+    lines = [
+        _Lines(
+            c, f"{run}, {mode_name(c.mode)}", Look.of_colour(colours[run], c.mode), (f"run {run}", c.mode), {}
         )
+        for run, curves in runs.items()
         for c in curves
     ]
-    for trace in traces:
-        trace["hovertemplate"] = (
-            "threshold %{text}<br>%{y:.1%} of the hits, %{x:.1%} of the false candidates accepted"
+    ends = [mode for curves in runs.values() for mode in (curves[0].mode, curves[-1].mode)]
+    switches = tuple(
+        Switch(f"run {run}", run, Look.of_colour(colour), True) for run, colour in colours.items()
+    )
+    return _group(
+        name, lines, metrics, switches + mode_switches(modes, {m: mode_name(m) for m in modes}, ends)
+    )
+
+
+class _Lines:
+    """One detector in one mode as a line of each kind of chart."""
+
+    def __init__(self, curves: CurveSet, name: str, look: Look, tags: tuple[str, ...], bands: Bands):
+        self.curves, self.detector = curves, curves.detector
+        self._common: dict[str, Any] = {"name": name, "look": look, "tags": tags}
+        self._bands = bands.get((curves.detector, curves.mode))
+
+    def cars(self, left: float) -> Line:
+        """Share of all cars over false positives an image."""
+        c, b = self.curves.cars, self._bands
+        band = None if b is None else _band(Band(np.maximum(b.cars.x, left), b.cars.low, b.cars.high))
+        figure = f"AP {number(self.curves.row['average_precision'])}"
+        return self._line(c.x, c.y, c.threshold, figure, band, read="last", step=True)
+
+    def candidates(self) -> Line:
+        """The ROC over candidates."""
+        c, b = self.curves.candidate, self._bands
+        figure = f"area {number(self.curves.row['auc'])}"
+        return self._line(
+            c.x, c.y, c.threshold, figure, None if b is None else _band(b.candidate), read="last"
         )
-    chance = {"x": [0, 1], "y": [0, 1], "mode": "lines", "name": "chance", "hoverinfo": "skip"}
-    traces.append(chance | {"line": {"color": "#8A8A8A", "width": 1, "dash": "dot"}})
-    return _figure(
-        "candidate-roc",
-        "Candidate ROC",
-        traces,
-        (
-            _axis("false-positive rate: share of the false candidates accepted", [-0.01, 1.01]),
-            _axis("true-positive rate (share of hits)", [0, 1.02]),
+
+    def precision(self) -> Line:
+        """Precision over recall."""
+        c, b = self.curves.precision, self._bands
+        figure = f"AP {number(self.curves.row['average_precision'])}"
+        band = None if b is None else _band(b.precision)
+        return self._line(c.recall, c.precision, c.threshold, figure, band, read="first")
+
+    def _line(self, x: Any, y: Any, threshold: Any, figure: str, band: Any, **how: Any) -> Line:
+        return Line(figure=figure, x=x, y=y, threshold=threshold, band=band, **how, **self._common)
+
+
+def _band(band: Band) -> dict[str, Any]:
+    return {"x": band.x, "low": band.low, "high": band.high}
+
+
+def _group(
+    name: str, lines: Sequence[_Lines], metrics: Sequence[Mapping[str, Any]], switches: tuple[Switch, ...]
+) -> ChartGroup:
+    left = min(left_edge(m) for m in metrics)
+    shares: dict[str, Any] = {"low": 0.0, "high": 1.0, "percent": True}
+    cars = f"share of all {_count(metrics, 'n_cars')}cars"
+    alarms = Axis(
+        "false positives per image", left, RIGHT_EDGE_FPPI, log=True, linear_high=RIGHT_EDGE_LINEAR_FPPI
+    )
+    by_detector: dict[str, list[_Lines]] = {}
+    for line in lines:
+        by_detector.setdefault(line.detector, []).append(line)
+    kinds: dict[str, list[Chart]] = {CARS: [], CANDIDATES: [], PRECISION: []}
+    axes = {
+        CARS: (alarms, Axis(f"{cars} found", **shares)),
+        CANDIDATES: (
+            Axis("share of the false candidates accepted", **shares),
+            Axis("share of the hits accepted", **shares),
         ),
-        note=f"Counts the {metrics['n_candidates']} candidates only. A car that no candidate found does not "
-        "appear here; candidates on ignored objects are left out.",
-        alt=_alt("Candidate ROC", curves, "auc", "area"),
-    )
-
-
-def car_roc_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Figure:
-    """All annotated cars found against false positives per image."""
-    left = left_edge(metrics)
-    traces = []
-    for c in curves:
-        legend = f"AP {number(c.row['average_precision'])}"
-        trace = _trace(c, curves, (np.maximum(c.cars.x, left), c.cars.y), c.cars.threshold, legend)
-        trace["line"]["shape"] = "hv"
-        trace["customdata"] = c.cars.x.tolist()
-        trace["hovertemplate"] = (
-            "threshold %{text}<br>%{y:.1%} of all cars, %{customdata:.2f} false positives per image"
-        )
-        traces.append(trace)
-    x = _axis(
-        "false positives per image (log axis; left edge: none)", [float(np.log10(left)), float(np.log10(20))]
-    )
-    x |= {"type": "log", "dtick": 1}
-    return _figure(
-        "car-roc",
-        "Cars found against false positives",
-        traces,
-        (x, _axis(f"share of all {metrics['n_cars']} annotated cars", [0, 1.02])),
-        note=f"Counts all {metrics['n_cars']} annotated cars, missed ones too, and all "
-        f"{metrics['n_images']} images, also those without a car. "
-        "A second candidate on the same car is a false positive.",
-        alt=_alt(
-            "Cars found against false positives per image", curves, "average_precision", "average precision"
-        ),
-    )
-
-
-def precision_recall_figure(curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> Figure:
-    """Precision against recall."""
-    traces = []
-    for c in curves:
-        p = c.precision
-        trace = _trace(
-            c, curves, (p.recall, p.precision), p.threshold, f"AP {number(c.row['average_precision'])}"
-        )
-        trace["hovertemplate"] = "threshold %{text}<br>precision %{y:.1%} at %{x:.1%} of all cars"
-        traces.append(trace)
-    return _figure(
-        "precision-recall",
-        "Precision and recall",
-        traces,
-        (
-            _axis(f"recall: share of all {metrics['n_cars']} annotated cars", [0, 1.01]),
-            _axis("precision (hits among accepted)", [0, 1.02]),
-        ),
-        note="Precision: share of the accepted candidates that are hits. Recall: share of all cars found.",
-        alt=_alt("Precision against recall", curves, "average_precision", "average precision"),
-    )
-
-
-def weight_figure(tuning: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """The objective over w, with the chosen w marked."""
-    traces: list[dict[str, Any]] = []
-    for detector, t in tuning.items():
-        colour = detector_colour(detector, tuple(tuning))
-        name = f"{detector_name(detector, short=True)}: w = {weight_text(t)}"
-        hover = "w = %{x:.2f}: %{y:.3f}"
-        line = {"color": colour, "width": 2}
-        if t.get("uncertainty"):
-            inside = in_interval(t)
-            band = {
-                k: [v for v, use in zip(t[k], inside, strict=True) if use] for k in ("w_grid", "objective")
-            }
-            look = {"opacity": 0.25, "line": {"color": colour, "width": 12}, "showlegend": False}
-            where = {"x": band["w_grid"], "y": band["objective"], "mode": "lines", "hoverinfo": "skip"}
-            traces.append(where | look)
-        traces.append(
-            {
-                "x": t["w_grid"],
-                "y": t["objective"],
-                "mode": "lines",
-                "name": name,
-                "line": line,
-                "hovertemplate": hover,
-            }
-        )
-        chosen = int(np.argmin(np.abs(np.array(t["w_grid"]) - t["w"])))
-        marker = {"color": colour, "size": 11}
-        traces.append(
-            {
-                "x": [t["w_grid"][chosen]],
-                "y": [t["objective"][chosen]],
-                "mode": "markers",
-                "marker": marker,
-                "showlegend": False,
-                "hovertemplate": hover,
-            }
-        )
-    objective = next(iter(tuning.values()))["objective_name"].replace("_", " ")
-    chosen_text = ", ".join(f"{detector_name(d, short=True)} w = {t['w']:g}" for d, t in tuning.items())
-    return _figure(
-        "weight",
-        "Choice of w on the validation set",
-        traces,
-        (
-            _axis("w: 0 trusts the depth alone, 1 the detector alone", [-0.02, 1.02]),
-            {"title": {"text": f"{objective} on the validation set"}},
-        ),
-        note="The marked w was chosen on the validation images alone; of many equally good ones, the middle. "
-        "Broad line: interval of 95% of w, chosen again on images drawn with replacement.",
-        alt=f"{objective} on the validation set over w; chosen: {chosen_text}",
-    )
-
-
-def reliability_figure(shown: Sequence[Mapping[str, Any]], detectors: Sequence[str]) -> Figure:
-    """Share of hits over score, in groups of candidates, with intervals."""
-    traces: list[dict[str, Any]] = []
-    for r in shown:
-        alone = r["mode"] == "detector"
-        rate, high, low = (np.array(r[k], float) for k in ("hit_rate", "high", "low"))
-        error = {"type": "data", "array": (high - rate).tolist(), "arrayminus": (rate - low).tolist()}
-        line = {
-            "color": detector_colour(r["detector"], detectors),
-            "width": 2,
-            "dash": "dash" if alone else "solid",
+        PRECISION: (Axis(f"recall: {cars}", **shares), Axis("precision: hits among the accepted", **shares)),
+    }
+    for detector, own in by_detector.items():
+        drawn = {
+            CARS: [o.cars(left) for o in own],
+            CANDIDATES: [o.candidates() for o in own],
+            PRECISION: [o.precision() for o in own],
         }
-        legend = f"{detector_name(r['detector'], short=True)}, {mode_name(r['mode'])}"
-        traces.append(
-            {
-                "x": r["likelihood"],
-                "y": r["hit_rate"],
-                "text": [str(n) for n in r["count"]],
-                "error_y": error | {"symmetric": False, "width": 2, "thickness": 1},
-                "mode": "lines+markers",
-                "name": f"{legend}: Brier {number(r['brier_score'])}",
-                "line": line,
-                "hovertemplate": "mean score %{x:.3f}: %{y:.1%} of %{text} candidates are hits",
-            }
-        )
-    perfect = {"x": [0, 1], "y": [0, 1], "mode": "lines", "name": "as it should be", "hoverinfo": "skip"}
-    traces.append(perfect | {"line": {"color": "#8A8A8A", "width": 1, "dash": "dot"}})
-    return _figure(
-        "reliability",
-        "Are scores probabilities?",
-        traces,
-        (_axis("mean score of a group", [-0.02, 1.02]), _axis("share of hits in the group", [-0.02, 1.02])),
-        note="Twenty groups of equally many candidates, by score; bars: intervals of 95%. Most candidates "
-        "have low scores, so most groups lie at the left.",
-        alt="Share of hits over score: "
-        + "; ".join(
-            f"{detector_name(r['detector'])}, {mode_name(r['mode'])}: Brier {number(r['brier_score'])}"
-            for r in shown
-        ),
-    )
+        for kind, shown in drawn.items():
+            title = detector_name(detector)
+            alt = f"{kind}, {title}. " + "; ".join(f"{line.name}: {line.figure}" for line in shown)
+            kinds[kind].append(Chart(title, alt, *axes[kind], tuple(shown), diagonal=kind == CANDIDATES))
+    return ChartGroup(name, {k: tuple(c) for k, c in kinds.items()}, _notes(metrics), switches)
 
 
-def _trace(
-    c: CurveSet,
-    curves: Sequence[CurveSet],
-    xy: tuple[FloatArray, FloatArray],
-    threshold: FloatArray,
-    legend: str,
-) -> dict[str, Any]:
-    detectors = tuple(dict.fromkeys(o.detector for o in curves))
-    others = [m for m in dict.fromkeys(o.mode for o in curves) if m != "detector"]
-    alone = c.mode == "detector"
-    dash = "dash" if alone else _DASHES[others.index(c.mode) % len(_DASHES)]
+def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    cars, images, candidates = (_count(metrics, key) for key in ("n_cars", "n_images", "n_candidates"))
     return {
-        "x": xy[0].tolist(),
-        "y": xy[1].tolist(),
-        "text": [f"{t:.4f}" if np.isfinite(t) else "above all scores" for t in threshold.tolist()],
-        "mode": "lines",
-        "name": f"{c.short_name}: {legend}",
-        "line": {
-            "color": detector_colour(c.detector, detectors),
-            "width": 1.8 if alone else 2.8,
-            "dash": dash,
-        },
+        CARS: f"Counts all {cars}annotated cars, missed ones too, and all {images}images, also those without "
+        "a car. A second candidate on the same car is a false positive. On the log axis the left edge is no "
+        "false positive at all.",
+        CANDIDATES: f"Counts the {candidates}candidates only. A car that no candidate found does not appear "
+        "here; candidates on ignored objects are left out. Dotted: chance.",
+        PRECISION: "Precision: share of the accepted candidates that are hits. Recall: share of all cars "
+        "found.",
     }
 
 
-def _axis(title: str, limits: list[float]) -> dict[str, Any]:
-    return {"title": {"text": title}, "range": limits}
-
-
-def _figure(
-    name: str,
-    title: str,
-    traces: list[dict[str, Any]],
-    axes: tuple[dict[str, Any], dict[str, Any]],
-    *,
-    note: str,
-    alt: str,
-) -> Figure:
-    layout = {"xaxis": axes[0], "yaxis": axes[1]}
-    return {"id": name, "title": title, "note": note, "alt": alt, "traces": traces, "layout": layout}
-
-
-def _alt(title: str, curves: Sequence[CurveSet], key: str, what: str) -> str:
-    return f"{title}. " + "; ".join(f"{c.name}: {what} {number(c.row[key])}" for c in curves)
+def _count(metrics: Sequence[Mapping[str, Any]], key: str) -> str:
+    """A number and a space where all runs have the same one, else nothing."""
+    values = {m[key] for m in metrics}
+    return f"{values.pop()} " if len(values) == 1 else ""

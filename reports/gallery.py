@@ -1,132 +1,160 @@
 """Which candidates rescoring moved most, for better and for worse, with their pictures."""
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from reports.curves import match_table
 from reports.evidence_view import CandidateView, FrameView, frame_views
-from reports.palette import OUTCOME_NAME, detector_name
+from reports.palette import OUTCOME_NAME
 from reports.pictures import CandidatePanels, candidate_panels
 from reports.run_folder import Run
-from rescore.candidate_columns import places
-from rescore.cue_words import status_text
+from reports.run_inspection import GROUP_TEXT, inspect_run, summary
+from rescore.candidate_columns import difference
+from rescore.changes import CHANGED, Group
+from rescore.inspection import Inspection
+from rescore.matching import FALSE_ALARM, HIT
+
+IntArray = NDArray[np.int64]
+Key = tuple[str, int, int]
+"""Detector, image id and rank of a candidate."""
+
+MAX_CARDS = 32
+"""Candidates shown of all runs of a page together, so that the file stays small."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mover:
     """One candidate of the gallery."""
 
     detector: str
+    gain: bool
+    """Whether it moved the right way."""
+    group: Group
+    reason: str
+    """Why it moved, in words."""
     image_id: int
-    rank: int
-    """Place by detector score in its image, 0 is best."""
-    outcome: str
-    kind: str
     before: int
     """Place among all candidates of the detector by its score, 1 is best."""
     after: int
     """The same after rescoring."""
     n: int
-    likelihood: float
-    posterior: float
-    depth_difference: float
-    evidence: str
+    view: CandidateView
     panels: CandidatePanels
     metric: bool
+    """Whether its depths are in metres."""
+
+    @property
+    def outcome(self) -> str:
+        """What became of it, for people."""
+        return OUTCOME_NAME[self.view.outcome]
+
+    @property
+    def thing(self) -> str:
+        """What it shows, for people; empty where unknown."""
+        return self.view.kind.replace("_", " ")
 
     @property
     def title(self) -> str:
         """What happened, in words."""
-        what = f"{OUTCOME_NAME[self.outcome]}{f' ({self.kind})' if self.kind else ''}"
         direction = "rose" if self.after < self.before else "fell"
-        return f"{what} {direction} from place {self.before} to {self.after} of {self.n}"
+        what = f"{self.outcome}{f' ({self.thing})' if self.thing else ''}"
+        return f"{what[0].upper()}{what[1:]} {direction} from place {self.before} to {self.after} of {self.n}"
+
+    @property
+    def group_text(self) -> str:
+        """What that does to the counts at the compared point."""
+        return GROUP_TEXT[self.group]
 
 
-@dataclass(frozen=True)
-class Shelf:
-    """One group of the gallery."""
+@dataclass(frozen=True, eq=False)
+class Gallery:
+    """The largest moves of every detector in its last mode."""
 
-    title: str
-    text: str
+    summaries: tuple[str, ...]
+    """What changed at the compared points of the curves, a sentence a detector."""
     movers: tuple[Mover, ...]
 
 
-def build_gallery(run: Run, mode: str, per_shelf: int = 6) -> tuple[Shelf, ...]:
-    """The largest moves of each detector: right ones and wrong ones."""
-    picks = {d: _picks(run, d, mode, per_shelf) for d in run.detectors}
-    wanted = {(d, i.image_id, i.rank): i for d, groups in picks.items() for g in groups.values() for i in g}
-    images = np.array(sorted({image_id for _, image_id, _ in wanted}), dtype=np.int64)
+def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
+    """The largest moves of each detector: right ones and wrong ones, of hits and of false alarms.
+
+    Args:
+        run: the run folder.
+        mode: a way of rescoring; detectors without it are left out.
+        max_cards: candidates of all detectors together.
+
+    Raises:
+        RescoreError: the data set is not where the run says, or the model of the evidence is another.
+    """
+    having = [
+        d for d in run.detectors if any((r["detector"], r["mode"]) == (d, mode) for r in run.metrics["rows"])
+    ]
+    inspections = {d: inspect_run(run, d, mode) for d in having}
+    per_pick = max(1, max_cards // (4 * len(inspections)))
     # frames are read one after another; only the small pictures stay
-    movers: dict[tuple[str, int, int], Mover] = {}
-    for view in frame_views(run, mode, images):
+    picks = [(i, gain, picked) for i in inspections.values() for gain, picked in _picks(i, per_pick)]
+    # one of each kind in turn, so that the first ones show everything
+    wanted = {
+        (i.detector, int(i.rows["image_id"][picked[turn]]), int(i.rows["rank"][picked[turn]])): (
+            picked[turn],
+            gain,
+        )
+        for turn in range(per_pick)
+        for i, gain, picked in sorted(picks, key=lambda pick: not pick[1])
+        if turn < len(picked)
+    }
+    found = dict(_movers(run, mode, inspections, wanted))
+    summaries = tuple(summary(i) for i in inspections.values())
+    return Gallery(summaries, tuple(found[key] for key in wanted))
+
+
+def _picks(inspection: Inspection, per_pick: int) -> Iterator[tuple[bool, Sequence[int]]]:
+    """Rows of the candidates that moved most, and whether the right way, by direction and outcome.
+
+    Those that count otherwise than before come first.
+    """
+    changes = inspection.changes
+    counts = np.isin(changes.group, CHANGED)
+    # a candidate without evidence keeps its score: others moved past it, depth did nothing to it
+    told = np.isfinite(difference(inspection.rows, inspection.mode))
+    outcome = changes.after.match.outcome
+    for gain in (True, False):
+        for kind in (FALSE_ALARM, HIT):
+            moved = np.where((outcome == kind) & told, -changes.loss if gain else changes.loss, 0)
+            order = np.lexsort((-moved, ~counts))
+            yield gain, [int(row) for row in order if moved[row] > 0][:per_pick]
+
+
+def _movers(
+    run: Run,
+    mode: str,
+    inspections: Mapping[str, Inspection],
+    wanted: Mapping[Key, tuple[int, bool]],
+) -> Iterator[tuple[Key, Mover]]:
+    """The candidates with their pictures, in the order of the frames."""
+    images = np.array(sorted({image_id for _, image_id, _ in wanted}), dtype=np.int64)
+    for view in frame_views(run, mode, images) if len(images) else ():
         for detector, candidates in view.candidates.items():
             for c in candidates:
                 key = (detector, view.image_id, c.rank)
                 if key in wanted:
-                    movers[key] = _mover(detector, wanted[key], c, view)
-    return tuple(
-        Shelf(f"{detector_name(d)}: {title}", text, tuple(movers[d, i.image_id, i.rank] for i in items))
-        for d, groups in picks.items()
-        for (title, text), items in groups.items()
-        if items
-    )
+                    yield key, _mover(inspections[detector], *wanted[key], c, view)
 
 
-_GROUPS = {
-    ("right moves", "False alarms that fell and hits that rose: what the depth is for."): (
-        "false_alarm",
-        "hit",
-    ),
-    ("wrong moves", "Hits that fell and false alarms that rose: what it costs."): ("hit", "false_alarm"),
-}
-
-
-@dataclass(frozen=True)
-class _Item:
-    """A candidate by image and rank, and its place before and after among ``n``."""
-
-    image_id: int
-    rank: int
-    before: int
-    after: int
-    n: int
-
-
-def _picks(run: Run, detector: str, mode: str, per_shelf: int) -> dict[tuple[str, str], list[_Item]]:
-    """The candidates that moved most, by group."""
-    rows = run.of(detector)
-    before = places(match_table(run, detector, "detector").ranking)
-    after = places(match_table(run, detector, mode).ranking)
-    outcome = rows[f"outcome_{mode}" if f"outcome_{mode}" in rows else "outcome_detector"]
-    groups = {}
-    for words, (falling, rising) in _GROUPS.items():
-        moved = np.where(outcome == falling, after - before, np.where(outcome == rising, before - after, 0))
-        if falling == "false_alarm":
-            # a candidate without evidence keeps its score: others moved past it, depth did nothing to it
-            moved = np.where(np.isfinite(rows["depth_difference"]), moved, 0)
-        best = [i for i in np.argsort(-moved, kind="stable")[:per_shelf] if moved[i] > 0]
-        groups[words] = [
-            _Item(int(rows["image_id"][i]), int(rows["rank"][i]), int(before[i]), int(after[i]), len(before))
-            for i in best
-        ]
-    return groups
-
-
-def _mover(detector: str, item: _Item, c: CandidateView, view: FrameView) -> Mover:
+def _mover(inspection: Inspection, row: int, gain: bool, c: CandidateView, view: FrameView) -> Mover:
+    changes = inspection.changes
     return Mover(
-        detector=detector,
-        image_id=item.image_id,
-        rank=item.rank,
-        outcome=c.outcome,
-        kind=c.kind.replace("_", " "),
-        before=item.before,
-        after=item.after,
-        n=item.n,
-        likelihood=c.likelihood,
-        posterior=c.posterior,
-        depth_difference=c.depth_difference,
-        evidence=status_text(c.status) + (f": {c.reason_detail}" if c.reason_detail else ""),
+        detector=inspection.detector,
+        gain=gain,
+        group=changes.group[row],
+        reason=inspection.explanations[row].text,
+        image_id=view.image_id,
+        before=int(changes.place_before[row]),
+        after=int(changes.place_after[row]),
+        n=len(changes.group),
+        view=c,
         panels=candidate_panels(view, c),
         metric=view.metric,
     )

@@ -1,28 +1,24 @@
-"""The report of a run: one HTML file that needs no network."""
+"""The report of one run or several: one HTML file that needs no network."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-
+from recon.errors import RescoreError
+from reports.certainty_figures import reliability_group, sweep_group, weight_group
 from reports.certainty_tables import comparison_table, fusion_table, reliability_table, weight_table
+from reports.charts import ChartGroup
 from reports.curves import curve_sets
-from reports.figures import (
-    Figure,
-    candidate_roc_figure,
-    car_roc_figure,
-    json_values,
-    precision_recall_figure,
-    reliability_figure,
-    weight_figure,
-)
-from reports.gallery import build_gallery
-from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, detector_name
-from reports.pictures import RESIDUAL_LIMIT_M
+from reports.figures import curve_group, runs_group
+from reports.gallery import MAX_CARDS, Gallery, build_gallery
+from reports.headline import Tile, few_images, headline, tiles
+from reports.paired_runs import Evaluated, compare_runs, side_by_side
+from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, RUN_COLOURS, detector_name, mode_name
+from reports.pictures import DEPTH_COLOURS, RESIDUAL_COLOURS, colour_stops
 from reports.roc import write_curves
+from reports.run_facts import differing_settings, id_table, made_from
 from reports.run_folder import Run, load_run
 from reports.tables import (
     Table,
@@ -33,102 +29,157 @@ from reports.tables import (
     result_table,
     stereo_table,
 )
-from reports.templating import render
-from rescore.store import atomic_path
+from reports.templating import asset, render
+from rescore.store import atomic_path, read_json
 
-HEADLINE_RECALL = "0.7"
+ONE_RUN, SEVERAL_RUNS = "report.html", "comparison.html"
 
 
-def build_report(run_dir: Path) -> Path:
-    """Draw the curves of a run folder as PNG and write its ``report.html``; the path of the latter.
+@dataclass(frozen=True, eq=False)
+class Section:
+    """What the page shows of one run."""
+
+    name: str
+    key: str
+    """Prefix of the names of its elements."""
+    metrics: Mapping[str, Any]
+    headline: str
+    warning: str | None
+    tiles: tuple[Tile, ...]
+    curves: ChartGroup
+    band_note: str
+    """Why there are no bands; empty where there are."""
+    tables: Mapping[str, Table | None]
+    gallery: Gallery | None
+    gallery_note: str
+    """Why there is no gallery, or what to know of it."""
+    mode: str
+    """Name of the mode of the gallery."""
+    weight: ChartGroup | None
+    reliability: ChartGroup | None
+    sweep: ChartGroup | None
+    facts: Sequence[tuple[str, str]]
+    config_text: str
+
+    @property
+    def groups(self) -> tuple[ChartGroup, ...]:
+        """All its charts."""
+        return tuple(g for g in (self.curves, self.weight, self.reliability, self.sweep) if g is not None)
+
+
+def build_report(run_dirs: Path | Sequence[Path], out: Path | None = None) -> Path:
+    """Draw the curves of run folders as PNG and write one page on all of them; the path of the page.
+
+    Args:
+        run_dirs: one run folder or several; the others are compared with the first.
+        out: file to write; by default ``report.html`` of the run folder, and of several runs
+            ``comparison.html`` of the first.
 
     Raises:
-        RescoreError: the run folder lacks results.
+        RescoreError: a run folder lacks results, or one is named twice.
     """
-    run = load_run(Path(run_dir))
-    write_curves(run, run.root / "curves")
-    page = render_report(run)
-    out = run.root / "report.html"
+    folders = [run_dirs] if isinstance(run_dirs, Path) else [Path(f) for f in run_dirs]
+    runs = [load_run(folder) for folder in folders]
+    names = _names([run.root for run in runs])
+    if len(runs) == 1:
+        write_curves(runs[0], runs[0].root / "curves")
+    page = render_report([Evaluated(n, run) for n, run in zip(names, runs, strict=True)])
+    out = out or folders[0] / (ONE_RUN if len(runs) == 1 else SEVERAL_RUNS)
     with atomic_path(out) as beside:
         beside.write_text(page, encoding="utf-8")
     return out
 
 
-def render_report(run: Run) -> str:
-    """The page of a run as text."""
-    mode = run.modes[-1]
+def render_report(runs: Sequence[Evaluated]) -> str:
+    """The page of one run or several as text."""
+    sections = [_section(one, f"r{i}", MAX_CARDS // len(runs)) for i, one in enumerate(runs)]
+    overlay = _overlay(runs) if len(runs) > 1 else None
+    groups = [*([overlay] if overlay else []), *(g for s in sections for g in s.groups)]
     return render(
         "report.html.j2",
-        headline=headline(run.metrics),
-        metrics=run.metrics,
-        figures=_figures(run),
-        tables=_tables(run),
-        shelves=build_gallery(run, mode) if len(run.modes) > 1 else (),
+        sections=sections,
+        overlay=overlay,
+        side_by_side=side_by_side(runs) if len(runs) > 1 else None,
+        pairs=compare_runs(runs) if len(runs) > 1 else (),
+        differing=differing_settings({one.name: one.run for one in runs}) if len(runs) > 1 else None,
         outcomes=[(OUTCOME_NAME[o], OUTCOME_COLOUR[o]) for o in OUTCOMES],
-        residual_limit_m=RESIDUAL_LIMIT_M,
+        depth_stops=colour_stops(DEPTH_COLOURS),
+        residual_stops=colour_stops(RESIDUAL_COLOURS),
         number=number,
         detector_name=detector_name,
-        made_from=_made_from(run.config),
-        config_text=json.dumps(run.config, indent=1, ensure_ascii=False),
-        plotly_js=Markup(get_plotlyjs()),
+        charts={name: chart for g in groups for name, chart in g.as_json().items()},
+        style=asset("report.css"),
+        theme=asset("theme.js"),
+        scripts=[asset("charts.js"), asset("report.js")],
     )
 
 
-def headline(metrics: Mapping[str, Any]) -> list[str]:
-    """The result in one sentence a detector."""
-    sentences = []
-    level = f"{float(HEADLINE_RECALL):.0%}"
-    for detector in dict.fromkeys(row["detector"] for row in metrics["rows"]):
-        rows = {row["mode"]: row for row in metrics["rows"] if row["detector"] == detector}
-        before, after = rows["detector"], list(rows.values())[-1]
-        name = detector_name(detector)
-        false = [row["fppi_at_recall"].get(HEADLINE_RECALL) for row in (before, after)]
-        if after is before:
-            precision = number(before["average_precision"])
-            sentences.append(f"{name}: average precision {precision}, {_false_positives(false[:1], level)}.")
-            continue
-        w, precision = (
-            number(after["w"], 2),
-            _from_to(before["average_precision"], after["average_precision"], 3),
+def _section(one: Evaluated, key: str, max_cards: int) -> Section:
+    run = one.run
+    mode = run.modes[-1]
+    bands, band_note = _or_note(one.bands, {}, "No bands around the curves")
+    gallery, gallery_note = _gallery(run, mode, max_cards)
+    sweep = run.root / "sweep" / "sweep.json"
+    return Section(
+        name=one.name,
+        key=key,
+        metrics=run.metrics,
+        headline=headline(run.metrics),
+        warning=few_images(run.metrics),
+        tiles=tiles(run.metrics),
+        curves=curve_group(f"{key}-curves", curve_sets(run), run.metrics, bands),
+        band_note=band_note,
+        tables=_tables(run),
+        gallery=gallery,
+        gallery_note=gallery_note,
+        mode=mode_name(mode),
+        weight=weight_group(f"{key}-weight", run.metrics.get("tuning", {})),
+        reliability=reliability_group(f"{key}-reliability", run.metrics.get("reliability", ())),
+        sweep=sweep_group(f"{key}-sweep", read_json(sweep, "a sweep")) if sweep.is_file() else None,
+        facts=made_from(run),
+        config_text=json.dumps(run.config, indent=1, ensure_ascii=False),
+    )
+
+
+def _gallery(run: Run, mode: str, max_cards: int) -> tuple[Gallery | None, str]:
+    """The gallery, or why there is none."""
+    if len(run.modes) < 2:
+        return (
+            None,
+            "No candidate was rescored in this run, so none moved: `rescore apply` rescores detections.",
         )
-        sentences.append(
-            f"{name}: with stereo depth (w = {w}), average precision goes {precision}, "
-            f"{_false_positives(false, level)}."
+    gallery, note = _or_note(lambda: build_gallery(run, mode, max_cards), None, "No pictures of candidates")
+    if gallery is not None and not gallery.movers:
+        return None, "No candidate with depth evidence changed its place."
+    if gallery is not None and all(m.panels.predicted is None for m in gallery.movers):
+        note = (
+            f"No predicted depth is shown: {run.root.name} holds no reconstructions; `rescore apply "
+            f"--evidence {run.root.name}/evidence` keeps them."
         )
-    return sentences
+    return gallery, note
 
 
-def _false_positives(values: list[float | None], level: str) -> str:
-    what = f"false positives per image where {level} of all cars are found"
-    if all(v is None for v in values):
-        return f"and {level} of all cars are never found"
-    if len(values) == 1:
-        return f"{number(values[0], 2)} {what}"
-    return f"and {what} go {_from_to(values[0], values[1], 2)}"
+def _or_note(make: Any, otherwise: Any, what: str) -> tuple[Any, str]:
+    """What a function makes, or the substitute with a sentence on why: a page without pictures beats none."""
+    try:
+        return make(), ""
+    except RescoreError as error:
+        return otherwise, f"{what}: {error}."
 
 
-def _from_to(before: float | None, after: float | None, digits: int) -> str:
-    texts = ("never reached" if v is None else number(v, digits) for v in (before, after))
-    return "from {} to {}".format(*texts)
-
-
-def _figures(run: Run) -> list[Figure]:
-    curves = curve_sets(run)
-    figures = [
-        candidate_roc_figure(curves, run.metrics),
-        car_roc_figure(curves, run.metrics),
-        precision_recall_figure(curves, run.metrics),
-    ]
-    tuning = run.tuning()
-    if tuning:
-        figures.append(weight_figure(tuning))
-    shown = run.reliability()
-    if shown:
-        figures.append(reliability_figure(shown, run.detectors))
-    return [json_values(f) for f in figures]
+def _overlay(runs: Sequence[Evaluated]) -> ChartGroup:
+    """The curves of all runs in one group of charts."""
+    colours = {one.name: RUN_COLOURS[i % len(RUN_COLOURS)] for i, one in enumerate(runs)}
+    return runs_group(
+        "all-curves",
+        {one.name: curve_sets(one.run) for one in runs},
+        colours,
+        [one.run.metrics for one in runs],
+    )
 
 
 def _tables(run: Run) -> dict[str, Table | None]:
+    ids, _ = _or_note(lambda: id_table(run), None, "")
     return {
         "results": result_table(run.metrics),
         "comparison": comparison_table(run.metrics),
@@ -139,17 +190,23 @@ def _tables(run: Run) -> dict[str, Table | None]:
         "kinds": kind_table(run.candidates, run.detectors),
         "difficulty": difficulty_table(run.metrics.get("difficulty", {})),
         "stereo": stereo_table(run.metrics.get("stereo", {})),
+        "ids": ids,
     }
 
 
-def _made_from(config: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was run, as name and value."""
-    versions = config.get("versions", {})
-    settings = config.get("config", {})
-    rows = [
-        ("command", config.get("command")),
-        ("preset", settings.get("preset") if isinstance(settings, dict) else None),
-        ("seed", config.get("seed")),
-        ("versions", ", ".join(f"{name} {version}" for name, version in versions.items()) or None),
-    ]
-    return [(name, str(value)) for name, value in rows if value is not None]
+def _names(roots: Sequence[Path]) -> list[str]:
+    """A name for each run folder, as short as tells them apart.
+
+    Raises:
+        RescoreError: a folder is named twice.
+    """
+    places = [root.resolve() for root in roots]
+    twice = [str(p) for p in places if places.count(p) > 1]
+    if twice:
+        raise RescoreError(f"report: expected different run folders, got {twice[0]} twice; name each once")
+    depth = 1
+    while True:
+        names = ["/".join(p.parts[-depth:]) for p in places]
+        if len(set(names)) == len(names):
+            return names
+        depth += 1

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.depth_map import DepthMap
-from rescore.align_depth import DepthAlignment
+from rescore.align_depth import DepthAlignment, predicted_region
 
 FloatArray = NDArray[np.float64]
 
@@ -58,6 +58,27 @@ def registered_depth(
     if inverse:
         registered = 1 / np.where(registered > 0, registered, np.nan)
     return registered.astype(np.float32)
+
+
+def registered_relief(
+    predicted: DepthMap, measured: NDArray[np.float32], xyxy_px: FloatArray, scale: float
+) -> NDArray[np.float32] | None:
+    """Predicted depth (h, w) in the unit of the measured one, by the fit of ``rescore.guarded``.
+
+    The predicted relief of inverse depth, times the scale, is laid on the measured one of the whole picture
+    ``measured`` in the box, median on median. None where nothing was measured there.
+    """
+    seen = measured[predicted.window].astype(float)
+    use = predicted_region(predicted, xyxy_px) & np.isfinite(seen) & (seen > 0)
+    if not use.any():
+        return None
+    inverse = 1 / predicted.depth.astype(float)
+    relief = inverse / np.median(inverse[use]) - 1
+    middle = np.median(1 / seen[use])
+    offset = np.median(1 / seen[use] / middle - 1 - scale * relief[use])
+    fitted = middle * (1 + scale * relief + offset)
+    # NaN outside the object compares False
+    return np.where(fitted > 0.05 * middle, 1 / np.where(fitted > 0, fitted, 1), np.nan).astype(np.float32)
 
 
 def points_of_depth(
@@ -119,12 +140,47 @@ def stereo_points(
     depth_m: NDArray[np.floating],
     rgb: NDArray[np.uint8],
     camera: PinholeCamera,
-    max_points: int = 24_000,
+    xyxy_px: FloatArray,
+    max_points: int = 20_000,
     max_depth_m: float = 60.0,
 ) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Measured points (n, 3) in the camera frame and their colours (n, 3), thinned on a pixel grid."""
-    step = max(1, int(np.ceil(np.sqrt(depth_m.size / max_points))))
-    points = points_of_depth(depth_m, camera)[::step, ::step].reshape(-1, 3)
-    colours = rgb[::step, ::step].reshape(-1, 3)
-    near = np.isfinite(points[:, 2]) & (points[:, 2] < max_depth_m)
-    return points[near], colours[near]
+    """Measured points (n, 3) in the camera frame and their colours (n, 3), thinned on a pixel grid.
+
+    Half of them come from boxes (k, 4), which are looked at closely, and half from the whole picture.
+    """
+    h, w = depth_m.shape
+    boxed = np.zeros((h, w), bool)
+    for x0, y0, x1, y1 in np.clip(np.rint(xyxy_px).astype(int), 0, [w, h, w, h]):
+        boxed[y0:y1, x0:x1] = True
+    keep = np.zeros((h, w), bool)
+    for region, count in ((np.ones((h, w), bool), depth_m.size), (boxed, int(boxed.sum()))):
+        step = max(1, int(np.ceil(np.sqrt(count / (max_points / 2)))))
+        grid = np.zeros((h, w), bool)
+        grid[::step, ::step] = True
+        keep |= grid & region
+    keep &= np.isfinite(depth_m) & (depth_m < max_depth_m)
+    return points_of_depth(depth_m, camera)[keep], rgb[keep]
+
+
+def oriented_box(
+    points_m: FloatArray, cam_from_object: FloatArray, extents: FloatArray | None, middle_ray: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Centre (3,) in the camera frame and half sizes (3,) along the object's axes of a box around points.
+
+    Of a picture only the near side is seen. Along each axis the box begins where the points do on the
+    camera's side, and is as long as the object is in proportion to its longest side, which is seen.
+
+    Args:
+        points_m: the registered points (n, 3), camera frame.
+        cam_from_object: the object's axes as columns (3, 3).
+        extents: size of the class along its axes (3,), any unit; None to take the points alone.
+        middle_ray: from the camera to the object (3,).
+    """
+    own = points_m @ cam_from_object
+    low, high = np.percentile(own, [2, 98], axis=0)
+    if extents is not None:
+        away = middle_ray @ cam_from_object
+        longest = int(np.argmax(extents * (1 - np.abs(away) / np.linalg.norm(away))))
+        missing = np.maximum(extents * (high - low)[longest] / extents[longest] - (high - low), 0)
+        high, low = high + np.where(away >= 0, missing, 0), low - np.where(away < 0, missing, 0)
+    return cam_from_object @ ((low + high) / 2), (high - low) / 2

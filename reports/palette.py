@@ -80,6 +80,9 @@ _PARTS = (
 )
 
 
+RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+"""Colours of runs that are drawn in one chart, in their order."""
+
 PART_COLOURS = len(_PARTS)
 """Number of different part colours; more parts than this share them in turn."""
 
@@ -117,7 +120,7 @@ def part_colour(label: int) -> str:
     return "#303030" if label == 0 else _PARTS[(label - 1) % len(_PARTS)]
 
 
-_BRIGHT = {BLUE: "#56B4E9", VERMILION: "#FF8C42", GREEN: "#2ED3A2"}
+_BRIGHT = {BLUE: "#56B4E9", VERMILION: "#FF8C42", GREEN: "#2ED3A2", "#555555": "#C3C8D0"}
 
 
 def on_dark(colour: str) -> str:

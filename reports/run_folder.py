@@ -77,11 +77,13 @@ class Run:
 
     def part_names(self) -> tuple[str, ...]:
         """Names of the parts of the class model, label 1 first; empty where the run folder holds no model."""
-        for path in sorted((self.root / "models").glob("*.json")):
-            names = _read_object(path).get("part_names")
-            if names:
-                return tuple(str(n) for n in names)
-        return ()
+        path = self.class_model_path()
+        return () if path is None else tuple(str(n) for n in _read_object(path)["part_names"])
+
+    def class_model_path(self) -> Path | None:
+        """The class model of the run; None where the run folder holds none."""
+        found = sorted((self.root / "models").glob("*.json"))
+        return next((p for p in found if _read_object(p).get("part_names")), None)
 
     def row(self, detector: str, mode: str) -> Mapping[str, Any]:
         """The row of metrics.json of one detector and mode."""

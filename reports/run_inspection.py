@@ -78,7 +78,7 @@ def inspect_run(
         int(run.metrics["n_images"]),
         int(run.metrics["n_cars"]),
         point,
-        _model(run, detector, mode, evidence_model),
+        model_of(run, detector, mode, evidence_model),
         explain_config(run),
     )
 
@@ -91,7 +91,12 @@ def _known(option: str, chosen: str | None, known: tuple[str, ...], default: int
     return chosen
 
 
-def _model(run: Run, detector: str, mode: str, file: Path | None) -> EvidenceModel | None:
+def model_of(run: Run, detector: str, mode: str, file: Path | None = None) -> EvidenceModel | None:
+    """The model of depth evidence of a mode: of the file, or else of the run folder; None where neither is.
+
+    Raises:
+        RescoreError: the file has no model of the mode.
+    """
     if mode not in list(LEARNED):
         return None
     own = RunFolder(run.root).evidence_model(detector)

@@ -11,11 +11,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from recon.disparity_error import DisparityError
-from reports.figures import json_values
 from reports.pictures import colourise
 from reports.tables import Table, number
 from rescore.stereo_study import MAX_ROW_PX, RULES, Accuracy, Consistency, Errors, Method
-from rescore.store import atomic_path, versions, write_json
+from rescore.store import atomic_path, json_values, versions, write_json
 
 KITTI_REGIONS = ("background", "foreground")
 _ERROR_LIMIT_PX = 4.0

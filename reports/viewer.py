@@ -37,6 +37,22 @@ def open_recording(
     _check_recording(recording, image_id)
     if not headless and sys.platform.startswith("linux"):
         _check_display(recording)
+    viewer, client = start_viewer(recording, headless)
+    try:
+        client.set_time(TIMELINE, sequence=image_id, play_state="paused")
+        _show_tab(client, detector_name(detector, short=True))
+    except BaseException:
+        viewer.terminate()
+        raise
+    return viewer
+
+
+def start_viewer(recording: Path, headless: bool) -> tuple[subprocess.Popen[bytes], ViewerClient]:
+    """The viewer's process with a recording, and its client; ``headless`` is without a window.
+
+    Raises:
+        RescoreError: the viewer does not start.
+    """
     port = _free_port()
     binary = Path(rerun_cli.__file__).with_name("rerun")
     # the viewer listens on all interfaces, unless told otherwise
@@ -50,13 +66,10 @@ def open_recording(
         start_new_session=True,
     )
     try:
-        client = _connected(viewer, port)
-        client.set_time(TIMELINE, sequence=image_id, play_state="paused")
-        _show_tab(client, detector_name(detector, short=True))
+        return viewer, _connected(viewer, port)
     except BaseException:
         viewer.terminate()
         raise
-    return viewer
 
 
 def images_of(recording: Path) -> set[int]:
@@ -126,15 +139,21 @@ def _connected(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
 
 
 def _show_tab(client: ViewerClient, name: str) -> None:
-    """Bring the tab whose title ends with this name to the front, if there is one."""
+    """Bring the frames of the detector with this name to the front, if there are any.
+
+    The first detector's tab has no name.
+    """
     blueprint = client.get_blueprint().blueprint
     for entry in blueprint.values():
         container = entry.get("ContainerBlueprint", {})
         if container.get("container_kind") != "Tabs":
             continue
-        for child in container["contents"]:
-            title = blueprint.get(f"/{child}", {}).get("ContainerBlueprint", {}).get("display_name", "")
-            if title.endswith(name):
-                container["active_tab"] = child
-                client.set_blueprint(blueprint, of="recording")
-                return
+        title_of = {
+            blueprint.get(f"/{child}", {}).get("ContainerBlueprint", {}).get("display_name", ""): child
+            for child in container["contents"]
+        }
+        found = [title_of[title] for title in (f"frame: {name}", "frame") if title in title_of]
+        if found:
+            container["active_tab"] = found[0]
+            client.set_blueprint(blueprint, of="recording")
+            return

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from reports.palette import detector_name, mode_colour, mode_name
 from reports.tables import Table, number
-from rescore.store import atomic_path, write_json
+from rescore.store import atomic_path, json_values, write_json
 from rescore.weight_study import WeightStudy
 
 
@@ -96,14 +96,9 @@ def _numbers(study: WeightStudy) -> dict[str, object]:
         "n_draws": study.n_draws,
         "w": study.w,
         "w_grid": study.grid.tolist(),
-        "objective": [v if np.isfinite(v) else None for v in study.value.tolist()],
-        "widths": [_finite(asdict(width)) for width in study.widths],
+        "objective": json_values(study.value.tolist()),
+        "widths": json_values([asdict(width) for width in study.widths]),
     }
-
-
-def _finite(row: dict[str, float]) -> dict[str, float | None]:
-    """The row with null for what is infinite: false positives at a recall that a choice never reaches."""
-    return {name: value if np.isfinite(value) else None for name, value in row.items()}
 
 
 def _sentences(studies: Sequence[WeightStudy]) -> str:

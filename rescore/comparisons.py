@@ -88,9 +88,9 @@ def _compared(
     row = {
         "mode": mode,
         "against": first,
-        "auc_difference": _figure(change.difference.auc),
+        "auc_difference": figure_as_json(change.difference.auc),
         "auc_p_value": _p_value(tables[first], tables[mode]),
-        "average_precision_difference": _figure(change.difference.average_precision),
+        "average_precision_difference": figure_as_json(change.difference.average_precision),
         "reduction": _by_level(change.reduction),
         "reduction_without_pictures": None,
         "n_on_pictures": None,
@@ -124,10 +124,11 @@ def _intervals(figures: FigureIntervals) -> dict[str, Any]:
 
 
 def _by_level(figures: Mapping[float, Interval]) -> dict[str, Any]:
-    return {f"{level:g}": _figure(i) for level, i in figures.items()}
+    return {f"{level:g}": figure_as_json(i) for level, i in figures.items()}
 
 
-def _figure(i: Interval) -> dict[str, Any]:
+def figure_as_json(i: Interval) -> dict[str, Any]:
+    """A figure with its interval as JSON values; see the module's docstring."""
     return {
         "value": _finite(i.value),
         "interval": _ends(i),

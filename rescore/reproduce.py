@@ -263,7 +263,7 @@ class Run:
 
     def write_report(self) -> None:
         """The report with its curves, and the recording."""
-        from reports import build_report  # noqa: PLC0415 (plotly, matplotlib and rerun take a second to import)
+        from reports import build_report  # noqa: PLC0415 (matplotlib and rerun take a second to import)
         from reports.rerun_log import write_recording  # noqa: PLC0415
 
         root = self.folder.root

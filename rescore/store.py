@@ -3,6 +3,7 @@
 import ast
 import hashlib
 import json
+import math
 import os
 import platform
 import shutil
@@ -60,6 +61,15 @@ def write_json(path: Path, value: Any) -> None:
     text = json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
     with atomic_path(path) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
+
+
+def json_values(value: Any) -> Any:
+    """The value with null for every number that JSON cannot hold, as a rate of nothing."""
+    if isinstance(value, dict):
+        return {k: json_values(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_values(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def read_json(path: Path, what: str) -> Any:
@@ -160,7 +170,7 @@ def imported_modules(file: Path) -> list[str]:
 
 _VERSIONED = (
     *("rescore", "numpy", "scipy", "opencv-python-headless", "scikit-learn", "joblib", "pydantic", "pyarrow"),
-    *("open3d", "open3d-cpu", "rerun-sdk", "plotly", "matplotlib", "trimesh", "pillow"),
+    *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow"),
 )
 
 

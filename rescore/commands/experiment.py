@@ -1,4 +1,4 @@
-"""The commands of the experiment: synth, train, detect, apply, evaluate, log, reproduce."""
+"""The commands of the experiment: synth, train, detect, apply, evaluate, report, log, reproduce."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
@@ -284,20 +284,61 @@ def evaluate(
 
 
 @app.command()
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Run folders of `rescore evaluate` or `rescore reproduce`; the others are compared with the "
+            "first.",
+            metavar="RUN...",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Page to write.",
+            show_default="RUN/report.html; of several runs comparison.html of the first",
+        ),
+    ] = None,
+) -> None:
+    """Write the report of a run: one HTML file with result, curves, gallery and tuning, for offline use.
+
+    Several runs come side by side, with differences paired over the images that they share.
+
+    Example: [bold]rescore report runs/demo runs/other --out comparison.html[/bold]
+    """
+    from reports import build_report
+
+    page = build_report(runs, out)
+    say(f"report: {page} (open it in a browser)")
+
+
+@app.command()
 def log(
     run: Annotated[Path, typer.Argument(help="Run folder of `rescore evaluate` or `rescore reproduce`.")],
     out: Annotated[
         Path | None, typer.Option(help="Recording to write.", show_default="RUN/recording.rrd")
     ] = None,
-    frames: Annotated[int | None, typer.Option(min=1, help="So many frames, evenly spread.")] = None,
+    frames: Annotated[
+        str,
+        typer.Option(
+            help="all, flips (a candidate changed sides) or worst (a car lost, a false alarm accepted)."
+        ),
+    ] = "all",
+    max_frames: Annotated[
+        int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
+    ] = None,
 ) -> None:
-    """Write a recording for the Rerun viewer: candidates, measured and predicted depth, 3D, curves.
+    """Write a recording for the Rerun viewer: candidates and why they moved, depth, 3D, curves.
 
     Example: [bold]rescore log runs/demo && rerun runs/demo/recording.rrd[/bold]
     """
     from reports.rerun_log import write_recording
+    from reports.rerun_story import Frames
 
-    file = write_recording(run, out or run / "recording.rrd", max_frames=frames)
+    file = write_recording(
+        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
+    )
     say(f"recording: {file} (open it with: rerun {file})")
 
 

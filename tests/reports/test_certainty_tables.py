@@ -15,6 +15,7 @@ from reports.certainty_tables import (
     weight_text,
 )
 from reports.html import render_report
+from reports.paired_runs import Evaluated
 from reports.run_folder import Run
 
 
@@ -105,6 +106,8 @@ def test_a_run_of_an_older_version_has_none_of_these(run: Run):
     }
     tables = (comparison_table, terminal_comparison, fusion_table, weight_table, reliability_table)
     assert [t(older) for t in tables] == [None] * 5
-    page = render_report(Run(run.root, run.config, older, run.candidates))
-    assert 'id="results"' in page
-    assert 'id="comparison"' not in page
+    page = render_report([Evaluated("run", Run(run.root, run.config, older, run.candidates))])
+    assert 'id="r0-results"' in page
+    assert 'id="r0-comparison"' not in page
+    # the choice of w is still drawn, as that of eq. 6
+    assert 'id="r0-weight"' in page

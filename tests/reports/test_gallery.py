@@ -4,33 +4,59 @@ import cv2
 import numpy as np
 
 from reports.curves import match_table
-from reports.gallery import build_gallery, places
-from reports.pictures import PANEL_WIDTH_PX, colourise, data_uri
+from reports.evidence_view import frame_views
+from reports.gallery import build_gallery
+from reports.pictures import (
+    PICTURE_WIDTH_PX,
+    Picture,
+    as_webp,
+    candidate_panels,
+    colour_stops,
+    colourise,
+    crop_window,
+)
 from reports.run_folder import Run
+from rescore.candidate_columns import places
+from rescore.changes import CHANGED
 
 
-def test_places_count_from_the_best_and_keep_the_order_of_ties():
-    assert places(np.array([0.2, 0.9, 0.2, 0.5])).tolist() == [3, 1, 4, 2]
+def pixels(picture: Picture) -> np.ndarray:
+    head, data = picture.uri.split(",")
+    assert head == "data:image/webp;base64"
+    return cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 
 def test_movers_are_the_largest_moves_of_the_right_kind(run: Run):
-    for shelf in build_gallery(run, "paper", per_shelf=3):
-        right = shelf.title.endswith("right moves")
-        gains = []
-        for m in shelf.movers:
-            assert m.outcome in ("hit", "false_alarm")
-            rose = m.after < m.before
-            assert rose == ((m.outcome == "hit") == right)
-            rows = run.of(m.detector)
-            (i,) = np.flatnonzero((rows["image_id"] == m.image_id) & (rows["rank"] == m.rank))
-            assert m.before == places(match_table(run, m.detector, "detector").ranking)[i]
-            assert m.after == places(match_table(run, m.detector, "paper").ranking)[i]
-            assert m.posterior == rows["posterior_paper"][i]
-            assert str(m.before) in m.title
-            assert ("rose" in m.title) == rose
-            gains.append(abs(m.after - m.before))
-        assert gains == sorted(gains, reverse=True)
-        assert 1 <= len(gains) <= 3
+    gallery = build_gallery(run, "paper", max_cards=24)
+    assert {m.detector for m in gallery.movers} == set(run.detectors)
+    for m in gallery.movers:
+        rows = run.of(m.detector)
+        (i,) = np.flatnonzero((rows["image_id"] == m.image_id) & (rows["rank"] == m.view.rank))
+        assert m.before == places(match_table(run, m.detector, "detector").ranking)[i]
+        assert m.after == places(match_table(run, m.detector, "paper").ranking)[i]
+        rose = m.after < m.before
+        assert rose == ((m.view.outcome == "hit") == m.gain)
+        assert m.view.posterior == rows["posterior_paper"][i]
+        assert f"place {m.before} to {m.after} of {len(rows['rank'])}" in m.title
+        assert ("rose" in m.title) == rose
+        assert m.reason.startswith(f"D {m.view.depth_difference:.3f} (median")
+        assert m.group_text
+
+
+def test_what_counts_otherwise_comes_first_then_the_larger_move(run: Run):
+    groups: dict[tuple, list] = {}
+    for m in build_gallery(run, "paper").movers:
+        key = m.group not in CHANGED, -abs(m.after - m.before)
+        groups.setdefault((m.detector, m.gain, m.view.outcome), []).append(key)
+    assert len(groups) >= 4
+    assert all(keys == sorted(keys) for keys in groups.values())
+
+
+def test_the_first_cards_show_one_of_each_kind(run: Run):
+    movers = build_gallery(run, "paper", max_cards=16).movers
+    kinds = [(m.detector, m.gain, m.view.outcome) for m in movers]
+    assert len(set(kinds[: len(set(kinds))])) == len(set(kinds))
+    assert len(movers) <= 16
 
 
 def test_colours_are_neutral_at_zero_residual_and_grey_in_holes():
@@ -44,19 +70,46 @@ def test_colours_are_neutral_at_zero_residual_and_grey_in_holes():
     assert colours[0, 3].tolist() == [105, 105, 105]
 
 
-def test_panels_are_jpeg_of_one_width(run: Run):
-    shelf = build_gallery(run, "paper", per_shelf=1)[0]
-    panels = shelf.movers[0].panels
-    for uri in (panels.picture, panels.measured, panels.predicted, panels.residual):
-        head, data = str(uri).split(",")
-        assert head == "data:image/jpeg;base64"
-        picture = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
-        assert picture.shape[1] == PANEL_WIDTH_PX
-        assert picture.std() > 3
+def test_the_ramp_of_the_page_is_that_of_the_pictures():
+    first, *_, last = colour_stops("viridis", 3).split(", rgb")
+    ends = colourise(np.array([[0.0, 1.0]], np.float32), 0, 1)[0].tolist()
+    assert first == "rgb({}, {}, {})".format(*ends[0])
+    assert last == "({}, {}, {})".format(*ends[1])
 
 
-def test_a_data_uri_gives_the_picture_back():
+def test_panels_are_pictures_of_the_candidate(run: Run):
+    view = next(frame_views(run, "paper"))
+    panels = candidate_panels(view, view.candidates["hog"][0])
+    assert panels.picture.width_px == PICTURE_WIDTH_PX
+    assert (panels.frame.width_px, panels.frame.height_px) == view.rgb.shape[1::-1]
+    for picture in (panels.frame, panels.picture, panels.measured, panels.predicted, panels.residual):
+        assert picture is not None
+        shown = pixels(picture)
+        assert shown.shape[:2] == (picture.height_px, picture.width_px)
+        assert shown.std() > 3
+    # the depth maps show the same part of the image
+    assert panels.predicted is not None
+    assert (panels.measured.width_px, panels.measured.height_px) == (
+        panels.predicted.width_px,
+        panels.predicted.height_px,
+    )
+
+
+def test_a_picture_is_given_back():
     picture = np.full((20, 30, 3), (200, 100, 50), np.uint8)
-    data = base64.b64decode(data_uri(picture).split(",")[1])
-    back = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
-    assert np.abs(back.astype(int) - picture).max() < 6
+    assert np.abs(pixels(as_webp(picture)).astype(int) - picture).max() < 6
+
+
+def test_what_is_cut_out_has_one_aspect_and_holds_the_box(run: Run):
+    for view in frame_views(run, "paper"):
+        for c in view.candidates["hog"]:
+            measured = candidate_panels(view, c).measured
+            rows, columns = crop_window(c, view.measured.shape)
+            assert measured.width_px % (columns.stop - columns.start) == 0
+            h, w = rows.stop - rows.start, columns.stop - columns.start
+            assert abs(w / h - 1.8) < 0.05 or w == view.measured.shape[1]
+            x0, y0, x1, y1 = np.clip(c.xyxy_px, 0, [*view.measured.shape[1::-1]] * 2)
+            assert columns.start <= x0
+            assert x1 <= columns.stop
+            assert rows.start <= y0
+            assert y1 <= rows.stop

@@ -57,7 +57,7 @@ def test_a_perfect_prediction_lies_on_the_stereo_points():
         registered, labels, CAMERA.left, (prediction.x0_px, prediction.y0_px), max_vertices=10**6
     )
     rgb = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    points, _ = stereo_points(measured, rgb, CAMERA.left, max_points=10**6)
+    points, _ = stereo_points(measured, rgb, CAMERA.left, np.zeros((0, 4)), max_points=10**6)
     assert len(mesh.xyz_m) == seen.sum()
     rays = {tuple(np.round(p[:2] / p[2], 5)): p for p in points}
     for vertex in mesh.xyz_m[:: len(mesh.xyz_m) // 50]:
@@ -95,6 +95,6 @@ def test_a_mesh_is_thinned_to_the_number_of_vertices_asked_for():
 def test_points_far_away_and_holes_are_left_out():
     depth = np.array([[5.0, np.nan], [80.0, 9.0]], np.float32)
     rgb = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
-    points, colours = stereo_points(depth, rgb, CAMERA.left, max_depth_m=60)
+    points, colours = stereo_points(depth, rgb, CAMERA.left, np.zeros((0, 4)), max_depth_m=60)
     np.testing.assert_allclose(points[:, 2], [5, 9])
     np.testing.assert_array_equal(colours, [[0, 1, 2], [9, 10, 11]])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from reports.rerun_plot import ASPECT, Axis, Plot, dashes
+from reports.rerun_plot import HEIGHT, WIDTH, Axis, Plot, dashes
 
 
 def test_axes_map_linearly_or_by_decades():
@@ -13,8 +13,9 @@ def test_axes_map_linearly_or_by_decades():
 
 
 def test_plots_grow_upwards_in_coordinates_that_grow_downwards():
-    plot = Plot("p", "t", Axis("x", 0, 1, ()), Axis("y", 0, 2, ()), (), (0, 0))
-    np.testing.assert_allclose(plot.place(np.array([0.0, 1.0]), np.array([0.0, 2.0])), [[0, 0], [ASPECT, -1]])
+    plot = Plot("p", "t", Axis("x", 0, 1, ()), Axis("y", 0, 2, ()), ())
+    places = plot.place(np.array([0.0, 1.0]), np.array([0.0, 2.0]))
+    np.testing.assert_allclose(places, [[0, HEIGHT], [WIDTH, 0]])
 
 
 def test_dashes_cover_half_of_the_line_and_lie_on_it():

@@ -111,6 +111,7 @@ def test_errors_are_one_line(rescore: Command, tiny_run: Path, tmp_path: Path) -
     )
     assert "expected an image of the data set" in wrong(stranger)
     assert "expected a run folder" in wrong(rescore("log", tmp_path))
+    assert "expected a run folder" in wrong(rescore("report", tmp_path))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["nan.json"]
 
 

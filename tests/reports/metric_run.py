@@ -1,0 +1,64 @@
+"""Adds a mode with learned evidence to the small run folder, by an evidence model whose numbers are known."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rescore.cues import CUES, Registration
+from rescore.evidence_model import EvidenceModel, save_models
+from rescore.formats.coco_dataset import read_dataset
+from rescore.fuse import fuse
+from rescore.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
+from rescore.metrics import summarise
+from rescore.store import read_candidates
+
+W = 0.4
+
+
+def evidence_model() -> EvidenceModel:
+    """Two cues speak: height 0.7 and foot -0.5 log odds a unit, about 0; the others say nothing."""
+    knots = {name: np.array([-1.0, 1.0]) for name in Registration.METRIC.cues}
+    log_odds = {name: np.zeros(2) for name in knots} | {
+        "height": np.array([-0.7, 0.7]),
+        "foot": np.array([0.5, -0.5]),
+    }
+    return EvidenceModel(Registration.METRIC, knots, log_odds, bias=-1.0, min_share=0.5, floors={})
+
+
+def make_metric_run(source: Path, root: Path, seed: int = 5) -> Path:
+    """A copy of a small run folder with mode ``metric``, its evidence models and its figures."""
+    shutil.copytree(source, root)
+    rng = np.random.default_rng(seed)
+    columns = read_candidates(root / "candidates.parquet", ())
+    n = len(columns["rank"])
+    cues = rng.uniform(-1, 1, (n, len(CUES)))
+    d = evidence_model().difference(cues)
+    posterior = fuse(columns["likelihood"], d, W)
+    columns |= {f"cue_{name}": column for name, column in zip(CUES, cues.T, strict=True)}
+    columns |= {"difference_metric": d, "posterior_metric": posterior, "w_metric": np.full(n, W)}
+    columns |= {"status_metric": np.full(n, "ok", object), "outcome_metric": np.empty(n, object)}
+    columns["annotation_id_metric"] = np.full(n, -1)
+    truth = TruthTable.of(read_dataset(root / "data").split("test"))
+    boxes = np.stack([columns[k] for k in ("x0", "y0", "x1", "y1")], 1)
+    metrics = json.loads((root / "metrics.json").read_text())
+    for detector in dict.fromkeys(columns["detector"]):
+        own = columns["detector"] == detector
+        ranking = ranking_of(posterior[own], columns["detector_score"][own])
+        match = greedy_match(columns["image_id"][own], boxes[own], ranking, truth)
+        columns["outcome_metric"][own] = [str(OUTCOMES[o]) for o in match.outcome]
+        columns["annotation_id_metric"][own] = match.annotation_id
+        s = summarise(match)
+        figures = {"auc": s.auc, "average_precision": s.average_precision, "recall_ceiling": s.recall_ceiling}
+        row = {"detector": detector, "mode": "metric", "w": W, **figures}
+        metrics["rows"].append(row | {"fppi_at_recall": {f"{k:g}": v for k, v in s.fppi_at_recall.items()}})
+        metrics["tuning"][detector]["modes"]["metric"] = metrics["tuning"][detector]["modes"]["paper"]
+        save_models(root / "models" / f"{detector}.evidence.json", {Registration.METRIC: evidence_model()})
+    order = {name: i for i, name in enumerate(dict.fromkeys(columns["detector"]))}
+    metrics["rows"].sort(key=lambda row: order[row["detector"]])
+    (root / "metrics.json").write_text(json.dumps(metrics))
+    pq.write_table(pa.table(columns), root / "candidates.parquet")
+    return root

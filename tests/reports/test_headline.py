@@ -1,0 +1,98 @@
+import pytest
+
+from reports.headline import few_images, headline, tiles
+
+
+def row(mode: str, fppi: float | None, detector: str = "hog", ap: float = 0.25) -> dict:
+    interval = {"fppi_at_recall": {"0.7": [0.5, None]}}
+    common = {"recall_ceiling": 0.6, "intervals": interval}
+    return common | {
+        "detector": detector,
+        "mode": mode,
+        "average_precision": ap,
+        "fppi_at_recall": {"0.7": fppi},
+    }
+
+
+def metrics(
+    *rows: dict, value: float | None = 2.0, interval: list | None = None, n_images: int = 100
+) -> dict:
+    figure = {"value": value, "interval": [1.5, 3.0] if interval is None else interval}
+    comparisons = [
+        {
+            "detector": r["detector"],
+            "mode": r["mode"],
+            "reduction": {"0.7": figure},
+            "average_precision_difference": {"value": 0.05, "interval": [0.01, 0.1]},
+        }
+        for r in rows
+        if r["mode"] != "detector"
+    ]
+    return {"rows": rows, "n_cars": 40, "n_images": n_images, "comparisons": comparisons}
+
+
+def test_both_values_and_the_interval_of_the_factor_are_said():
+    assert headline(metrics(row("detector", 2.0), row("metric", 1.0))) == (
+        "At 70 % of the 40 annotated cars found, stereo depth (metric) takes HOG + SVM from 2.00 to 1.00 "
+        "false positives an image, 2.0 times fewer (95 % interval 1.5 to 3.0)."
+    )
+
+
+def test_two_detectors_make_one_sentence():
+    rows = [
+        row(mode, fppi, d) for d in ("hog", "boosted") for mode, fppi in (("detector", 2.0), ("paper", 1.0))
+    ]
+    text = headline(metrics(*rows))
+    assert text.count("stereo depth (paper) takes") == 1
+    assert ", and boosted from 2.00 to 1.00" in text
+    assert text.count(". ") == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "interval", "said"),
+    [
+        (2.0, [0.9, None], "2.0 times fewer (95 % interval 0.9 to infinity; chance may explain it)"),
+        (None, [3.0, None], "infinitely many times fewer (95 % interval 3.0 to infinity)"),
+        (0.5, [0.25, 0.8], "2.0 times as many (95 % interval 1.2 to 4.0)"),
+        (0.5, [0.0, 1.25], "2.0 times as many (95 % interval 0.8 to infinity; chance may explain it)"),
+        (1.0, [0.8, 1.2], "about as many (95 % interval 0.8 to 1.2 times fewer)"),
+    ],
+)
+def test_the_factor_in_words(value, interval, said):
+    text = headline(metrics(row("detector", 2.0), row("paper", 1.0), value=value, interval=interval))
+    assert text.endswith(f"false positives an image, {said}.")
+
+
+def test_a_rate_that_is_never_reached_is_said_so():
+    alone = headline(metrics(row("detector", None)))
+    assert alone.endswith("HOG + SVM never gets there: its candidates hold 60.0% of them.")
+    later = headline(metrics(row("detector", None), row("paper", 2.0, ap=0.3)))
+    assert later.endswith(
+        "HOG + SVM never gets there before rescoring (average precision 0.250 to 0.300, 95 % interval of the "
+        "difference +0.010 to +0.100)."
+    )
+
+
+def test_a_detector_alone_has_its_own_interval():
+    text = headline(metrics(row("detector", 2.0)))
+    assert text.endswith(
+        "HOG + SVM alone makes 2.00 false positives an image (95 % interval 0.50 to infinity)."
+    )
+    (tile,) = tiles(metrics(row("detector", 2.0)))
+    assert (tile.before, tile.after, tile.factor) == ("2.00", None, "")
+
+
+def test_nothing_is_claimed_without_annotated_cars():
+    assert "nothing can be said" in headline(metrics(row("detector", None)) | {"n_cars": 0})
+
+
+def test_few_images_get_a_warning():
+    assert few_images(metrics(n_images=30)) is None
+    assert str(few_images(metrics(n_images=6))).startswith("6 images prove little")
+    assert str(few_images(metrics(n_images=1))).startswith("One image proves little")
+
+
+def test_a_tile_says_whether_it_became_worse():
+    for before, after, worse in ((2.0, 1.0, False), (1.0, 2.0, True), (None, 1.0, False), (1.0, None, True)):
+        (tile,) = tiles(metrics(row("detector", before), row("paper", after)))
+        assert tile.worse == worse
