@@ -49,8 +49,8 @@ published-evidence: paper
 	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
 
 # pictures of the viewer, which draws with Vulkan: apt-get install mesa-vulkan-drivers
-published-recording: paper
-	$(BIN)/python -m reports.recording_pictures runs/paper reports/published/recording "make published-recording"
+published-recording: demo
+	$(BIN)/python -m reports.recording_pictures runs/demo reports/published/recording "make published-recording"
 
 bench: setup
 	$(BIN)/python tests/bench.py
