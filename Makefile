@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-recording bench clean
+	published-evidence published-stereo published-recording bench clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -51,6 +51,18 @@ published-evidence: paper
 # pictures of the viewer, which draws with Vulkan: apt-get install mesa-vulkan-drivers
 published-recording: demo
 	$(BIN)/python -m reports.recording_pictures runs/demo reports/published/recording "make published-recording"
+
+# KITTI= names a folder of KITTI pairs, with or without truth
+KITTI ?=
+SCENES := runs/stereo_pairs
+published-stereo: setup
+	mkdir -p $(SCENES)/download
+	cd $(SCENES)/download && apt-get download opencv-doc && dpkg -x opencv-doc_*.deb opencv-doc
+	$(BIN)/python -m pip download -q --no-deps --only-binary :all: --python-version 3.8 \
+	    -d $(SCENES)/download scikit-image==0.16.2
+	$(BIN)/python -m reports.stereo_pairs $(SCENES)/download/opencv-doc \
+	    $(SCENES)/download/scikit_image-0.16.2-*.whl $(SCENES)
+	$(BIN)/rescore study-stereo $(SCENES)/aloe $(SCENES)/motorcycle $(KITTI) --out reports/published/stereo
 
 bench: setup
 	$(BIN)/python tests/bench.py

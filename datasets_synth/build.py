@@ -21,9 +21,10 @@ from datasets_synth.layout import CarModel
 from datasets_synth.object_classes import labelled_views, object_class
 from datasets_synth.pictures import car_picture
 from datasets_synth.presets import SynthConfig
+from recon.disparity_error import DisparityError, disparity_error
 from recon.errors import RescoreError
 from recon.part_views import save_part_views
-from recon.stereo import DisparityError, compute_disparity, disparity_error, read_disparity, write_disparity
+from recon.stereo import compute_disparity, read_disparity, write_disparity
 from recon.view_bins import ViewBins
 from rescore.frames import SPLITS
 from rescore.store import atomic_path, read_json, write_json
@@ -211,13 +212,12 @@ def _record(
 
 def _error_sums(error: DisparityError) -> dict[str, float]:
     """Sums over pixels, which add up over frames."""
-    n, m = error.n_truth, error.n_measured
     return {
-        "n_truth": n,
-        "n_measured": m,
-        "abs_error_px": error.end_point_error_px * m if m else 0.0,
-        "wrong_measured": error.wrong_share_measured * m if m else 0.0,
-        "wrong_filled": error.wrong_share_filled * n if n else 0.0,
+        "n_truth": error.n_truth,
+        "n_measured": error.n_measured,
+        "abs_error_px": error.absolute_error_px,
+        "wrong_measured": error.n_wrong_measured,
+        "wrong_filled": error.n_wrong_filled,
     }
 
 

@@ -294,6 +294,24 @@ def check_box(
 
     ``picture_px`` is the width and height of the picture.
     """
+    failure = check_extent(box_px, picture_px, config.min_inside)
+    if failure is not None:
+        return failure
+    size = box_px[2:] - box_px[:2]
+    aspect, expected = float(size[0] / size[1]), grid.box_width_px / grid.box_height_px
+    if max(aspect / expected, expected / aspect) > config.max_aspect_change:
+        return Failure(
+            Reason.REGISTRATION_FAILED,
+            f"a box {expected:.2f} times as wide as high expected for this view, got {aspect:.2f}",
+        )
+    return None
+
+
+def check_extent(box_px: FloatArray, picture_px: tuple[int, int], min_inside: float) -> Failure | None:
+    """Why a box (4,) is too small, or too far outside a picture of a width and height; None where it is not.
+
+    ``min_inside`` is the smallest share of it that must lie in the picture.
+    """
     size = box_px[2:] - box_px[:2]
     if not (np.isfinite(box_px).all() and (size >= 4).all()):
         return Failure(
@@ -302,16 +320,10 @@ def check_box(
         )
     clipped = np.clip(box_px, 0, [*picture_px, *picture_px])
     inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
-    if inside < config.min_inside:
+    if inside < min_inside:
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
-            f"at least {config.min_inside:.0%} of the box inside the image expected, got {inside:.0%}",
-        )
-    aspect, expected = float(size[0] / size[1]), grid.box_width_px / grid.box_height_px
-    if max(aspect / expected, expected / aspect) > config.max_aspect_change:
-        return Failure(
-            Reason.REGISTRATION_FAILED,
-            f"a box {expected:.2f} times as wide as high expected for this view, got {aspect:.2f}",
+            f"at least {min_inside:.0%} of the box inside the image expected, got {inside:.0%}",
         )
     return None
 

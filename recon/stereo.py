@@ -1,4 +1,4 @@
-"""Measured depth: OpenCV's semi-global matching on a rectified pair, KITTI's disparity files, and its error.
+"""Measured depth: OpenCV's semi-global matching on a rectified pair, and KITTI's disparity files.
 
 The matcher is Hirschmüller's semi-global matching (PAMI 2008) as OpenCV builds it, with 5 paths.
 """
@@ -59,9 +59,32 @@ class SgbmConfig:
             raise RescoreError(f"stereo: expected 0 <= p1 < p2, got p1={self.p1}, p2={self.p2}; raise p2")
 
 
-def disparities_to_reach(camera: StereoCamera, nearest_m: float) -> int:
-    """The smallest legal ``num_disparities`` that still measures surfaces at ``nearest_m`` metres."""
-    largest_px = camera.left.fx_px * camera.baseline_m / nearest_m
+KITTI_SGBM = SgbmConfig(num_disparities=208)
+"""The preset for KITTI's pairs: surfaces from 2 m on.
+
+Focal length times baseline is 380 to 385 px m in KITTI's recordings, so 2 m is up to 193 pixels of disparity.
+All else is as for rendered streets; nothing was tuned on KITTI. ``disparities_to_reach`` computes the same
+range from a calibration.
+"""
+
+
+def disparities_to_reach(camera: StereoCamera, nearest_m: float, offset_px: float = 0.0) -> int:
+    """The smallest legal ``num_disparities`` that still measures surfaces at ``nearest_m`` metres.
+
+    That is fx baseline / nearest less the offset, plus one, rounded up to a multiple of 16.
+
+    Args:
+        camera: The rectified pair.
+        nearest_m: Depth of the nearest surface wanted, above 0.
+        offset_px: cx of the right picture less cx of the left (Middlebury's doffs); matched disparities are
+            smaller by it.
+    """
+    largest_px = max(0.0, camera.left.fx_px * camera.baseline_m / nearest_m - offset_px)
+    return disparities_beyond(largest_px)
+
+
+def disparities_beyond(largest_px: float) -> int:
+    """The smallest legal ``num_disparities`` whose search goes beyond a disparity of so many pixels."""
     return 16 * (int(largest_px) // 16 + 1)
 
 
@@ -147,11 +170,13 @@ def read_disparity(path: Path, width_px: int, height_px: int) -> NDArray[np.floa
     Raises:
         RescoreError: No such file, not a whole PNG, not 16-bit grey, or of another size.
     """
-    return read_png16(path, width_px, height_px, "disparity", PNG_SCALE)
+    disparity_px = read_png16(path, width_px, height_px, "disparity", PNG_SCALE)
+    disparity_px[disparity_px == 0] = np.nan
+    return disparity_px
 
 
 def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: float) -> NDArray[np.float32]:
-    """Value / factor of a 16-bit grey PNG, shape (h, w); NaN where the value is 0.
+    """Value / factor of a 16-bit grey PNG, shape (h, w); what 0 means is for the caller to say.
 
     ``what`` is "disparity" or "depth", for the errors.
 
@@ -180,9 +205,7 @@ def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: flo
             f"{path}: expected {width_px} x {height_px} pixels, got {value.shape[1]} x {value.shape[0]}; "
             f"the {what} must be that of the left picture"
         )
-    measured = value.astype(np.float32) / np.float32(factor)
-    measured[value == 0] = np.nan
-    return measured
+    return np.asarray(value.astype(np.float32) / np.float32(factor))
 
 
 def write_disparity(path: Path, disparity_px: NDArray[np.float32]) -> None:
@@ -213,83 +236,3 @@ def write_disparity(path: Path, disparity_px: NDArray[np.float32]) -> None:
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
-
-
-@dataclass(frozen=True)
-class DisparityError:
-    """How far a measured disparity map is from the truth, over the pixels that have truth and are asked for.
-
-    A pixel is wrong as in KITTI 2015 (D1): off by more than 3 pixels and by more than 5 % of the truth.
-    Shares are NaN where they have no pixels.
-    """
-
-    n_truth: int
-    """Pixels with truth inside the mask."""
-    n_measured: int
-    """Of these, pixels with a measurement."""
-    density: float
-    """n_measured / n_truth."""
-    end_point_error_px: float
-    """Mean absolute difference over the measured pixels."""
-    wrong_share_measured: float
-    """Wrong pixels / measured pixels (KITTI's D1-est)."""
-    wrong_share_filled: float
-    """Wrong pixels / all truth pixels after filling holes from the background (KITTI's D1-all).
-
-    This is the number to hold against KITTI's table.
-    """
-
-
-def fill_holes(disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Disparity (h, w) without holes: KITTI's background interpolation.
-
-    Each hole takes the smaller disparity (the farther surface) of its two measured neighbours in the row; at
-    the ends of a row it takes the one there is; empty rows copy the nearest measured row above, else below.
-    Where nothing at all is measured, the result is NaN.
-    """
-    before = _last_measured(disparity_px)
-    after = _last_measured(disparity_px[:, ::-1])[:, ::-1]
-    in_rows = np.fmin(before, after)
-    above = _last_measured(in_rows.T).T
-    below = _last_measured(in_rows.T[:, ::-1])[:, ::-1].T
-    return np.where(np.isnan(above), below, above)
-
-
-def _last_measured(disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The last measured value at or before each column of its row; NaN before the first."""
-    column = np.where(np.isnan(disparity_px), 0, np.arange(disparity_px.shape[1]))
-    return np.take_along_axis(disparity_px, np.maximum.accumulate(column, axis=1), axis=1)
-
-
-def disparity_error(
-    measured_px: NDArray[np.float32], truth_px: NDArray[np.float32], mask: NDArray[np.bool_]
-) -> DisparityError:
-    """Density, end-point error and shares of wrong pixels of a map, all of shape (h, w).
-
-    Args:
-        measured_px: NaN where there is no measurement. Holes are filled from the whole map.
-        truth_px: NaN where there is no truth (sky).
-        mask: The pixels to count.
-
-    Raises:
-        ValueError: The shapes differ.
-    """
-    if not measured_px.shape == truth_px.shape == mask.shape:
-        raise ValueError(f"shapes differ: {measured_px.shape}, {truth_px.shape}, {mask.shape}")
-    counted = mask & ~np.isnan(truth_px)
-    truth = truth_px[counted].astype(np.float64)
-    error = np.abs(measured_px[counted] - truth)
-    # a hole in a map without any measurement stays NaN, which is wrong too
-    filled_error = np.nan_to_num(np.abs(fill_holes(measured_px)[counted] - truth), nan=np.inf)
-    has = ~np.isnan(error)
-    wrong = (error > 3) & (error > 0.05 * truth)
-    wrong_filled = (filled_error > 3) & (filled_error > 0.05 * truth)
-    n_truth, n_measured = len(truth), int(has.sum())
-    return DisparityError(
-        n_truth=n_truth,
-        n_measured=n_measured,
-        density=n_measured / n_truth if n_truth else np.nan,
-        end_point_error_px=float(error[has].mean()) if n_measured else np.nan,
-        wrong_share_measured=float(wrong[has].mean()) if n_measured else np.nan,
-        wrong_share_filled=float(wrong_filled.mean()) if n_truth else np.nan,
-    )

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.depth_map import DepthMap
 from recon.outcome import Failure
 from recon.reconstruct import Reconstruction
 from recon.stereo import SgbmConfig
@@ -16,9 +17,10 @@ from reports.run_folder import Run, boxes_px
 from rescore.align_depth import DepthAlignment, measured_depth
 from rescore.candidate_columns import difference, of_mode, status
 from rescore.cues import CUES
-from rescore.evidence_files import evidence_path, read_evidence
+from rescore.evidence_files import Predicted, evidence_path, read_evidence
 from rescore.formats.open import read_dataset
 from rescore.frames import DataSet, FrameRecord, Truth, load_frame, read_rgb
+from rescore.predicted import BoxPrediction
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +50,9 @@ class CandidateView:
     """The car it is matched with in the mode shown, -1 for none."""
     kind: str
     instance: Reconstruction | None
-    """The 3D instance before registration; None where there is none."""
+    """The 3D instance before registration; None where there is none, or another system predicts depth."""
+    predicted: DepthMap | None
+    """Depth before registration, of the instance or of another system; None where there is none."""
     registered: NDArray[np.float32] | None
     """Predicted depth of the window after the registration of the mode shown, in the unit of the measured
     depth; None where there is no registration."""
@@ -156,17 +160,21 @@ class _Table:
         order = np.lexsort((rows["rank"][index], -rows["detector_score"][index], -self._posterior[index]))
         new_rank = np.empty(len(index), int)
         new_rank[order] = np.arange(len(index))
-        instances: tuple[Reconstruction | Failure, ...] = ()
+        instances: Sequence[Predicted] = ()
         if self._folder is not None:
             path = evidence_path(self._folder, self._detector, image_id)
             instances = read_evidence(path) if path.is_file() else ()
         return tuple(
-            self._view(int(i), int(new), _instance(instances, int(rows["rank"][i])), measured)
+            self._view(int(i), int(new), _found(instances, int(rows["rank"][i])), measured)
             for i, new in zip(index, new_rank, strict=True)
         )
 
     def _view(
-        self, i: int, new_rank: int, instance: Reconstruction | None, measured: NDArray[np.float32]
+        self,
+        i: int,
+        new_rank: int,
+        found: Reconstruction | BoxPrediction | None,
+        measured: NDArray[np.float32],
     ) -> CandidateView:
         rows = self._rows
         box = boxes_px({k: rows[k][i : i + 1] for k in ("x0", "y0", "x1", "y1")})[0]
@@ -184,26 +192,32 @@ class _Table:
             outcome_detector=str(rows["outcome_detector"][i]),
             annotation_id=int(self._annotation_id[i]),
             kind=str(rows["kind"][i]) if "kind" in rows else "",
-            instance=instance,
-            registered=None if instance is None else self._registered(i, instance, box, measured),
+            instance=found if isinstance(found, Reconstruction) else None,
+            predicted=None if found is None else found.depth,
+            registered=None if found is None else self._registered(i, found, box, measured),
             cues=self._cues[i],
         )
 
     def _registered(
-        self, i: int, instance: Reconstruction, box: FloatArray, measured: NDArray[np.float32]
+        self,
+        i: int,
+        found: Reconstruction | BoxPrediction,
+        box: FloatArray,
+        measured: NDArray[np.float32],
     ) -> NDArray[np.float32] | None:
         if self._of_relief:
             scale = float(np.exp(self._cues[i, CUES.index("relief_scale")]))
-            return registered_relief(instance.depth, measured, box, scale) if np.isfinite(scale) else None
+            return registered_relief(found.depth, measured, box, scale) if np.isfinite(scale) else None
         if not np.isfinite(self._rows["scale"][i]):
             return None
-        return registered_depth(instance.depth, self._alignment(i))
+        inverse = isinstance(found, BoxPrediction) and found.inverse
+        return registered_depth(found.depth, self._alignment(i), inverse)
 
     def _alignment(self, i: int) -> DepthAlignment:
         names = ("scale", "offset", "depth_difference", "valid_share", "stereo_low", "stereo_span")
         return DepthAlignment(*(float(self._rows[name][i]) for name in names))
 
 
-def _instance(instances: tuple[Reconstruction | Failure, ...], rank: int) -> Reconstruction | None:
-    one = instances[rank] if rank < len(instances) else None
+def _found(found: Sequence[Predicted], rank: int) -> Reconstruction | BoxPrediction | None:
+    one = found[rank] if rank < len(found) else None
     return None if isinstance(one, Failure) else one

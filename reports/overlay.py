@@ -46,10 +46,18 @@ def apply_transform(transform: FloatArray, xyz: FloatArray) -> FloatArray:
     return xyz @ transform[:3, :3].T + transform[:3, 3]
 
 
-def registered_depth(predicted: DepthMap, alignment: DepthAlignment) -> NDArray[np.float32]:
-    """Predicted depth (h, w) in the unit of the measured one: a1 and a2 of eq. 6, normalisation undone."""
+def registered_depth(
+    predicted: DepthMap, alignment: DepthAlignment, inverse: bool = False
+) -> NDArray[np.float32]:
+    """Predicted depth (h, w) in the unit of the measured one: a1 and a2 of eq. 6, normalisation undone.
+
+    ``inverse``: eq. 6 was solved in inverse depth; what it puts beyond infinity becomes NaN.
+    """
     normalised = alignment.scale * predicted.depth.astype(float) + alignment.offset
-    return (normalised * alignment.stereo_span + alignment.stereo_low).astype(np.float32)
+    registered = normalised * alignment.stereo_span + alignment.stereo_low
+    if inverse:
+        registered = 1 / np.where(registered > 0, registered, np.nan)
+    return registered.astype(np.float32)
 
 
 def registered_relief(

@@ -41,8 +41,8 @@ def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
     rows, columns = _crop_window(c, view.measured.shape)
     measured = view.measured[rows, columns]
     predicted = np.full(view.measured.shape, np.nan, np.float32)
-    if c.instance is not None and c.registered is not None:
-        predicted[c.instance.depth.window] = c.registered
+    if c.predicted is not None and c.registered is not None:
+        predicted[c.predicted.window] = c.registered
     predicted = predicted[rows, columns]
     near, far = _depth_range(c, view, predicted)
     has = bool(np.isfinite(predicted).any())

@@ -168,8 +168,8 @@ def _log_crops(
     fitted = np.full(view.measured.shape, np.nan, np.float32)
     if c.instance is not None:
         labels[c.instance.depth.window] = c.instance.part_labels
-        if c.registered is not None:
-            fitted[c.instance.depth.window] = c.registered
+    if c.predicted is not None and c.registered is not None:
+        fitted[c.predicted.window] = c.registered
     rec.log(
         f"{root}/parts",
         rr.SegmentationImage(np.asarray(crop.cut(labels, cv2.INTER_NEAREST, 0), np.uint8), opacity=0.75),
@@ -220,10 +220,12 @@ def _residual_limit(fitted: NDArray[np.float32]) -> float:
 
 def _mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | None:
     """The registered prediction of a candidate as a surface in the camera frame; None without one."""
-    if c.instance is None or c.registered is None:
+    if c.predicted is None or c.registered is None:
         return None
-    corner = (c.instance.depth.x0_px, c.instance.depth.y0_px)
-    return part_mesh(in_metres(c.registered, view), c.instance.part_labels, view.camera, corner, max_vertices)
+    corner = (c.predicted.x0_px, c.predicted.y0_px)
+    # another system has no parts: its surface is of one colour
+    labels = c.instance.part_labels if c.instance else np.ones(c.registered.shape, np.uint8)
+    return part_mesh(in_metres(c.registered, view), labels, view.camera, corner, max_vertices)
 
 
 def _log_mesh(rec: rr.RecordingStream, path: str, meshes: list[PartMesh | None], view: FrameView) -> None:
@@ -252,7 +254,8 @@ def _log_boxes(
     view: FrameView,
     model: ClassModel | None,
 ) -> None:
-    """Log the oriented boxes of candidates that have a registered prediction."""
+    """Log the oriented boxes of candidates that have a registered model; another system has no axes."""
+    some = tuple(c for c in some if c.instance is not None)
     world = world_from_camera(view.ground)
     centres, halves, turns = np.zeros((len(some), 3)), np.zeros((len(some), 3)), []
     for i, c in enumerate(some):

@@ -178,6 +178,7 @@ def _guide(story: Story, stride: int) -> str:
         "guide.md.j2",
         metrics=story.run.metrics,
         mode=mode_name(story.mode),
+        other_system=story.run.other_system,
         point=story.points[story.run.detectors[0]].text,
         low=low,
         high=high,

@@ -59,6 +59,11 @@ class Run:
         settings = self.config.get("config")
         return settings if isinstance(settings, dict) else {}
 
+    @property
+    def other_system(self) -> bool:
+        """Whether depth that another system predicted led to scores of the run."""
+        return bool(self._settings.get("predicted"))
+
     def tuning(self) -> Mapping[str, Mapping[str, Any]]:
         """The choice of w in the last mode, by detector: ``w``, ``w_grid``, ``objective``,
         ``objective_name`` and, but for older versions, ``uncertainty``; may be empty."""

@@ -10,14 +10,25 @@ if TYPE_CHECKING:
     from recon.camera import GroundPlane
     from recon.errors import RescoreError
     from rescore.inputs import Boxes, Camera, StereoFrame
+    from rescore.predicted import PredictedDepth
     from rescore.rescorer import Rescored, Rescorer
 
-__all__ = ["Boxes", "Camera", "GroundPlane", "RescoreError", "Rescored", "Rescorer", "StereoFrame"]
+__all__ = [
+    "Boxes",
+    "Camera",
+    "GroundPlane",
+    "PredictedDepth",
+    "RescoreError",
+    "Rescored",
+    "Rescorer",
+    "StereoFrame",
+]
 
 _HOMES = {
     "Boxes": "rescore.inputs",
     "Camera": "rescore.inputs",
     "GroundPlane": "recon.camera",
+    "PredictedDepth": "rescore.predicted",
     "RescoreError": "recon.errors",
     "Rescored": "rescore.rescorer",
     "Rescorer": "rescore.rescorer",

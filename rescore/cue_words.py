@@ -20,6 +20,7 @@ STATUS_TEXT = {
     "no_stereo": "too little measured depth",
     "stereo_not_believed": "measured depth contradicts itself or the ground",
     "no_calibration": "camera not calibrated",
+    "no_prediction": "no depth predicted in the box",
     "box_outside_image": "box outside the image",
 }
 """Words for each status of a candidate."""

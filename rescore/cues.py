@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import StereoCamera
-from recon.outcome import Failure
-from recon.reconstruct import Reconstruction
+from recon.depth_map import DepthMap
+from recon.errors import RescoreError
 from rescore.align_depth import predicted_region
 from rescore.frames import Frame
 from rescore.guarded import GUARDED, GuardedConfig, guarded_alignment
@@ -51,6 +51,19 @@ class Registration(StrEnum):
         }[self]
 
 
+CLASS_MODEL = "the class model"
+"""Whose depth w or D was fitted with, where it is not another system's."""
+
+
+def check_depth_of(where: str, fitted_with: str, used: str) -> None:
+    """Raises RescoreError where what was fitted with one prediction of depth is to be used with another."""
+    if fitted_with != used:
+        raise RescoreError(
+            f"{where}: expected what was fitted with depth of {used}, got what was fitted with depth of "
+            f"{fitted_with}; fit it again with the predictions that it is used with"
+        )
+
+
 LEARNED = tuple(r for r in Registration if r.cues)
 """Modes whose D is calibrated."""
 
@@ -69,7 +82,7 @@ class CueConfig:
 def frame_cues(
     frame: Frame,
     xyxy_px: FloatArray,
-    instances: Sequence[Reconstruction | Failure],
+    predicted: Sequence[DepthMap | None],
     azimuth_rad: FloatArray,
     config: CueConfig,
 ) -> FloatArray:
@@ -78,7 +91,8 @@ def frame_cues(
     Args:
         frame: picture, disparity, camera and ground. Without a camera only the guarded cues are had.
         xyxy_px: boxes, shape (n, 4).
-        instances: what was reconstructed in each box; a failure leaves out what needs a prediction.
+        predicted: depth predicted in each box; None, which leaves out what needs it, where there is none or
+            its scale and offset are unknown.
         azimuth_rad: side from which each is taken to be seen, shape (n,); NaN where nothing says it.
         config: settings.
     """
@@ -89,28 +103,27 @@ def frame_cues(
         around = surroundings(
             frame.disparity_px, xyxy_px, azimuth_rad, frame.camera, frame.ground, config.surroundings
         )
-    for i, instance in enumerate(instances):
-        if isinstance(instance, Failure):
+    for i, depth in enumerate(predicted):
+        if depth is None:
             continue
-        fit = guarded_alignment(instance.depth, frame.disparity_px, xyxy_px[i], config.guarded)
+        fit = guarded_alignment(depth, frame.disparity_px, xyxy_px[i], config.guarded)
         if fit is None:
             continue
         relief[i] = fit.cues
         if frame.camera is not None:
-            logarithm = _depth_ratio(instance, frame.disparity_px, xyxy_px[i], frame.camera)
+            logarithm = _depth_ratio(depth, frame.disparity_px, xyxy_px[i], frame.camera)
             ratio[i] = np.clip(logarithm, -config.depth_ratio_limit, config.depth_ratio_limit)
     believable = plausibility(frame.disparity_px, xyxy_px, frame.camera, frame.ground, config.plausibility)
     return np.hstack([relief, around, ratio, believable])
 
 
 def _depth_ratio(
-    instance: Reconstruction,
+    predicted: DepthMap,
     disparity_px: NDArray[np.float32],
     box_px: FloatArray,
     camera: StereoCamera,
 ) -> float:
     """Median logarithm of measured over predicted depth, over the predicted region in the box."""
-    predicted = instance.depth
     measured = disparity_px[predicted.window]
     use = predicted_region(predicted, box_px) & np.isfinite(measured)
     focal_baseline = camera.left.fx_px * camera.baseline_m

@@ -57,6 +57,9 @@ class CandidateTable:
     azimuth_deg: FloatArray
     """From where the object is seen, by the detector (see ``rescore.frames.Truth``), shape (n,); NaN where it
     does not say."""
+    ground: NDArray[np.object_]
+    """Where the ground plane of the frame came from (``rescore.frames.GroundSource``), "" where nothing was
+    rescored; strings, shape (n,)."""
 
     def __len__(self) -> int:
         return len(self.image_id)
@@ -96,10 +99,13 @@ class CandidateTable:
         candidates: Candidates,
         alignments: Sequence[DepthAlignment | Failure],
         cues: FloatArray | None = None,
+        ground: str = "",
     ) -> "CandidateTable":
-        """The candidates of one image with the outcome of eq. 6 and the cues (n, k) of each."""
+        """The candidates of one image with the outcome of eq. 6, the cues (n, k) of each, and its ground."""
         status = [a.reason.value if isinstance(a, Failure) else OK for a in alignments]
-        table = _rows(candidates, status, alignments)
+        table = replace(
+            _rows(candidates, status, alignments), ground=np.full(len(candidates), ground, object)
+        )
         return table if cues is None else replace(table, cues=cues)
 
 
@@ -128,5 +134,6 @@ def _rows(
         reason_detail=np.array([o.detail if isinstance(o, Failure) else "" for o in outcome], dtype=object),
         cues=np.full((n, len(CUES)), np.nan),
         azimuth_deg=np.full(n, np.nan) if candidates.azimuth_deg is None else candidates.azimuth_deg,
+        ground=np.full(n, "", object),
         **solved,
     )

@@ -1,4 +1,4 @@
-"""Evidence files: the reconstructions of the candidates of one frame, for the pictures; one npz a frame."""
+"""Evidence files: what was predicted of the candidates of one frame, for the pictures; one npz a frame."""
 
 import json
 import zipfile
@@ -13,7 +13,10 @@ from recon.depth_map import DepthMap
 from recon.errors import RescoreError
 from recon.outcome import Failure, Reason
 from recon.reconstruct import Reconstruction
+from rescore.predicted import BoxPrediction
 from rescore.store import atomic_path
+
+Predicted = Reconstruction | BoxPrediction | Failure
 
 _HEADER = "header_json"
 
@@ -23,17 +26,23 @@ def evidence_path(evidence_dir: Path, detector: str, image_id: int) -> Path:
     return evidence_dir / detector / f"{image_id}.npz"
 
 
-def write_evidence(path: Path, found: Sequence[Reconstruction | Failure]) -> None:
-    """Write the reconstructions of a frame in the order of its candidates.
+def write_evidence(path: Path, found: Sequence[Predicted]) -> None:
+    """Write the reconstructions of a frame, or what another system predicts, in the order of its candidates.
 
-    Predicted depth is kept in half precision (relative error below 0.05 %), which serves for looking; the
-    numbers of eq. 6 come from full precision and lie in the table of candidates.
+    The depth of reconstructions is kept in half precision (relative error below 0.05 %), which serves for
+    looking; the numbers of eq. 6 come from full precision and lie in the table of candidates.
     """
     arrays: dict[str, NDArray[Any]] = {}
     header: list[dict[str, Any]] = []
     for i, one in enumerate(found):
         if isinstance(one, Failure):
             header.append({"reason": one.reason.value, "detail": one.detail})
+            continue
+        if isinstance(one, BoxPrediction):
+            # relative numbers may have any size, which half precision has not
+            arrays[f"{i}/depth"] = one.depth.depth
+            kind = {"inverse": one.inverse, "metric": one.metric}
+            header.append({"origin_px": [one.depth.x0_px, one.depth.y0_px], "predicted": kind})
             continue
         planes = np.array(list(one.part_planes.values()), dtype=float).reshape(-1, 4)
         arrays |= {
@@ -59,8 +68,8 @@ def write_evidence(path: Path, found: Sequence[Reconstruction | Failure]) -> Non
         np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **arrays)
 
 
-def read_evidence(path: Path) -> tuple[Reconstruction | Failure, ...]:
-    """The reconstructions of a frame in the order of its candidates.
+def read_evidence(path: Path) -> tuple[Predicted, ...]:
+    """What ``write_evidence`` wrote of a frame, in the order of its candidates.
 
     Raises:
         RescoreError: no such file, or not an evidence file.
@@ -71,16 +80,19 @@ def read_evidence(path: Path) -> tuple[Reconstruction | Failure, ...]:
         with np.load(path, allow_pickle=False) as stored:
             header = json.loads(stored[_HEADER].tobytes().decode())
             return tuple(_read_one(i, row, stored) for i, row in enumerate(header))
-    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise RescoreError(
             f"{path}: expected an evidence file, could not read it ({error}); "
             "run `rescore apply --evidence` again"
         ) from error
 
 
-def _read_one(i: int, row: dict[str, Any], stored: Any) -> Reconstruction | Failure:
+def _read_one(i: int, row: dict[str, Any], stored: Any) -> Predicted:
     if "reason" in row:
         return Failure(Reason(row["reason"]), row["detail"])
+    if "predicted" in row:
+        x0, y0 = row["origin_px"]
+        return BoxPrediction(DepthMap(x0, y0, stored[f"{i}/depth"]), **row["predicted"])
     x0, y0, depth_x0, depth_y0 = row["origin_px"]
     return Reconstruction(
         outline_px=stored[f"{i}/outline_px"].astype(float),

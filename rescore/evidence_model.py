@@ -18,7 +18,7 @@ from sklearn.linear_model import LogisticRegression
 
 from recon.errors import RescoreError
 from recon.outcome import Reason
-from rescore.cues import CUES, LEARNED, Registration
+from rescore.cues import CLASS_MODEL, CUES, LEARNED, Registration
 from rescore.evidence import OK, CandidateTable
 from rescore.frames import FittingSet
 from rescore.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
@@ -62,6 +62,8 @@ class EvidenceModel:
     """Smallest share of the cues that a candidate needs."""
     floors: Mapping[str, float]
     """Smallest value of each of ``registration.checks``; a check that could not be made is passed."""
+    depth_of: str = CLASS_MODEL
+    """Whose depth it was fitted with (``rescore.predicted_files.PredictionFolder.depth_of``)."""
 
     def contributions(self, cues: FloatArray) -> FloatArray:
         """What each cue adds to the log odds that a candidate is a car, shape (n, k), columns ``CUES``.
@@ -74,6 +76,10 @@ class EvidenceModel:
             known = np.isfinite(cues[:, column])
             out[known, column] = np.interp(cues[known, column], knots, self.log_odds[name])
         return out
+
+    def shifted(self, log_odds: float) -> "EvidenceModel":
+        """The model with so much added to the log odds of every candidate (``rescore.car_share``)."""
+        return replace(self, bias=self.bias + log_odds)
 
     @property
     def neutral(self) -> float:
@@ -237,6 +243,7 @@ def save_models(path: Path, models: Mapping[Registration, EvidenceModel]) -> Non
             "bias": model.bias,
             "min_share": model.min_share,
             "floors": dict(model.floors),
+            "depth_of": model.depth_of,
             "cues": {
                 name: {"knots": at.tolist(), "log_odds": model.log_odds[name].tolist()}
                 for name, at in model.knots.items()
@@ -290,4 +297,5 @@ def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
     floors = {str(name): float(value) for name, value in row["floors"].items()}
     if not set(floors) <= set(mode.checks):
         raise ValueError(f"checks of mode {mode}: {sorted(floors)}")
-    return EvidenceModel(mode, knots, log_odds, float(row["bias"]), float(row["min_share"]), floors)
+    depth_of = str(row.get("depth_of", CLASS_MODEL))
+    return EvidenceModel(mode, knots, log_odds, float(row["bias"]), float(row["min_share"]), floors, depth_of)

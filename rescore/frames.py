@@ -2,7 +2,8 @@
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from recon.camera import GroundPlane, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import PNG_SCALE, SgbmConfig, compute_disparity
+from recon.stereo_ground import GroundEstimate, estimate_ground
 from rescore.measured import MeasuredFile, Quantity, read_measured
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
@@ -32,6 +34,7 @@ class FrameRecord:
     height_px: int
     camera: StereoCamera | None
     ground: GroundPlane | None
+    """As the data set states it; None where it does not."""
     instance_path: Path | None = None
     """16-bit picture of instance numbers on rendered scenes, 0 where there is none."""
     instance_kinds: Mapping[int, str] = field(default_factory=dict)
@@ -196,6 +199,17 @@ def _refuse_overlap(what: str, members: Mapping[str, set[Path] | set[str]]) -> N
                 )
 
 
+class GroundSource(StrEnum):
+    """Where the ground plane of a frame comes from."""
+
+    STATED = "stated"
+    """Height and pitch of the camera come with the picture."""
+    STEREO = "stereo"
+    """None is stated, and that of the measured disparity is trusted."""
+    DEFAULT = "default"
+    """Neither: ``recon.camera.DEFAULT_GROUND`` predicts depth, and nothing is asked of the ground."""
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One loaded frame."""
@@ -207,6 +221,28 @@ class Frame:
     """Measured, shape (h, w); NaN where there is no measurement."""
     camera: StereoCamera | None
     ground: GroundPlane | None
+    """Stated, or that of ``ground_estimate`` where it is trusted; None where it is unknown."""
+    ground_estimate: GroundEstimate | None = None
+    """From the measured disparity where no ground is stated and the camera is known."""
+
+    @property
+    def ground_source(self) -> GroundSource:
+        """Where ``ground`` comes from."""
+        if self.ground is None:
+            return GroundSource.DEFAULT
+        return GroundSource.STATED if self.ground_estimate is None else GroundSource.STEREO
+
+    def with_stereo_ground(self) -> "Frame":
+        """The frame with the ground plane of its disparity, trusted or not, where none is stated.
+
+        What is stated is kept: it was measured once with care, and holds where no ground is in view.
+        """
+        if self.ground is not None or self.camera is None:
+            return self
+        # one seed for all frames, so that a frame has one ground plane wherever it comes from
+        estimate = estimate_ground(self.disparity_px, self.camera, np.random.default_rng(0))
+        ground = estimate.ground if estimate.trusted else None
+        return replace(self, ground=ground, ground_estimate=estimate)
 
 
 def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
@@ -257,7 +293,10 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
 
 
 def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:
-    """Read the left picture and the disparity, which is computed from the pair where no file is given."""
+    """Read the left picture and the disparity, which is computed from the pair where no file is given.
+
+    The ground plane is that of the record, else that of the disparity where it can be trusted.
+    """
     left = read_rgb(record.left_path, record.width_px, record.height_px)
     file = record.measurement
     if file is not None:
@@ -272,7 +311,7 @@ def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:
             f"image {record.image_id}: expected right_file_name or disparity_file_name, got neither; "
             "rescoring needs measured depth"
         )
-    return Frame(record.image_id, left, disparity, record.camera, record.ground)
+    return Frame(record.image_id, left, disparity, record.camera, record.ground).with_stereo_ground()
 
 
 def _pair_disparity(

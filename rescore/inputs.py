@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import SgbmConfig, compute_disparity
+from rescore.array_checks import kind_of
 from rescore.calibration import PlattScaling
 from rescore.candidates import Candidates
 from rescore.formats.calibration_files import DEPTH_CAMERA_BASELINE_M
@@ -68,7 +69,8 @@ class StereoFrame:
     camera: Camera | None = None
     """None: unknown, which ``depth_m`` and mode "metric" cannot do without."""
     ground: GroundPlane | None = None
-    """Height and pitch of the camera over the ground; None: unknown."""
+    """Height and pitch of the camera over the ground; None: unknown, then that of the measured depth is used
+    where it can be trusted."""
 
     def __post_init__(self) -> None:
         given = [name for name in MEASURED if getattr(self, name) is not None]
@@ -101,13 +103,16 @@ class StereoFrame:
                 f"ground: expected finite height and pitch, got {self.ground}; leave unknown ground out"
             )
 
-    def loaded(self, stereo: SgbmConfig) -> Frame:
-        """The frame as rescoring takes it; a pair is matched over at least the disparities of ``stereo``."""
+    def loaded(self, stereo: SgbmConfig, nearest_m: float) -> Frame:
+        """The frame as rescoring takes it.
+
+        A pair is matched over at least the disparities of ``stereo``, and of surfaces from ``nearest_m`` on.
+        """
         height, width = self.left_rgb.shape[:2]
         camera = None if self.camera is None else self.camera.stereo(width, height)
         left = np.ascontiguousarray(self.left_rgb)
         if self.right_rgb is not None:
-            advised = stereo_for(width, [camera] if camera else []).num_disparities
+            advised = stereo_for(width, [(camera, 0.0)] if camera else [], nearest_m).num_disparities
             matcher = replace(stereo, num_disparities=max(stereo.num_disparities, advised))
             disparity = compute_disparity(left, np.ascontiguousarray(self.right_rgb), matcher)
         elif self.depth_m is not None:
@@ -116,7 +121,7 @@ class StereoFrame:
         else:
             assert self.disparity_px is not None
             disparity = _measured(self.disparity_px)
-        return Frame(0, left, disparity, camera, self.ground)
+        return Frame(0, left, disparity, camera, self.ground).with_stereo_ground()
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,19 +200,12 @@ def _finite(*numbers: Any) -> bool:
     return all(isinstance(v, int | float | np.number) and bool(np.isfinite(v)) for v in numbers)
 
 
-def _kind(value: Any) -> str:
-    """What came, for an error."""
-    if isinstance(value, np.ndarray):
-        return f"shape {value.shape} of {value.dtype}"
-    return type(value).__name__
-
-
 def _checked_rgb(name: str, value: Any) -> tuple[int, int]:
     """Height and width of a picture."""
     right = isinstance(value, np.ndarray) and value.ndim == 3 and value.shape[2] == 3
     if not right or value.dtype != np.uint8 or 0 in value.shape:
         raise RescoreError(
-            f"{name}: expected an array (h, w, 3) of uint8, red first, got {_kind(value)}; "
+            f"{name}: expected an array (h, w, 3) of uint8, red first, got {kind_of(value)}; "
             "convert the picture"
         )
     return value.shape[0], value.shape[1]
@@ -217,8 +215,8 @@ def _check_map(name: str, value: Any, size: tuple[int, int]) -> None:
     unit = "pixels" if name == "disparity_px" else "metres"
     if not (isinstance(value, np.ndarray) and np.issubdtype(value.dtype, np.floating)):
         raise RescoreError(
-            f"{name}: expected an array of floats in {unit}, got {_kind(value)}; divide by the factor of the "
-            "sensor, such as 1000 for millimetres"
+            f"{name}: expected an array of floats in {unit}, got {kind_of(value)}; divide by the factor of "
+            "the sensor, such as 1000 for millimetres"
         )
     if value.shape != size:
         raise RescoreError(
@@ -238,7 +236,7 @@ def _check_boxes(value: Any) -> None:
     empty = isinstance(value, np.ndarray) and value.shape == (0,)
     if not (_is_numbers(value) and (empty or (value.ndim == 2 and value.shape[1] == 4))):
         raise RescoreError(
-            f"xyxy_px: expected an array (n, 4) of numbers, a box a row, got {_kind(value)}; "
+            f"xyxy_px: expected an array (n, 4) of numbers, a box a row, got {kind_of(value)}; "
             "convert the boxes"
         )
     if empty:
@@ -255,7 +253,8 @@ def _check_boxes(value: Any) -> None:
 def _check_column(name: str, value: Any, n: int) -> None:
     if not (_is_numbers(value) and value.shape == (n,)):
         raise RescoreError(
-            f"{name}: expected an array ({n},) of numbers, one a box, got {_kind(value)}; mend the detections"
+            f"{name}: expected an array ({n},) of numbers, one a box, got {kind_of(value)}; mend the "
+            "detections"
         )
 
 

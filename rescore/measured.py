@@ -14,7 +14,7 @@ from recon.errors import RescoreError
 from recon.stereo import read_png16
 
 SUFFIXES = (".png", ".pfm", ".npy", ".exr")
-"""The forms that ``read_measured`` reads."""
+"""The forms that ``read_map`` reads."""
 KITTI_DEPTH_FACTOR = 256.0
 """Value of KITTI's depth PNGs for one metre."""
 TUM_DEPTH_FACTOR = 5000.0
@@ -57,7 +57,7 @@ def read_measured(
     Raises:
         RescoreError: no such file, damaged, another type or size; or depth without a camera.
     """
-    value = _values(file, width_px, height_px)
+    value = read_map(file.path, file.quantity.value, file.factor, width_px, height_px)
     value = np.where(np.isfinite(value) & (value > 0), value, np.float32(np.nan))
     if file.quantity is Quantity.DISPARITY:
         return value
@@ -68,26 +68,30 @@ def read_measured(
     return camera.disparity_px(value)
 
 
-def _values(file: MeasuredFile, width_px: int, height_px: int) -> NDArray[np.float32]:
-    """Value / factor as the file has it, shape (h, w)."""
-    suffix = file.path.suffix.lower()
+def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int) -> NDArray[np.float32]:
+    """Value / factor as the file has it, shape (h, w), whatever it is; ``what`` names it in the errors.
+
+    Raises:
+        RescoreError: no such file, damaged, or another type or size.
+    """
+    suffix = path.suffix.lower()
     if suffix == ".png":
-        return read_png16(file.path, width_px, height_px, file.quantity.value, file.factor)
-    what = f"a {file.quantity} file"
+        return read_png16(path, width_px, height_px, what, factor)
     readers = {".pfm": _read_pfm, ".npy": _read_npy, ".exr": _read_exr}
     if suffix not in readers:
         raise RescoreError(
-            f"{file.path}: expected {what} as {', '.join(SUFFIXES)}, got {suffix or 'no suffix'}; convert it"
+            f"{path}: expected a {what} file as {', '.join(SUFFIXES)}, got {suffix or 'no suffix'}; "
+            "convert it"
         )
-    if not file.path.is_file():
-        raise RescoreError(f"{file.path}: expected {what}, found no file; check its name")
-    value = readers[suffix](file.path)
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a {what} file, found no file; check its name")
+    value = readers[suffix](path)
     if value.shape != (height_px, width_px):
         raise RescoreError(
-            f"{file.path}: expected {what} of {width_px} x {height_px} values (one channel), got an array of "
-            f"shape {value.shape}; it must be that of the left picture"
+            f"{path}: expected a {what} file of {width_px} x {height_px} values (one channel), got an array "
+            f"of shape {value.shape}; it must be that of the left picture"
         )
-    return value / np.float32(file.factor)
+    return value / np.float32(factor)
 
 
 def _read_pfm(path: Path) -> NDArray[np.float32]:

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
+from recon.depth_map import DepthMap
+from recon.errors import RescoreError
 from recon.outcome import Failure
-from recon.reconstruct import ReconstructConfig, Reconstruction
+from recon.reconstruct import ReconstructConfig
 from recon.stereo import SgbmConfig
 from rescore.align_depth import (
     AlignConfig,
@@ -26,11 +28,13 @@ from rescore.align_depth import (
 from rescore.candidates import Candidates
 from rescore.cues import CUES, CueConfig, frame_cues
 from rescore.evidence import CandidateTable
-from rescore.evidence_files import evidence_path, write_evidence
-from rescore.frames import DataSet, Frame, FrameRecord, load_frame
+from rescore.evidence_files import Predicted, evidence_path, write_evidence
+from rescore.frames import DataSet, Frame, FrameRecord, GroundSource, load_frame
 from rescore.fuse import fuse
+from rescore.predicted import BoxPrediction, PredictedDepth, cut_to_boxes
+from rescore.predicted_files import PredictedFile, Predictions
 from rescore.threads import one_thread
-from rescore.views import NO_VIEWS, Views, reconstruct_views, views_of
+from rescore.views import NO_VIEWS, Views, reconstruct_views, views_of, views_without_model
 
 FloatArray = NDArray[np.float64]
 
@@ -61,20 +65,40 @@ class RescoreConfig:
     of a car. "model": the one that the class model explains it best with."""
     stereo: SgbmConfig = field(default_factory=SgbmConfig)
     """Used where a data set gives a right picture but no disparity."""
+    nearest_m: float = 2.0
+    """Depth in metres from which such pairs are measured where the camera is known: ``stereo`` then searches
+    at least as many disparities as that takes. A search twice as far takes about twice as long."""
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     align: AlignConfig = field(default_factory=AlignConfig)
     cues: CueConfig = field(default_factory=CueConfig)
     """Of the modes that go past eq. 6."""
 
+    def __post_init__(self) -> None:
+        if not self.nearest_m > 0:
+            raise RescoreError(f"nearest_m: expected metres above 0, got {self.nearest_m:g}; try 2")
+
 
 @dataclass(frozen=True, eq=False)
 class Instances:
-    """The 3D instances of the candidates of one frame."""
+    """What is predicted of the candidates of one frame: 3D instances, or depth of another system."""
 
-    found: tuple[Reconstruction | Failure, ...]
+    found: tuple[Predicted, ...]
     """One a candidate."""
     views: Views
     """From where each is taken to be seen."""
+
+    @property
+    def inverse(self) -> bool:
+        """Whether inverse depth is predicted, and eq. 6 is solved there."""
+        return any(isinstance(i, BoxPrediction) and i.inverse for i in self.found)
+
+    @property
+    def scaled_depths(self) -> tuple[DepthMap | None, ...]:
+        """Depth of each candidate; None where there is none, or its scale and offset are unknown."""
+        return tuple(
+            None if isinstance(i, Failure) or (isinstance(i, BoxPrediction) and not i.metric) else i.depth
+            for i in self.found
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,17 +108,19 @@ class FrameEvidence:
     candidates: Candidates
     views: Views
     """From where each candidate is taken to be seen."""
-    instances: tuple[Reconstruction | Failure, ...]
-    """The 3D instance of each candidate."""
+    instances: tuple[Predicted, ...]
+    """The 3D instance of each candidate, or the depth that another system predicts in its box."""
     alignments: tuple[DepthAlignment | Failure, ...]
-    """The outcome of eq. 6 of each candidate; the failure of its reconstruction where that failed."""
+    """The outcome of eq. 6 of each candidate; why nothing is predicted where nothing is."""
     cues: FloatArray
     """Parts of the evidence of the other modes, shape (n, k), columns ``rescore.cues.CUES``."""
+    ground: GroundSource | None = None
+    """Where the ground plane of the frame came from; None where the frame was not read."""
 
     @property
     def table(self) -> CandidateTable:
         """The candidates with the outcome of eq. 6, a row each."""
-        return CandidateTable.of_alignments(self.candidates, self.alignments, self.cues)
+        return CandidateTable.of_alignments(self.candidates, self.alignments, self.cues, self.ground or "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +150,20 @@ def depth_evidence(
     return compare_depth(frame, candidates, instances_of(frame, candidates, model, config), config)
 
 
+def compared_with_prediction(
+    frame: Frame, candidates: Candidates, predicted: PredictedDepth, config: RescoreConfig
+) -> FrameEvidence:
+    """``depth_evidence`` with the depth that another system predicts in place of the class model's.
+
+    Raises:
+        RescoreError: the prediction is of another size than the picture.
+    """
+    height, width = frame.left_rgb.shape[:2]
+    found = cut_to_boxes(predicted, candidates.xyxy_px, (width, height), config.reconstruct.min_inside)
+    views = views_without_model(candidates, config.view_bin)
+    return compare_depth(frame, candidates, Instances(found, views), config)
+
+
 def instances_of(frame: Frame, candidates: Candidates, model: ClassModel, config: RescoreConfig) -> Instances:
     """The 3D instance of each candidate, from the left picture, camera and ground alone."""
     camera, ground = assumed_camera(frame, config.camera)
@@ -139,6 +179,8 @@ def compare_depth(
 ) -> FrameEvidence:
     """What the measured depth of a frame says about candidates whose depth is predicted."""
     z_s = measured_depth(frame.disparity_px, frame.camera)
+    if instances.inverse:
+        z_s = np.float32(1) / z_s
     limits = None
     if config.align.normalisation is Normalisation.IMAGE_RANGE:
         limits = depth_range(z_s, config.align.percentiles)
@@ -147,8 +189,8 @@ def compare_depth(
         for i, box in zip(instances.found, candidates.xyxy_px, strict=True)
     )
     views = instances.views
-    cues = frame_cues(frame, candidates.xyxy_px, instances.found, views.azimuth_rad, config.cues)
-    return FrameEvidence(candidates, views, instances.found, alignments, cues)
+    cues = frame_cues(frame, candidates.xyxy_px, instances.scaled_depths, views.azimuth_rad, config.cues)
+    return FrameEvidence(candidates, views, instances.found, alignments, cues, frame.ground_source)
 
 
 def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, GroundPlane]:
@@ -163,7 +205,7 @@ def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, G
 def evidence_of_frames(
     data: DataSet,
     candidates: Mapping[int, Candidates],
-    model: ClassModel,
+    source: ClassModel | Predictions,
     config: RescoreConfig,
     *,
     jobs: int = 1,
@@ -175,7 +217,7 @@ def evidence_of_frames(
     Args:
         data: the frames.
         candidates: of each frame by image id; a frame without an entry has none.
-        model: the class model.
+        source: what predicts depth: the class model, or files of every frame that has candidates.
         config: settings.
         jobs: frames at a time.
         evidence_dir: the detector's folder of evidence files, one a frame; None writes none.
@@ -185,7 +227,7 @@ def evidence_of_frames(
         delayed(_evidence_of_frame)(
             record,
             candidates.get(record.image_id, Candidates(record.image_id, *none)),
-            model,
+            source.files.get(record.image_id) if isinstance(source, Predictions) else source,
             config,
             file=evidence_path(evidence_dir.parent, evidence_dir.name, record.image_id)
             if evidence_dir
@@ -200,7 +242,7 @@ def evidence_of_frames(
 def _evidence_of_frame(
     record: FrameRecord,
     candidates: Candidates,
-    model: ClassModel,
+    source: ClassModel | PredictedFile | None,
     config: RescoreConfig,
     *,
     file: Path | None,
@@ -209,8 +251,18 @@ def _evidence_of_frame(
     if not len(candidates):
         evidence = FrameEvidence(candidates, NO_VIEWS, (), (), np.zeros((0, len(CUES))))
     else:
+        assert source is not None, "every frame with candidates has a prediction"
         with one_thread():
-            evidence = depth_evidence(load_frame(record, config.stereo), candidates, model, config)
+            evidence = _evidence(load_frame(record, config.stereo), candidates, source, config)
     if file is not None:
         write_evidence(file, evidence.instances)
     return evidence.table
+
+
+def _evidence(
+    frame: Frame, candidates: Candidates, source: ClassModel | PredictedFile, config: RescoreConfig
+) -> FrameEvidence:
+    if isinstance(source, ClassModel):
+        return depth_evidence(frame, candidates, source, config)
+    height, width = frame.left_rgb.shape[:2]
+    return compared_with_prediction(frame, candidates, source.read(width, height), config)

@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
-from recon.outcome import Failure
-from recon.reconstruct import Reconstruction
 from rescore.calibration import PlattScaling
-from rescore.cues import CUES, Registration
+from rescore.candidates import Candidates
+from rescore.cues import CLASS_MODEL, CUES, Registration, check_depth_of
 from rescore.evidence import OK
+from rescore.evidence_files import Predicted
 from rescore.evidence_model import EvidenceModel, with_difference
+from rescore.frames import Frame
 from rescore.fuse import fuse
 from rescore.inputs import Boxes, StereoFrame
-from rescore.pipeline import RescoreConfig, depth_evidence
+from rescore.pipeline import FrameEvidence, RescoreConfig, compared_with_prediction, depth_evidence
+from rescore.predicted import PredictedDepth, another_system, check_mode
 from rescore.rescorer_files import Parts, parts_of_file, parts_of_run
 
 FloatArray = NDArray[np.float64]
@@ -47,9 +49,11 @@ class Rescored:
     """What each cue added to the log odds of a car, shape (n, k); 0 where there is no evidence, and in mode
     "paper"."""
     view_bin: NDArray[np.int64]
-    """View bin of the class model that each box was reconstructed with, shape (n,); -1 where none will do."""
-    instances: tuple[Reconstruction | Failure, ...] | None
-    """The 3D instance in each box or why there is none; None where they were not asked for."""
+    """View bin of the class model that each box was reconstructed with, shape (n,); -1 where none will do, or
+    another system predicts depth."""
+    instances: tuple[Predicted, ...] | None
+    """The 3D instance in each box, or the depth that another system predicts there, or why there is none;
+    None where they were not asked for."""
 
     cue_names = CUES
     """Columns of ``cues`` and ``log_odds``."""
@@ -68,7 +72,8 @@ class Rescorer:
         RescoreError: w outside [0, 1], or a view bin that the class model does not have.
     """
 
-    class_model: ClassModel
+    class_model: ClassModel | None
+    """None where another system predicts the depth of every frame."""
     w: float
     """Weight of the detector in eq. 7, in [0, 1]."""
     evidence_model: EvidenceModel | None = None
@@ -83,7 +88,7 @@ class Rescorer:
                 f"rescorer: expected w in [0, 1], got {self.w}; `rescore tune` finds it, 1 is the detector "
                 "alone"
             )
-        if self.config.view_bin != "model":
+        if self.class_model is not None and self.config.view_bin != "model":
             self.class_model.view(self.config.view_bin)
 
     @staticmethod
@@ -114,20 +119,30 @@ class Rescorer:
         """How predicted and measured depth are compared."""
         return Registration.PAPER if self.evidence_model is None else self.evidence_model.registration
 
-    def rescore(self, frame: StereoFrame, boxes: Boxes, *, instances: bool = False) -> Rescored:
+    def rescore(
+        self,
+        frame: StereoFrame,
+        boxes: Boxes,
+        *,
+        predicted: PredictedDepth | None = None,
+        instances: bool = False,
+    ) -> Rescored:
         """Rescore the boxes of one frame. Any number of threads may call this at once.
 
         Args:
             frame: picture, measured depth, and what is known of camera and ground.
             boxes: the detections.
-            instances: whether the result shall hold the 3D instances.
+            predicted: depth that another system predicts of the left picture, in place of the class model's.
+            instances: whether the result shall hold what was predicted in each box.
 
         Raises:
-            RescoreError: scores without a scaling, or a pair too narrow to match.
+            RescoreError: scores without a scaling, a pair too narrow to match, a prediction of another size,
+                or one without known scale in a mode past eq. 6; neither prediction nor class model; D fitted
+                with depth of another kind.
         """
         candidates = boxes.candidates(self.scaling)
-        loaded = frame.loaded(self.config.stereo)
-        evidence = depth_evidence(loaded, candidates, self.class_model, self.config)
+        loaded = frame.loaded(self.config.stereo, self.config.nearest_m)
+        evidence = self._evidence(loaded, candidates, predicted)
         table = with_difference(evidence.table, self.evidence_model)
         log_odds = np.zeros_like(table.cues)
         if self.evidence_model is not None:
@@ -143,6 +158,24 @@ class Rescorer:
             view_bin=evidence.views.view_bin,
             instances=evidence.instances if instances else None,
         )
+
+    def _evidence(
+        self, frame: Frame, candidates: Candidates, predicted: PredictedDepth | None
+    ) -> FrameEvidence:
+        if predicted is not None:
+            check_mode(predicted.unit, self.mode)
+            self._check_evidence(another_system(predicted.predicted_as, predicted.unit))
+            return compared_with_prediction(frame, candidates, predicted, self.config)
+        if self.class_model is None:
+            raise RescoreError(
+                "rescorer: expected a class model or a prediction, got neither; give rescore(predicted=...)"
+            )
+        self._check_evidence(CLASS_MODEL)
+        return depth_evidence(frame, candidates, self.class_model, self.config)
+
+    def _check_evidence(self, depth_of: str) -> None:
+        if self.evidence_model is not None:
+            check_depth_of("rescorer: evidence model", self.evidence_model.depth_of, depth_of)
 
 
 def _of_parts(parts: Parts) -> Rescorer:

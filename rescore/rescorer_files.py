@@ -9,13 +9,13 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from rescore.calibration import PlattScaling
-from rescore.cues import LEARNED, Registration
+from rescore.cues import CLASS_MODEL, LEARNED, Registration
 from rescore.evidence_model import EvidenceModel, load_model
 from rescore.formats.checked_json import first_difference, read_checked
 from rescore.pipeline import RescoreConfig
 from rescore.run_folder import RunFolder
 from rescore.setting_changes import merged, refuse_unknown_keys
-from rescore.steps import load_scaling, tuned_weight
+from rescore.steps import load_scaling, load_tuning, tuned_weight
 from rescore.store import read_json
 
 
@@ -23,7 +23,7 @@ from rescore.store import read_json
 class Parts:
     """What a ``Rescorer`` is made of."""
 
-    class_model: ClassModel
+    class_model: ClassModel | None
     w: float
     evidence_model: EvidenceModel | None
     scaling: PlattScaling | None
@@ -36,9 +36,10 @@ class _File(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     format: Literal["rescorer 1"]
-    class_model: str
+    class_model: str | None = None
     registration: Registration = Registration.PAPER
     evidence_model: str | None = None
+    log_odds_shift: Annotated[float, Field(allow_inf_nan=False)] = 0.0
     w: Annotated[float, Field(ge=0, le=1)] | None = None
     tuned: str | None = None
     scaling: str | None = None
@@ -67,13 +68,30 @@ def parts_of_file(path: Path) -> Parts:
             f"{path}: expected evidence_model for registrations {' and '.join(LEARNED)} alone, got "
             f"{file.evidence_model!r} for {mode}; mend one of the two"
         )
+    if file.log_odds_shift and file.evidence_model is None:
+        raise RescoreError(
+            f"{path}: expected log_odds_shift beside an evidence_model, got {file.log_odds_shift:g} without; "
+            "leave it out"
+        )
+    learned = load_model(beside / file.evidence_model, mode) if file.evidence_model else None
     return Parts(
-        class_model=ClassModel.load(beside / file.class_model),
-        w=tuned_weight(beside / str(file.tuned), mode) if file.w is None else file.w,
-        evidence_model=load_model(beside / file.evidence_model, mode) if file.evidence_model else None,
+        class_model=ClassModel.load(beside / file.class_model) if file.class_model else None,
+        w=_weight(beside / str(file.tuned), mode, file.class_model) if file.w is None else file.w,
+        evidence_model=None if learned is None else learned.shifted(file.log_odds_shift),
         scaling=load_scaling(beside / file.scaling) if file.scaling else None,
         config=_config(path, file.settings),
     )
+
+
+def _weight(path: Path, mode: Registration, class_model: str | None) -> float:
+    """The tuned w; where there is no class model, one that was tuned with another system's depth."""
+    tuning = load_tuning(path)
+    if class_model is None and tuning.depth_of == CLASS_MODEL:
+        raise RescoreError(
+            f"{path}: expected a weight tuned with predictions, since there is no class_model, got one tuned "
+            "with depth of the class model; name the class model or run `rescore tune --predicted-depth`"
+        )
+    return tuned_weight(path, mode, CLASS_MODEL if class_model else tuning.depth_of)
 
 
 def parts_of_run(run_dir: Path, detector: str, mode: str) -> Parts:

@@ -18,7 +18,7 @@ from recon.primitives import PrimitiveLibrary
 from recon.stereo import SgbmConfig, disparities_to_reach
 from rescore.calibration import PlattScaling, fit_platt, label_candidates
 from rescore.candidates import Candidates
-from rescore.cues import Registration
+from rescore.cues import CLASS_MODEL, Registration, check_depth_of
 from rescore.detectors.base import Detections, Detector
 from rescore.detectors.boosted import BoostedConfig, train_boosted
 from rescore.detectors.crop_training import CrossValidation, SceneConfig, cross_validate
@@ -30,14 +30,12 @@ from rescore.evidence_model import EvidenceConfig, EvidenceModel, fit_modes
 from rescore.frames import DataSet, FrameRecord, Splits, read_rgb
 from rescore.fusion_rules import LearnedFusion, fit_fusion
 from rescore.pipeline import CameraChoice, RescoreConfig, evidence_of_frames
+from rescore.predicted_files import Predictions
 from rescore.progress import track
 from rescore.store import read_json, write_json
 from rescore.threads import one_thread
 from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
 from rescore.weight_interval import uncertainty_as_json, uncertainty_of_json
-
-NEAREST_M = 2.0
-"""Depth in metres from which ``automatic_stereo`` measures where the camera is known."""
 
 
 class DetectorKind(StrEnum):
@@ -116,7 +114,7 @@ def _detect_frame(record: FrameRecord, detector: Detector) -> tuple[int, Detecti
 def find_evidence(
     data: DataSet,
     candidates: Mapping[int, Candidates],
-    model: ClassModel,
+    source: ClassModel | Predictions,
     config: RescoreConfig,
     *,
     jobs: int,
@@ -125,7 +123,7 @@ def find_evidence(
     show: bool = True,
 ) -> CandidateTable:
     """The candidates of all frames with the outcome of eq. 6 (see ``pipeline.evidence_of_frames``)."""
-    tables = evidence_of_frames(data, candidates, model, config, jobs=jobs, evidence_dir=evidence_dir)
+    tables = evidence_of_frames(data, candidates, source, config, jobs=jobs, evidence_dir=evidence_dir)
     return CandidateTable.concatenate(
         list(track(tables, f"depth evidence {detector}", len(data.frames), show))
     )
@@ -156,20 +154,28 @@ def tune(
     return replace(tuning, registration=registration, learned=learned)
 
 
-def automatic_stereo(data: DataSet) -> SgbmConfig:
+def automatic_stereo(data: DataSet, nearest_m: float = RescoreConfig.nearest_m) -> SgbmConfig:
     """Settings of the stereo matcher for the frames of a data set without a disparity file."""
     width = max((f.width_px for f in data.frames), default=640)
-    return stereo_for(width, [f.camera for f in data.frames if f.camera])
+    return stereo_for(width, [(f.camera, f.disparity_offset_px) for f in data.frames if f.camera], nearest_m)
 
 
-def stereo_for(width_px: int, cameras: Iterable[StereoCamera]) -> SgbmConfig:
+def stereo_for(
+    width_px: int, cameras: Iterable[tuple[StereoCamera, float]], nearest_m: float = RescoreConfig.nearest_m
+) -> SgbmConfig:
     """Settings of the stereo matcher for pictures of a width.
 
     Disparities up to a tenth of the picture's width are searched, rounded up to a multiple of 16, 64 at 640
-    pixels; and where cameras are known at least as many as reach ``NEAREST_M``, 208 for KITTI's. What is
-    nearer than the search reaches does not come out as a hole: much of it gets the largest disparity.
+    pixels; and where cameras are known at least as many as reach ``nearest_m``, which makes it
+    ``recon.stereo.KITTI_SGBM`` for KITTI's. What is nearer than the search reaches does not come out as a
+    hole: much of it gets the largest disparity.
+
+    Args:
+        width_px: Of the widest picture.
+        cameras: Pairs, each with the cx of its right picture less that of its left one, in pixels.
+        nearest_m: Depth of the nearest surface wanted.
     """
-    reach = [disparities_to_reach(camera, NEAREST_M) for camera in cameras]
+    reach = [disparities_to_reach(camera, nearest_m, offset_px) for camera, offset_px in cameras]
     # OpenCV's result is not defined for searches nearly as wide as the picture
     most = max(16, width_px // 32 * 16)
     return SgbmConfig(num_disparities=min(max([-(-width_px // 160) * 16, *reach]), most))
@@ -207,6 +213,7 @@ def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
         "uncertainty": uncertainty_as_json(tuning.uncertainty),
         "sentence": tuning.sentence,
         "learned": None if tuning.learned is None else asdict(tuning.learned),
+        "depth_of": tuning.depth_of,
     }
 
 
@@ -229,6 +236,7 @@ def load_tuning(path: Path) -> Tuning:
             registration=Registration(value.get("registration", Registration.PAPER)),
             uncertainty=uncertainty_of_json(value.get("uncertainty")),
             learned=None if value.get("learned") is None else LearnedFusion(**value["learned"]),
+            depth_of=str(value.get("depth_of", CLASS_MODEL)),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise RescoreError(
@@ -239,11 +247,11 @@ def load_tuning(path: Path) -> Tuning:
     return tuning
 
 
-def tuned_weight(path: Path, mode: Registration) -> float:
-    """The w that was tuned for a mode.
+def tuned_weight(path: Path, mode: Registration, depth_of: str = CLASS_MODEL) -> float:
+    """The w that was tuned for a mode with someone's depth.
 
     Raises:
-        RescoreError: no such file, or a weight for another mode.
+        RescoreError: no such file, or a weight for another mode or with another's depth.
     """
     tuning = load_tuning(path)
     if tuning.registration is not mode:
@@ -251,12 +259,14 @@ def tuned_weight(path: Path, mode: Registration) -> float:
             f"{path}: expected a weight tuned for registration {mode}, got one for {tuning.registration}; "
             "tune again in this mode"
         )
+    check_depth_of(str(path), tuning.depth_of, depth_of)
     return tuning.w
 
 
 def with_stereo_for(config: RescoreConfig, data: DataSet, num_disparities: int | None) -> RescoreConfig:
     """The config with the disparities asked for, or at least as many as ``automatic_stereo`` advises."""
-    advised = max(config.stereo.num_disparities, automatic_stereo(data).num_disparities)
+    automatic = automatic_stereo(data, config.nearest_m)
+    advised = max(config.stereo.num_disparities, automatic.num_disparities)
     chosen = advised if num_disparities is None else num_disparities
     return replace(config, stereo=replace(config.stereo, num_disparities=chosen))
 

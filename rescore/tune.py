@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recon.errors import RescoreError
 from rescore.bootstrap import draw_images
-from rescore.cues import Registration
+from rescore.cues import CLASS_MODEL, Registration
 from rescore.evidence import CandidateTable
 from rescore.frames import ValidationSet
 from rescore.fuse import fuse
@@ -88,6 +88,8 @@ class Tuning:
     images."""
     learned: LearnedFusion | None = None
     """A fusion with free weights, fitted on the same set, to hold eq. 7 against."""
+    depth_of: str = CLASS_MODEL
+    """Whose depth it was chosen with (``rescore.predicted_files.PredictionFolder.depth_of``)."""
 
     @property
     def sentence(self) -> str:

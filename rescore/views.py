@@ -11,6 +11,7 @@ from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outcome import Failure, Reason
 from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct
+from recon.view_bins import ViewBins
 from recon.view_selection import ViewSelectionConfig, best_view_bin
 from rescore.candidates import Candidates
 
@@ -79,6 +80,22 @@ def views_of(
                 bins[i], azimuth_rad[i] = choice.view_bin, model.bins.azimuth_rad(choice.view_bin)
     bins[list(failures)] = NO_BIN
     return Views(bins, azimuth_rad, failures)
+
+
+def views_without_model(candidates: Candidates, view_bin: int | Literal["model"]) -> Views:
+    """The view of each candidate where no class model is used: no bins, and the azimuths of ``views_of``.
+
+    Args:
+        candidates: the boxes.
+        view_bin: as there; nothing chooses for "model", which leaves azimuths unknown.
+
+    Raises:
+        RescoreError: no such bin.
+    """
+    n = len(candidates)
+    said = np.full(n, np.nan) if candidates.azimuth_deg is None else np.deg2rad(candidates.azimuth_deg)
+    assumed = np.nan if view_bin == "model" else ViewBins().azimuth_rad(view_bin)
+    return Views(np.full(n, NO_BIN, np.int64), np.where(np.isnan(said), assumed, said), {})
 
 
 def reconstruct_views(

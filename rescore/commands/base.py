@@ -15,6 +15,7 @@ from recon.errors import RescoreError
 if TYPE_CHECKING:
     from rescore.config import RunConfig
     from rescore.cues import Registration
+    from rescore.evidence import CandidateTable
     from rescore.evidence_model import EvidenceModel
     from rescore.formats.coco import DetectionFile
     from rescore.frames import DataSet
@@ -47,6 +48,13 @@ RegistrationMode = Annotated[
 ]
 EvidenceModelFile = Annotated[
     Path | None, typer.Option("--evidence-model", help="What `rescore fit-evidence` wrote; not for paper.")
+]
+AdaptShare = Annotated[
+    bool,
+    typer.Option(
+        "--adapt-share",
+        help="Let D assume as many cars as the likelihoods say: for a detector that D was not fitted to.",
+    ),
 ]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]
 
@@ -127,6 +135,24 @@ def mode_of(registration: str, file: Path | None) -> "tuple[Registration, Eviden
             f"--registration {mode}: expected --evidence-model, got none; `rescore fit-evidence` makes one"
         )
     return mode, load_model(file, mode)
+
+
+def with_share(
+    learned: "EvidenceModel | None", table: "CandidateTable", adapt: bool
+) -> "tuple[EvidenceModel | None, float]":
+    """The evidence model, for the share of cars among the candidates if asked, and its shift; says it."""
+    from rescore.car_share import with_share_of
+
+    if not adapt:
+        return learned, 0.0
+    if learned is None:
+        raise RescoreError(
+            "--adapt-share: expected --registration guarded or metric, got paper, whose D is no probability; "
+            "leave the option out"
+        )
+    adapted = with_share_of(learned, table)
+    say(f"D for a share of {adapted.share:.0%} cars: log odds moved by {adapted.log_odds_shift:+.2f}")
+    return adapted.model, adapted.log_odds_shift
 
 
 def say(text: str) -> None:

@@ -10,6 +10,7 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    AdaptShare,
     Changes,
     Dataset,
     EvidenceModelFile,
@@ -28,6 +29,19 @@ from rescore.commands.base import (
     read_data,
     read_split,
     say,
+    with_share,
+)
+from rescore.commands.depth_source import (
+    As,
+    Factor,
+    Masks,
+    Model,
+    PredictedDir,
+    Unit,
+    predictions_behind,
+    source_as_json,
+    source_of,
+    tell_doubts,
 )
 
 if TYPE_CHECKING:
@@ -148,12 +162,13 @@ def detect(
 def apply(
     dataset: Dataset,
     detections: Annotated[Path, typer.Argument(help="Detections to rescore, COCO results JSON.")],
-    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
     out: Annotated[Path, typer.Option(help="Rescored detections to write, COCO results JSON.")],
+    model: Model = None,
     tuned: Annotated[Path | None, typer.Option(help="Weight that `rescore tune` wrote.")] = None,
     w: Annotated[float | None, typer.Option(min=0, max=1, help="The weight itself, in its place.")] = None,
     registration: RegistrationMode = "paper",
     evidence_model: EvidenceModelFile = None,
+    adapt_share: AdaptShare = False,
     evidence: Annotated[
         Path | None, typer.Option(help="Folder for what led to each score: <folder>/<detector>/<image>.npz.")
     ] = None,
@@ -164,6 +179,11 @@ def apply(
     disparities: Annotated[
         int | None, typer.Option(help="Disparities to search where there is no disparity file.")
     ] = None,
+    predicted_depth: PredictedDir = None,
+    predicted_as: As = None,
+    predicted_unit: Unit = None,
+    predicted_factor: Factor = None,
+    predicted_masks: Masks = None,
     split: Split = "test",
     preset: Preset = "paper",
     config: Changes = None,
@@ -171,13 +191,14 @@ def apply(
 ) -> None:
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
-    A candidate that gets no depth evidence keeps its likelihood; its status says why.
+    A candidate that gets no depth evidence keeps its likelihood; its status says why. With --predicted-depth
+    the depth of another system is compared with stereo depth (docs/predicted-depth.md).
 
     Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
     """
-    from recon.class_model import ClassModel
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.cues import check_depth_of
     from rescore.evidence_model import with_difference
     from rescore.formats.coco import write_rescored
     from rescore.fuse import fuse
@@ -186,26 +207,37 @@ def apply(
     if (tuned is None) == (w is None):
         raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
     mode, learned = mode_of(registration, evidence_model)
-    weight = w if tuned is None else steps.tuned_weight(tuned, mode)
+    asked = source_of(
+        model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, (mode,)
+    )
+    weight = w if tuned is None else steps.tuned_weight(tuned, mode, asked.depth_of)
     assert weight is not None
+    if learned is not None:
+        check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
     file = detections_of(detections, data)
+    candidates = file.candidates(data)
+    source = asked.on(data, candidates)
     rescoring = steps.with_stereo_for(steps.with_camera(settings.rescore, camera), data, disparities)
     table = steps.find_evidence(
         data,
-        file.candidates(data),
-        ClassModel.load(model),
+        candidates,
+        source,
         rescoring,
         jobs=jobs,
         detector=file.detector,
         evidence_dir=None if evidence is None else evidence / file.detector,
     )
+    tell_doubts(source, table)
+    learned, shift = with_share(learned, table, adapt_share)
     table = with_difference(table, learned)
     posterior = fuse(table.likelihood, table.depth_difference, weight)
     write_rescored(out, file.detector, table, posterior, w=weight, data=data, registration=mode)
-    made_with = {"w": weight, "split": split, "registration": mode.value, "rescore": part_as_json(rescoring)}
-    write_provenance(out, "apply", made_with, None)
+    made_with = {"w": weight, "split": split, "registration": mode.value, "log_odds_shift": shift}
+    made_with |= {"rescore": part_as_json(rescoring)}
+    write_provenance(out, "apply", made_with | source_as_json(source), None)
+    say(_grounds(table.image_id.tolist(), table.ground.tolist()))
     say(f"{_reasons(table.status.tolist())}: {out}")
 
 
@@ -240,6 +272,7 @@ def evaluate(
     files = [detections_of(path, data) for path in detections]
     tunings = {(t.detector, t.registration): t for t in (steps.load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
+    settings |= predictions_behind(detections)
     stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
     write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
@@ -312,6 +345,22 @@ def _reasons(status: list[str]) -> str:
     counts = Counter(status)
     rest = ", ".join(f"{n} {reason}" for reason, n in sorted(counts.items()) if reason != "ok")
     return f"{len(status)} candidates, {counts['ok']} with depth evidence" + (f" ({rest})" if rest else "")
+
+
+def _grounds(image_id: list[int], ground: list[str]) -> str:
+    """In how many frames the ground plane comes from where."""
+    from collections import Counter
+
+    from recon.camera import DEFAULT_GROUND
+    from rescore.frames import GroundSource
+
+    counts = Counter(dict(zip(image_id, ground, strict=True)).values())
+    text = (
+        f"ground plane of {counts.total()} frames with candidates: {counts[GroundSource.STATED]} stated, "
+        f"{counts[GroundSource.STEREO]} from stereo, {counts[GroundSource.DEFAULT]} the default "
+        f"({DEFAULT_GROUND.height_m:g} m, level)"
+    )
+    return text + ("; `rescore doctor` says why" if counts[GroundSource.DEFAULT] else "")
 
 
 def _report_stage(done: "Done") -> None:

@@ -2,6 +2,7 @@
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    AdaptShare,
     Changes,
     Dataset,
     EvidenceModelFile,
@@ -22,6 +24,18 @@ from rescore.commands.base import (
     mode_of,
     read_data,
     say,
+    with_share,
+)
+from rescore.commands.depth_source import (
+    As,
+    Factor,
+    Masks,
+    Model,
+    PredictedDir,
+    Unit,
+    source_as_json,
+    source_of,
+    tell_doubts,
 )
 
 
@@ -31,8 +45,13 @@ def fit_evidence(
     detections: Annotated[
         list[Path], typer.Argument(help="Detections of one detector on the splits train and calibration.")
     ],
-    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
     out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
+    model: Model = None,
+    predicted_depth: PredictedDir = None,
+    predicted_as: As = None,
+    predicted_unit: Unit = None,
+    predicted_factor: Factor = None,
+    predicted_masks: Masks = None,
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
@@ -41,32 +60,35 @@ def fit_evidence(
 
     Example: [bold]rescore fit-evidence data/demo hog_calibration.json --model car.json --out hog.json[/bold]
     """
-    from recon.class_model import ClassModel
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.cues import LEARNED
     from rescore.evidence import CandidateTable
     from rescore.evidence_model import save_models
     from rescore.frames import Splits
     from rescore.store import write_provenance
 
     settings = config_of(preset, config)
+    asked = source_of(
+        model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, LEARNED
+    )
     data = read_data(dataset, settings.class_name)
     fitting = Splits.of(data).fitting_set.data
-    class_model = ClassModel.load(model)
     rescoring = steps.with_stereo_for(settings.rescore, fitting, None)
-    tables = []
-    for path in detections:
-        file = detections_of(path, fitting)
-        candidates = file.candidates(fitting)
-        tables.append(
-            steps.find_evidence(
-                fitting, candidates, class_model, rescoring, jobs=jobs, detector=file.detector
-            )
-        )
-    models = steps.fit_evidence(CandidateTable.concatenate(tables), data, settings.evidence)
-    save_models(out, models)
+    files = [detections_of(path, fitting) for path in detections]
+    given = [(file.detector, file.candidates(fitting)) for file in files]
+    source = asked.on(fitting, {i: c for _, found in given for i, c in found.items() if len(c)})
+    table = CandidateTable.concatenate(
+        [
+            steps.find_evidence(fitting, candidates, source, rescoring, jobs=jobs, detector=name)
+            for name, candidates in given
+        ]
+    )
+    tell_doubts(source, table)
+    models = steps.fit_evidence(table, data, settings.evidence)
+    save_models(out, {mode: replace(m, depth_of=asked.depth_of) for mode, m in models.items()})
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
-    write_provenance(out, "fit-evidence", parts, None)
+    write_provenance(out, "fit-evidence", parts | source_as_json(source), None)
     say(f"depth evidence for {' and '.join(models)}: {out}")
 
 
@@ -74,10 +96,16 @@ def fit_evidence(
 def tune(
     dataset: Dataset,
     detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
-    model: Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")],
     out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
+    model: Model = None,
     registration: RegistrationMode = "paper",
     evidence_model: EvidenceModelFile = None,
+    adapt_share: AdaptShare = False,
+    predicted_depth: PredictedDir = None,
+    predicted_as: As = None,
+    predicted_unit: Unit = None,
+    predicted_factor: Factor = None,
+    predicted_masks: Masks = None,
     preset: Preset = "paper",
     config: Changes = None,
     seed: Seed = 0,
@@ -87,29 +115,39 @@ def tune(
 
     Example: [bold]rescore tune data/demo hog_validation.json --model car.json --out hog_w.json[/bold]
     """
-    from recon.class_model import ClassModel
     from rescore import steps
     from rescore.config import part_as_json
+    from rescore.cues import check_depth_of
     from rescore.evidence_model import with_difference
     from rescore.frames import Splits
     from rescore.store import write_json, write_provenance
 
     mode, learned = mode_of(registration, evidence_model)
+    asked = source_of(
+        model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, (mode,)
+    )
+    if learned is not None:
+        check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
     data = read_data(dataset, settings.class_name)
     validation = Splits.of(data).validation
     file = detections_of(detections, validation)
+    candidates = file.candidates(validation)
+    source = asked.on(validation, candidates)
     table = steps.find_evidence(
         validation,
-        file.candidates(validation),
-        ClassModel.load(model),
+        candidates,
+        source,
         steps.with_stereo_for(settings.rescore, validation, None),
         jobs=jobs,
         detector=file.detector,
     )
+    tell_doubts(source, table)
+    learned, _ = with_share(learned, table, adapt_share)
     tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode, seed)
-    write_json(out, steps.tuning_as_json(tuning))
-    write_provenance(out, "tune", {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}, seed)
+    write_json(out, steps.tuning_as_json(replace(tuning, depth_of=asked.depth_of)))
+    parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}
+    write_provenance(out, "tune", parts | source_as_json(source), seed)
     say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")
     if tuning.uncertainty is not None:
         u = tuning.uncertainty

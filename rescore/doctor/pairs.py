@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from recon.errors import RescoreError
 from recon.stereo import SgbmConfig
 from rescore.doctor.findings import Finding, Level, graded
+from rescore.doctor.ground import examine_ground
 from rescore.frames import DataSet, Frame, FrameRecord, load_frame, read_rgb
 from rescore.steps import automatic_stereo
 
@@ -31,6 +32,8 @@ class PairMatches:
     """Right row less left row, shape (n,)."""
     disparity_px: FloatArray
     """Left column less right column, shape (n,)."""
+    left_uv_px: FloatArray
+    """Column and row in the left picture, shape (n, 2)."""
 
 
 def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> PairMatches:
@@ -40,7 +43,7 @@ def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> Pai
         sift.detectAndCompute(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), None) for rgb in (left_rgb, right_rgb)
     )
     if own is None or theirs is None or len(own) < 2 or len(theirs) < 2:
-        return PairMatches(np.zeros(0), np.zeros(0))
+        return PairMatches(np.zeros(0), np.zeros(0), np.zeros((0, 2)))
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     back = {m.queryIdx: m.trainIdx for m in matcher.match(theirs, own)}
     good = [
@@ -52,11 +55,11 @@ def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> Pai
     b = np.array([others[m.trainIdx].pt for m in good]).reshape(-1, 2)
     rows = b[:, 1] - a[:, 1]
     near = np.abs(rows) <= MAX_ROW_SHARE * left_rgb.shape[0]
-    return PairMatches(rows[near], (a[:, 0] - b[:, 0])[near])
+    return PairMatches(rows[near], (a[:, 0] - b[:, 0])[near], a[near])
 
 
 def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:
-    """Rectification, sides and measured disparity of some frames; a file that cannot be read is a finding."""
+    """Rectification, sides, disparity and ground of some frames; a file that cannot be read is a finding."""
     stereo = automatic_stereo(data)
     return [finding for frame in frames for finding in _frame(frame, stereo)]
 
@@ -68,7 +71,7 @@ def _frame(record: FrameRecord, stereo: SgbmConfig) -> list[Finding]:
         matched = _matched(record, frame, where)
     except RescoreError as error:
         return [Finding(Level.ERROR, where, str(error))]
-    return [*matched, _density(record, frame, stereo, where)]
+    return [*matched, _density(record, frame, stereo, where), *examine_ground(frame, where)]
 
 
 def _matched(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:

@@ -46,6 +46,7 @@ class Detection(BaseModel):
     registration: Registration | None = None
     cues: dict[str, FiniteFloat] = {}
     azimuth_deg: FiniteFloat | None = None
+    ground: str = ""
 
 
 _DETECTIONS = TypeAdapter(list[Detection])
@@ -202,6 +203,7 @@ def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
             -1, len(CUES)
         ),
         azimuth_deg=column("azimuth_deg"),
+        ground=np.array([d.ground for d, _ in kept], dtype=object),
     )
 
 
@@ -228,7 +230,7 @@ def write_rescored(
     """Write rescored detections: ``score`` is the posterior, and what led to it lies beside it.
 
     Numbers of a candidate without depth evidence are null; its ``status`` says why. ``cues`` holds the parts
-    of the evidence that it has.
+    of the evidence that it has, ``ground`` says where the ground plane of its frame came from.
     """
     numbers = (
         "likelihood",
@@ -249,6 +251,7 @@ def write_rescored(
             | {name: None if np.isnan(v) else v for name, v in values.items()}
             | {"status": table.status[i], "reason_detail": table.reason_detail[i], "w": w}
             | {"registration": registration.value, "cues": _known_cues(table.cues[i])}
+            | {"ground": table.ground[i]}
         )
     _write_rows(path, rows)
 

@@ -11,8 +11,6 @@ from recon.stereo import (
     SgbmConfig,
     compute_disparity,
     disparities_to_reach,
-    disparity_error,
-    fill_holes,
     read_disparity,
     write_disparity,
 )
@@ -109,6 +107,9 @@ def test_enough_disparities_for_the_nearest_surface():
     # 720 px * 0.5 m = 360: 8 m is 45 px, 7.5 m is exactly 48 px, which 48 disparities (0 to 47) do not reach
     camera = StereoCamera(PinholeCamera(720.0, 720.0, 320, 240, 640, 480), 0.5)
     assert [disparities_to_reach(camera, z) for z in (50.0, 8.0, 7.5)] == [16, 48, 64]
+    # with the right principal point 13 px farther right, 7.5 m is matched at 35 px; with it 20 px left, at 68
+    assert [disparities_to_reach(camera, 7.5, offset) for offset in (13.0, -20.0)] == [48, 80]
+    assert disparities_to_reach(camera, 50.0, 100.0) == 16
 
 
 @pytest.mark.parametrize(
@@ -188,38 +189,3 @@ def test_files_that_are_no_disparity_are_refused_in_one_line(tmp_path, content, 
 def test_a_missing_disparity_file_is_named(tmp_path):
     with pytest.raises(RescoreError, match=r"none\.png: expected a disparity PNG, found no file"):
         read_disparity(tmp_path / "none.png", 50, 40)
-
-
-def test_holes_take_the_farther_neighbour_of_their_row():
-    disparity = np.array([[NAN, 5, NAN, NAN, 3, NAN], [NAN] * 6, [7, 7, NAN, 9, 9, 9], [NAN] * 6], np.float32)
-    expected = [[5, 5, 3, 3, 3, 3], [5, 5, 3, 3, 3, 3], [7, 7, 7, 9, 9, 9], [7, 7, 7, 9, 9, 9]]
-    np.testing.assert_array_equal(fill_holes(disparity), np.array(expected, np.float32))
-    np.testing.assert_array_equal(fill_holes(disparity[1:3])[0], np.array(expected[2], np.float32))
-    assert np.isnan(fill_holes(np.full((3, 3), NAN, np.float32))).all()
-
-
-def test_disparity_error_of_a_map_worked_out_by_hand():
-    truth = np.array([[10, 10, 10, 100, 10, NAN, 10]], np.float32)
-    measured = np.array([[10.5, 14, NAN, 104, 13, 50, 9]], np.float32)
-    mask = np.array([[1, 1, 1, 1, 1, 1, 0]], bool)
-    error = disparity_error(measured, truth, mask)
-    # truth at the first five; four are measured, off by 0.5, 4, 4, 3. Only the 4 of 10 is wrong: 4 of 100 is
-    # under 5 %, and 3 is not more than 3. The hole is filled with min(14, 104) = 14, which is wrong too.
-    assert error.n_truth == 5
-    assert error.n_measured == 4
-    assert error.density == pytest.approx(0.8)
-    assert error.end_point_error_px == pytest.approx(11.5 / 4)
-    assert error.wrong_share_measured == pytest.approx(1 / 4)
-    assert error.wrong_share_filled == pytest.approx(2 / 5)
-
-
-def test_disparity_error_without_truth_or_measurement():
-    truth = np.full((2, 2), 10.0, np.float32)
-    none = np.full((2, 2), NAN, np.float32)
-    everywhere = np.ones((2, 2), bool)
-    unmeasured = disparity_error(none, truth, everywhere)
-    assert unmeasured.density == 0
-    assert np.isnan(unmeasured.end_point_error_px)
-    assert unmeasured.wrong_share_filled == 1
-    assert disparity_error(truth, none, everywhere).n_truth == 0
-    assert np.isnan(disparity_error(truth, truth, ~everywhere).wrong_share_filled)

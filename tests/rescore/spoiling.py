@@ -10,6 +10,9 @@ import own_data as own
 
 Json = dict[str, Any]
 Spoil = Callable[[Path], object]
+Done = tuple[int, str, str]
+"""Exit code, standard output and standard error."""
+Run = Callable[..., Done]
 NAN, INF = float("nan"), float("inf")
 
 

@@ -11,8 +11,11 @@ import pytest
 from typer.testing import CliRunner
 
 from rescore.cli import app, main
+from rescore.evidence import CandidateTable
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
+from rescore.frames import DataSet
+from rescore.matching import FALSE_ALARM, HIT, TruthTable, greedy_match, ranking_of
 
 Command = Callable[..., "Outcome"]
 COMMANDS = (
@@ -162,6 +165,25 @@ def test_commands_one_by_one_equal_the_whole_run(rescore: Command, tiny_run: Pat
     bare = rescore(*once_more, "--w", 0.5, "--registration", "guarded")
     assert bare.returncode == 1
     assert "rescore fit-evidence" in bare.stderr
+    # for the detections' own share of cars
+    adapted = rescore(*once_more, "--w", 0.5, *metric, "--adapt-share")
+    assert adapted.returncode == 0, adapted.stderr
+    assert "log odds moved by" in adapted.stderr
+    table = read_detections(tmp_path / "x.json", read_dataset(data)).table
+    has = table.status == "ok"
+    car_given_depth = 1 - table.depth_difference[has]
+    np.testing.assert_allclose(car_given_depth.mean(), table.likelihood[has].mean(), atol=1e-6)
+    of_formula = rescore(*once_more, "--w", 0.5, "--adapt-share")
+    assert of_formula.returncode == 1
+    assert "whose D is no probability" in of_formula.stderr
+
+
+def cars_above_false_alarms(table: CandidateTable, score: np.ndarray, data: DataSet) -> set[int]:
+    """The annotated cars found by a candidate that scores more than every false alarm of the data set."""
+    ranking = ranking_of(score, table.score)
+    match = greedy_match(table.image_id, table.xyxy_px, ranking, TruthTable.of(data))
+    worst = score[match.outcome == FALSE_ALARM].max()
+    return set(match.annotation_id[(match.outcome == HIT) & (score > worst)].tolist())
 
 
 def test_real_frames_go_through_as_they_are(
@@ -170,16 +192,22 @@ def test_real_frames_go_through_as_they_are(
     model = tiny_run / "models" / "class_model.json"
     out, run = tmp_path / "rescored.json", tmp_path / "run"
     done = rescore(
-        *("apply", kitti, kitti / "detections.json", "--model", model, "--w", 0.5, "--out", out),
+        *("apply", kitti, kitti / "detections.json", "--model", model, "--w", 0.6, "--out", out),
         *("--evidence", run / "evidence"),
     )
     assert done.returncode == 0, done.stderr
     assert "21 candidates" in done.stderr
+    assert "ground plane of 5 frames with candidates: 5 stated, 0 from stereo, 0 the" in done.stderr
     data = read_dataset(kitti)
     file = read_detections(out, data)
     failed = file.table.status != "ok"
     assert all(file.table.reason_detail[failed])
     np.testing.assert_array_equal(file.posterior[failed], file.table.likelihood[failed])
+    before, after = (
+        cars_above_false_alarms(file.table, s, data) for s in (file.table.likelihood, file.posterior)
+    )
+    assert len(before) == 13
+    assert before <= after
     assert rescore("evaluate", kitti, out, "--out", run, "--no-report").returncode == 0
     metrics = json.loads((run / "metrics.json").read_text())
     assert (metrics["n_images"], metrics["n_cars"], metrics["n_candidates"]) == (6, 15, 21)
@@ -210,7 +238,12 @@ def test_kitti_folders_are_rescored_as_our_own(
         model = ("--model", tiny_run / "models" / "class_model.json", "--w", 0.5, "--jobs", 1)
         done = rescore("apply", data, detections, *model, "--out", tmp_path / f"{layout}.json")
         assert done.returncode == 0, done.stderr
+        told = (
+            "ground plane of 5 frames with candidates: 0 stated, 5 from stereo, 0 the default (1.5 m, level)"
+        )
+        assert told in done.stderr
         rows = json.loads((tmp_path / f"{layout}.json").read_text())
+        assert {r["ground"] for r in rows} == {"stereo"}
         found[layout] = {
             (r["image_id"], *np.round(r["bbox"], 6)): r | {"bbox": 0, "detector": 0} for r in rows
         }

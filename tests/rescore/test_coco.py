@@ -209,7 +209,7 @@ def test_raw_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
 
 def test_rescored_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
     outcome = (DepthAlignment(0.25, -1.5, 0.125, 0.75, 8.0, 2.0), Failure(Reason.NO_OUTLINE, "gone"))
-    table = CandidateTable.of_alignments(candidates(), outcome)
+    table = CandidateTable.of_alignments(candidates(), outcome, ground="stereo")
     posterior = np.array([0.0, 0.2])
     write_rescored(tmp_path / "r.json", "hog", table, posterior, w=0.6, data=data)
     rows = json.loads((tmp_path / "r.json").read_text())
@@ -234,6 +234,7 @@ def test_rescored_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
     ):
         np.testing.assert_array_equal(getattr(back.table, name), getattr(table, name), err_msg=name)
     assert back.table.reason_detail.tolist() == ["", "gone"]
+    assert back.table.ground.tolist() == ["stereo", "stereo"]
     write_rescored(tmp_path / "again.json", "hog", back.table, back.posterior, w=0.6, data=data)
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "r.json").read_bytes()
 

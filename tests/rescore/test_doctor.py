@@ -11,6 +11,8 @@ import numpy as np
 import own_data as own
 import pytest
 
+from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.stereo import write_disparity
 from rescore.doctor import examine_dataset, examine_installation
 from rescore.doctor.findings import Finding, Level
 
@@ -131,6 +133,65 @@ def test_what_is_doubtful_is_a_warning(tmp_path: Path, spoil: Callable[[Path], o
     spoil(tmp_path)
     found = [str(f) for f in findings(tmp_path) if f.level is Level.WARNING]
     assert any(re.search(message, text) for text in found), found
+
+
+def street(root: Path, true_m: float, **stated: float) -> list[str]:
+    """What the doctor says of the ground in a frame with a bare street at a height, looking level."""
+    left = PinholeCamera(own.FX, own.FX, 48, 32, own.WIDTH, own.HEIGHT)
+    v, u = np.mgrid[: own.HEIGHT, : own.WIDTH].astype(float)
+    depth = GroundPlane(true_m).intersect(left.rays(np.stack([u, v], axis=-1)))[..., 2]
+    own.own_folder(root)
+    write_disparity(root / "d.png", StereoCamera(left, own.BASELINE_M).disparity_px(depth))
+
+    def change(data: Json) -> None:
+        del data["images"][1]
+        image = data["images"][0]
+        image["disparity_file_name"] = "d.png"
+        del image["camera"]["height_m"]
+        image["camera"] |= stated
+
+    edit(change)(root)
+    return [str(f) for f in findings(root) if "ground" in f.what]
+
+
+def test_the_ground_of_stereo_is_told_beside_the_stated_one(tmp_path: Path) -> None:
+    agreed = "ok      image 1: ground from stereo: height 1.80 m, pitch 0.0, roll 0.0 degrees, "
+    (told,) = street(tmp_path / "same", 1.8, height_m=1.7)
+    assert told == agreed + "stated 1.70 m, 0.0 degrees: they agree"
+    (told,) = street(tmp_path / "none", 1.8)
+    assert told == agreed + "none is stated"
+    (told,) = street(tmp_path / "other", 1.8, height_m=1.2, pitch_rad=0.05)
+    assert told.startswith("warning image 1: ground from stereo: height 1.80 m")
+    # 1.8 / 1.2 - 1 = 50 per cent; 0.05 rad = 2.9 degrees
+    assert "stated 1.20 m, 2.9 degrees: height differs +50%, pitch -2.9; a slope where it is this" in told
+    assert "check height_m, pitch_rad and the baseline" in told
+
+
+def test_the_doctor_says_why_the_ground_is_the_default(tmp_path: Path) -> None:
+    # pairs with one disparity everywhere: walls
+    for told in wall(tmp_path / "none"):
+        assert re.match(r"warning image \d: no ground is stated, and that of stereo is not trusted", told)
+        assert "(nothing like a ground plane: " in told
+        assert told.endswith(
+            "): 1.5 m and level are assumed; state height_m and pitch_rad of the camera where they are known"
+        )
+    for told in wall(tmp_path / "stated", height_m=1.6):
+        assert re.match(
+            r"ok      image \d: ground stated 1.60 m, 0.0 degrees; stereo cannot tell \(noth", told
+        )
+
+
+def wall(root: Path, **stated: float) -> list[str]:
+    own.own_folder(root)
+
+    def change(data: Json) -> None:
+        for image in data["images"]:
+            image["camera"] = {k: v for k, v in image["camera"].items() if k != "height_m"} | stated
+
+    edit(change)(root)
+    told = [str(f) for f in findings(root) if "ground" in f.what]
+    assert len(told) == 2
+    return told
 
 
 def test_the_real_frames_are_in_order(kitti: Path) -> None:

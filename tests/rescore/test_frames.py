@@ -5,9 +5,21 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import SgbmConfig, write_disparity
-from rescore.frames import SPLITS, DataSet, FrameRecord, Splits, Truth, load_frame, read_rgb
+from recon.stereo_ground import GroundDoubt
+from rescore.frames import (
+    SPLITS,
+    DataSet,
+    Frame,
+    FrameRecord,
+    GroundSource,
+    Splits,
+    Truth,
+    load_frame,
+    read_rgb,
+)
 
 
 def record(image_id: int, path: Path, split: str = "test") -> FrameRecord:
@@ -101,3 +113,44 @@ def test_a_cut_off_picture_is_one_error_and_prints_nothing(
     with pytest.raises(RescoreError, match="could not decode"):
         read_rgb(path, 40, 20)
     assert capfd.readouterr() == ("", "")
+
+
+TRUE = GroundPlane(1.8, np.radians(3))
+
+
+def street_record(folder: Path, ground: GroundPlane | None) -> FrameRecord:
+    """A bare street at 1.8 m and 3 degrees, in steps of 1/256 pixel."""
+    lens = StereoCamera(PinholeCamera(150, 150, 79.5, 59.5, 160, 120), 0.5)
+    v, u = np.mgrid[:120, :160].astype(float)
+    depth = TRUE.intersect(lens.left.rays(np.stack([u, v], axis=-1)))[..., 2]
+    write_disparity(folder / "d.png", lens.disparity_px(depth))
+    (folder / "l.png").write_bytes(cv2.imencode(".png", np.zeros((120, 160, 3), np.uint8))[1].tobytes())
+    return FrameRecord(1, folder / "l.png", None, folder / "d.png", "test", 160, 120, lens, ground)
+
+
+def test_stereo_gives_the_ground_where_none_is_stated(tmp_path: Path) -> None:
+    frame = load_frame(street_record(tmp_path, None), SgbmConfig())
+    assert frame.ground_source is GroundSource.STEREO
+    assert frame.ground is not None
+    assert frame.ground_estimate is not None
+    assert frame.ground == frame.ground_estimate.ground
+    assert frame.ground.height_m == pytest.approx(1.8, abs=2e-3)
+    assert frame.ground.pitch_rad == pytest.approx(np.radians(3), abs=2e-3)
+
+
+def test_a_stated_ground_is_kept(tmp_path: Path) -> None:
+    stated = GroundPlane(1.2, 0.0)
+    frame = load_frame(street_record(tmp_path, stated), SgbmConfig())
+    assert (frame.ground, frame.ground_source, frame.ground_estimate) == (stated, GroundSource.STATED, None)
+
+
+def test_no_ground_is_taken_that_is_not_trusted(tmp_path: Path) -> None:
+    frame = load_frame(street_record(tmp_path, None), SgbmConfig())
+    assert frame.camera is not None
+    noise = np.random.default_rng(0).uniform(1, 64, (120, 160)).astype(np.float32)
+    unknown = Frame(1, frame.left_rgb, noise, frame.camera, None).with_stereo_ground()
+    assert (unknown.ground, unknown.ground_source) == (None, GroundSource.DEFAULT)
+    assert unknown.ground_estimate is not None
+    assert isinstance(unknown.ground_estimate.doubt, GroundDoubt)
+    uncalibrated = Frame(1, frame.left_rgb, frame.disparity_px, None, None).with_stereo_ground()
+    assert (uncalibrated.ground_source, uncalibrated.ground_estimate) == (GroundSource.DEFAULT, None)

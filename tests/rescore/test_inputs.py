@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane
+from recon.stereo import SgbmConfig
 from rescore import Boxes, Camera, RescoreError, StereoFrame
+from rescore.frames import GroundSource
 
 RGB = np.zeros((40, 60, 3), np.uint8)
 MAP = np.ones((40, 60), np.float32)
@@ -100,3 +102,18 @@ def test_bad_input_says_what_was_expected(make: Callable[[], object], message: s
     with pytest.raises(RescoreError, match=re.escape(message)) as raised:
         make()
     assert "\n" not in str(raised.value)
+
+
+def test_without_a_stated_ground_the_measured_depth_gives_it() -> None:
+    true = GroundPlane(1.1, np.radians(8))
+    camera = Camera(150, 150, 79.5, 59.5)
+    v, u = np.mgrid[:120, :160].astype(float)
+    depth = true.intersect(camera.stereo(160, 120).left.rays(np.stack([u, v], axis=-1)))[..., 2]
+    rgb = np.zeros((120, 160, 3), np.uint8)
+    seen = StereoFrame(rgb, depth_m=depth, camera=camera).loaded(SgbmConfig(), 2.0)
+    assert seen.ground_source is GroundSource.STEREO
+    assert seen.ground is not None
+    assert seen.ground.height_m == pytest.approx(1.1, abs=1e-3)
+    assert seen.ground.pitch_rad == pytest.approx(np.radians(8), abs=1e-3)
+    stated = StereoFrame(rgb, depth_m=depth, camera=camera, ground=GroundPlane(1.5)).loaded(SgbmConfig(), 2.0)
+    assert (stated.ground, stated.ground_source) == (GroundPlane(1.5), GroundSource.STATED)

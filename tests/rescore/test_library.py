@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.special import logit
 
 from recon.reconstruct import Reconstruction
 from rescore import Boxes, Camera, Rescored, RescoreError, Rescorer, StereoFrame
@@ -172,7 +173,7 @@ def test_depth_a_pair_and_azimuths(tiny_run: Path, data: DataSet, first: Given) 
     right_path = data.frames[0].right_path
     assert right_path is not None
     right = read_rgb(right_path, data.frames[0].width_px, data.frames[0].height_px)
-    matched = replace(frame, disparity_px=None, right_rgb=right).loaded(rescorer.config.stereo)
+    matched = replace(frame, disparity_px=None, right_rgb=right).loaded(rescorer.config.stereo, 2.0)
     both = np.isfinite(matched.disparity_px) & (frame.disparity_px > 0)
     # the run's disparity is that of the same matcher, though it searched another range
     assert both.mean() > 0.5
@@ -256,6 +257,22 @@ def test_the_file_of_the_documentation(folder: Path, first: Given) -> None:
     plain, run = Rescorer.from_file(folder / "car.json"), Rescorer.from_run("runs/demo", "hog", "metric")
     assert plain.w == run.w
     assert same(plain.rescore(first.frame, first.boxes), run.rescore(first.frame, first.boxes))
+    (folder / "car.json").write_text(json.dumps(json.loads(text) | {"settings": {}, "log_odds_shift": 2.0}))
+    moved = Rescorer.from_file(folder / "car.json").rescore(first.frame, first.boxes)
+    before = run.rescore(first.frame, first.boxes)
+    np.testing.assert_allclose(logit(before.depth_difference) - logit(moved.depth_difference), 2.0)
+
+
+def test_the_network_of_the_documentation() -> None:
+    """A prediction that is the disparity itself: D is what the percentiles clip."""
+    names: dict[str, Any] = {}
+    exec(code_blocks("python")[2], names)
+    y, x = np.mgrid[:40, :60].astype(float)
+    disparity = (8 + np.cos(x / 9) * np.sin(y / 7)).astype(np.float32)
+    box, rgb = np.array([[5.0, 5, 50, 35]]), np.zeros((40, 60, 3), np.uint8)
+    found = names["compare"](rgb, disparity, box, np.array([0.5]), lambda _rgb: 3 * disparity - 40)
+    assert found.status == ("ok",)
+    assert 0 < found.depth_difference[0] < 0.06
 
 
 BAD_FILES: list[tuple[dict[str, Any], str]] = [
@@ -271,6 +288,10 @@ BAD_FILES: list[tuple[dict[str, Any], str]] = [
     ({"settings": {"view_bin": "all"}}, "expected settings of rescoring, got view_bin"),
     ({"settings": {"view_bin": 12}}, "view bin: expected 0 to 11, got 12"),
     ({"class_model": "none.json"}, "none.json: expected a class model, found no file"),
+    (
+        {"registration": "paper", "evidence_model": None, "tuned": None, "w": 0.5, "log_odds_shift": 2.0},
+        "expected log_odds_shift beside an evidence_model, got 2 without",
+    ),
     ({"colour": 1}, "expected a rescorer, got colour: extra inputs are not permitted"),
 ]
 

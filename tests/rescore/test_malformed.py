@@ -7,9 +7,6 @@ counted on standard error.
 import json
 import os
 import re
-import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,27 +14,8 @@ import own_data as own
 import pytest
 from malformed_layouts import KITTI, OWN, PLAIN
 from malformed_pixels import PIXELS
-from spoiling import INF, NAN, Json
-
-from rescore.cli import main
-
-Done = tuple[int, str, str]
-"""Exit code, standard output and standard error."""
-Run = Callable[..., Done]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
-    """The command, in this process."""
-
-    def call(*arguments: object) -> Done:
-        monkeypatch.setattr(sys, "argv", ["rescore", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        shown = capfd.readouterr()
-        return int(ended.value.code or 0), shown.out, shown.err
-
-    return call
+from malformed_predictions import PREDICTIONS, predictions
+from spoiling import INF, NAN, Done, Json, Run
 
 
 def refused(done: Done, message: str) -> None:
@@ -149,6 +127,40 @@ def test_pixels(tmp_path: Path, run: Run, name: str) -> None:
     assert all(line.startswith(("ok ", "warning ", "error ")) for line in out.splitlines()), out
 
 
+@pytest.mark.parametrize("name", PREDICTIONS)
+def test_predictions_of_depth(tmp_path: Path, run: Run, name: str) -> None:
+    spoil, options, message = PREDICTIONS[name]
+    data = own.own_folder(tmp_path)
+    net = predictions(tmp_path)
+    spoil(tmp_path)
+    file = own.write_text(tmp_path / "f.json", json.dumps([detection(), detection(image_id=2)]))
+    out = tmp_path / "out.json"
+    masks = [str(tmp_path / "masks") if word == "MASKS" else word for word in options]
+    done = run("apply", data, file, "--predicted-depth", net, *masks, "--w", 0.5, "--jobs", 1, "--out", out)
+    refused(done, message)
+    assert not out.exists()
+
+
+def test_options_of_predictions_need_their_folder(tmp_path: Path, run: Run) -> None:
+    data = own.own_folder(tmp_path)
+    file = own.write_text(tmp_path / "f.json", json.dumps([detection()]))
+    rest = ("--w", 0.5, "--out", tmp_path / "out.json")
+    refused(
+        run("apply", data, file, *rest), "--model, --predicted-depth: expected one of the two, got neither"
+    )
+    rest = ("--model", tmp_path / "car.json", "--predicted-masks", tmp_path, *rest)
+    refused(
+        run("apply", data, file, *rest), "--predicted-masks: expected --predicted-depth with it, got none"
+    )
+
+
+def test_relative_predictions_in_modes_that_bound_the_scale(tmp_path: Path, run: Run) -> None:
+    data, net = own.own_folder(tmp_path), predictions(tmp_path)
+    file = own.write_text(tmp_path / "f.json", json.dumps([detection()]))
+    options = ("--predicted-depth", net, "--predicted-as", "inverse", "--out", tmp_path / "out.json")
+    refused(run("fit-evidence", data, file, *options), "registration guarded: expected metric predictions")
+
+
 def test_what_is_no_data_set(tmp_path: Path, run: Run) -> None:
     def convert(path: Path) -> Done:
         return run("convert", path, "--out", tmp_path / "out")
@@ -229,20 +241,17 @@ def test_a_hundred_thousand_boxes_in_one_image(tmp_path: Path, run: Run) -> None
     n = 100_000
     corner = np.random.default_rng(0).uniform(0, 40, (n, 2)).round(2).tolist()
     value = own.annotations()
-    few = corner[: n // 5]
     value["annotations"] = [
-        {"id": i, "image_id": 1, "category_id": 1, "bbox": [*xy, 20, 20]} for i, xy in enumerate(few)
+        {"id": i, "image_id": 1, "category_id": 1, "bbox": [*xy, 20, 20]} for i, xy in enumerate(corner)
     ]
     own.own_folder(tmp_path, value)
     found = [detection(bbox=[*xy, 20, 20], score=i / n) for i, xy in enumerate(corner)]
     file = own.write_text(tmp_path / "found.json", json.dumps(found))
-    started = time.perf_counter()
+    # what grows with the square of n would take minutes here
     code, _, err = run("evaluate", tmp_path, file, "--no-report", "--out", tmp_path / "run")
-    # a few seconds on a loaded machine; what grows with the square of n takes minutes
-    assert time.perf_counter() - started < 20
     assert code == 0, err
     assert "left out 99985 detections beyond the 15 best of their image" in err
-    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["n_cars"] == n // 5
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["n_cars"] == n
 
 
 def test_frames_that_lack_files_are_counted(tmp_path: Path, run: Run) -> None:

@@ -112,6 +112,15 @@ def test_the_assumed_camera(frame: Frame) -> None:
     assert assumed_camera(unknown, CameraChoice.CALIBRATED) == (default_camera(w, h), DEFAULT_GROUND)
 
 
+def test_where_the_ground_came_from_goes_with_the_candidates(
+    frame: Frame, candidates: dict[int, Candidates], model: ClassModel
+) -> None:
+    given = candidates[frame.image_id]
+    for changed, source in ((frame, "stated"), (replace(frame, ground=None), "default")):
+        table = depth_evidence(changed, given, model, RescoreConfig()).table
+        assert table.ground.tolist() == [source] * len(given)
+
+
 def test_the_calibrated_camera_predicts_metres(
     frame: Frame, candidates: dict[int, Candidates], model: ClassModel
 ) -> None:

@@ -1,0 +1,60 @@
+"""Where is the ground? The estimate from stereo beside what the data set states."""
+
+import numpy as np
+
+from recon.camera import DEFAULT_GROUND, GroundPlane
+from recon.stereo_ground import GroundEstimate, estimate_ground
+from rescore.doctor.findings import Finding, Level
+from rescore.frames import Frame
+
+HEIGHT_SHARE = 0.15
+"""Heights that differ by less than this share agree: a kerb is 8 per cent."""
+PITCH_DEG = 2.0
+"""Pitches that differ by less agree: a car that brakes and a street that climbs make a degree each."""
+
+
+def examine_ground(frame: Frame, where: str) -> list[Finding]:
+    """The ground plane that stereo finds in a frame; nothing where there is no camera to find it with."""
+    if frame.camera is None:
+        return []
+    if frame.ground_estimate is not None:
+        return [_unstated(frame.ground_estimate, where)]
+    assert frame.ground is not None
+    found = estimate_ground(frame.disparity_px, frame.camera, np.random.default_rng(0))
+    return [_beside(frame.ground, found, where)]
+
+
+def _unstated(found: GroundEstimate, where: str) -> Finding:
+    if found.ground is not None and found.trusted:
+        return Finding(Level.OK, where, f"ground from stereo: {_told(found)}, none is stated")
+    default = f"{DEFAULT_GROUND.height_m:g} m and level are assumed"
+    advice = "state height_m and pitch_rad of the camera where they are known"
+    text = f"no ground is stated, and that of stereo is not trusted ({_doubt(found)}): {default}"
+    return Finding(Level.WARNING, where, text, advice)
+
+
+def _beside(stated: GroundPlane, found: GroundEstimate, where: str) -> Finding:
+    said = f"stated {stated.height_m:.2f} m, {np.degrees(stated.pitch_rad):.1f} degrees"
+    if found.ground is None or not found.trusted:
+        return Finding(Level.OK, where, f"ground {said}; stereo cannot tell ({_doubt(found)})")
+    height = found.ground.height_m / stated.height_m - 1
+    pitch = np.degrees(found.ground.pitch_rad - stated.pitch_rad)
+    text = f"ground from stereo: {_told(found)}, {said}"
+    if abs(height) <= HEIGHT_SHARE and abs(pitch) <= PITCH_DEG:
+        return Finding(Level.OK, where, f"{text}: they agree")
+    advice = (
+        "a slope where it is this frame alone; else check height_m, pitch_rad and the baseline, or leave the "
+        "first two out to have them from stereo"
+    )
+    return Finding(Level.WARNING, where, f"{text}: height differs {height:+.0%}, pitch {pitch:+.1f}", advice)
+
+
+def _told(found: GroundEstimate) -> str:
+    assert found.ground is not None
+    # no minus before a zero
+    pitch, roll = (round(float(np.degrees(a)), 1) + 0.0 for a in (found.ground.pitch_rad, found.roll_rad))
+    return f"height {found.ground.height_m:.2f} m, pitch {pitch:.1f}, roll {roll:.1f} degrees"
+
+
+def _doubt(found: GroundEstimate) -> str:
+    return f"{found.doubt}: {found.detail}"

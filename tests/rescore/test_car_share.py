@@ -1,0 +1,43 @@
+"""D for the share of cars among another detector's candidates."""
+
+import numpy as np
+import pytest
+from scipy.special import expit, logit
+
+from rescore.car_share import log_odds_shift
+
+
+def test_shift_of_equal_candidates_is_the_difference_of_log_odds() -> None:
+    # all candidates at 0.1: to reach 0.5 on average the log odds move from log(1/9) to 0
+    assert log_odds_shift(np.full(7, 0.1), 0.5) == pytest.approx(np.log(9))
+    assert log_odds_shift(np.full(7, 0.1), 0.1) == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.9])
+def test_mean_after_the_shift_is_the_share_and_the_order_stays(share: float) -> None:
+    before = np.random.default_rng(0).uniform(0.001, 0.999, 50)
+    after = expit(logit(before) + log_odds_shift(before, share))
+    assert after.mean() == pytest.approx(share)
+    assert np.array_equal(np.argsort(after), np.argsort(before))
+
+
+def test_known_change_of_share_is_found_back() -> None:
+    # two kinds of depth, ten times as frequent among cars as among others and the other way round: with exact
+    # posteriors at share 0.1 the shift that fits the mean at share 0.6 gives exact posteriors at 0.6
+    kind_given_car, kind_given_other = np.array([10, 1]) / 11, np.array([1, 10]) / 11
+
+    def posterior(share: float) -> np.ndarray:
+        car = share * kind_given_car
+        return car / (car + (1 - share) * kind_given_other)
+
+    n = 11_000
+    of_kind = np.rint(n * (0.6 * kind_given_car + 0.4 * kind_given_other)).astype(int)
+    shift = log_odds_shift(np.repeat(posterior(0.1), of_kind), 0.6)
+    assert expit(logit(posterior(0.1)) + shift) == pytest.approx(posterior(0.6), abs=1e-4)
+
+
+def test_nothing_to_shift_is_refused() -> None:
+    with pytest.raises(ValueError, match="0 candidates"):
+        log_odds_shift(np.zeros(0), 0.5)
+    with pytest.raises(ValueError, match="share 1"):
+        log_odds_shift(np.full(2, 0.5), 1.0)
