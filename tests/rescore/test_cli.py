@@ -212,7 +212,7 @@ def test_real_frames_go_through_as_they_are(
     assert rescore("evaluate", kitti, out, "--out", run, "--no-report").returncode == 0
     metrics = json.loads((run / "metrics.json").read_text())
     assert (metrics["n_images"], metrics["n_cars"], metrics["n_candidates"]) == (6, 15, 21)
-    logged = rescore("log", run, "--frames", 2)
+    logged = rescore("log", run, "--max-frames", 2)
     assert logged.returncode == 0, logged.stderr
     assert (run / "recording.rrd").stat().st_size > 10_000
 
