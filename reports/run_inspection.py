@@ -14,11 +14,13 @@ from recon.errors import RescoreError
 from reports.palette import detector_name
 from reports.run_folder import Run
 from reports.tables import number
-from rescore.candidate_columns import ALONE
+from rescore.candidate_columns import ALONE, difference, status
+from rescore.car_share import as_used_for
 from rescore.changes import Group, OperatingPoint
 from rescore.cues import LEARNED
+from rescore.evidence import OK
 from rescore.evidence_model import EvidenceModel, load_models
-from rescore.explain import ExplainConfig
+from rescore.explain import ExplainConfig, cues_of
 from rescore.inspection import Inspection
 from rescore.run_folder import RunFolder
 
@@ -92,7 +94,9 @@ def _known(option: str, chosen: str | None, known: tuple[str, ...], default: int
 
 
 def model_of(run: Run, detector: str, mode: str, file: Path | None = None) -> EvidenceModel | None:
-    """The model of depth evidence of a mode: of the file, or else of the run folder; None where neither is.
+    """The model of depth evidence that made D of a mode: from the file, or else from the run folder.
+
+    None where neither is.
 
     Raises:
         RescoreError: the file has no model of the mode.
@@ -106,7 +110,10 @@ def model_of(run: Run, detector: str, mode: str, file: Path | None = None) -> Ev
     models = {str(m): model for m, model in load_models(path).items()}
     if mode not in models:
         raise RescoreError(f"{path}: expected a model for {mode}, got {', '.join(models)}; name another file")
-    return models[mode]
+    rows = run.of(detector)
+    # of a candidate without evidence D is that of silent cues
+    d = np.where(status(rows, mode) == OK, difference(rows, mode), np.nan)
+    return as_used_for(models[mode], cues_of(rows), d)
 
 
 def explain_config(run: Run) -> ExplainConfig:

@@ -69,3 +69,19 @@ def with_share_of(model: EvidenceModel, table: CandidateTable) -> Adapted:
         )
     shift = log_odds_shift(1 - d[has], share)
     return Adapted(model.shifted(shift), share, shift)
+
+
+def as_used_for(model: EvidenceModel, cues: FloatArray, d: FloatArray) -> EvidenceModel:
+    """The model with the shift that D was made with, where D is this model's but for a shift.
+
+    Args:
+        model: as it was fitted.
+        cues: of the candidates, shape (n, k).
+        d: their D, shape (n,), NaN where there is none. Where no shift explains it the shift is that of the
+            median candidate, and ``rescore.explain`` refuses the model.
+    """
+    own = model.difference(cues)
+    both = np.isfinite(own) & np.isfinite(d) & (d > 0) & (d < 1)
+    shift = float(np.median(logit(own[both]) - logit(d[both]))) if both.any() else 0.0
+    # D is kept with all its digits, so what is no shift differs by less than this
+    return model.shifted(shift) if abs(shift) > 1e-6 else model

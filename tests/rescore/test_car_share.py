@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from rescore.car_share import log_odds_shift
+from rescore.car_share import as_used_for, log_odds_shift
+from rescore.cues import CUES, Registration
+from rescore.evidence_model import EvidenceModel
 
 
 def test_shift_of_equal_candidates_is_the_difference_of_log_odds() -> None:
@@ -34,6 +36,18 @@ def test_known_change_of_share_is_found_back() -> None:
     of_kind = np.rint(n * (0.6 * kind_given_car + 0.4 * kind_given_other)).astype(int)
     shift = log_odds_shift(np.repeat(posterior(0.1), of_kind), 0.6)
     assert expit(logit(posterior(0.1)) + shift) == pytest.approx(posterior(0.6), abs=1e-4)
+
+
+def test_the_shift_that_d_was_made_with_is_found_back() -> None:
+    rng = np.random.default_rng(1)
+    mode = Registration.GUARDED
+    knots = {name: np.array([0.0, 1.0]) for name in mode.cues}
+    fitted = EvidenceModel(mode, knots, dict.fromkeys(mode.cues, np.array([-1.0, 1.0])), -3.0, 0.5, {})
+    cues = rng.uniform(size=(20, len(CUES)))
+    d = fitted.shifted(2.5).difference(cues)
+    d[3] = np.nan
+    assert as_used_for(fitted, cues, d).bias == pytest.approx(-0.5)
+    assert as_used_for(fitted, cues, fitted.difference(cues)) is fitted
 
 
 def test_nothing_to_shift_is_refused() -> None:
