@@ -3,8 +3,11 @@
 import sys
 import warnings
 
+from typer.models import CommandInfo
+
 from recon.errors import RescoreError
 from rescore.commands import (
+    detectors,
     evidence_study,
     experiment,
     gallery,
@@ -14,6 +17,7 @@ from rescore.commands import (
     models,
     own_data,
     reconstruct,
+    results,
     stereo,
     tuning,
     uiuc,
@@ -23,6 +27,7 @@ from rescore.commands.base import app
 
 __all__ = [
     "app",
+    "detectors",
     "evidence_study",
     "experiment",
     "gallery",
@@ -33,11 +38,49 @@ __all__ = [
     "models",
     "own_data",
     "reconstruct",
+    "results",
     "stereo",
     "tuning",
     "uiuc",
     "weight",
 ]
+
+PANELS = {
+    "The experiment": (
+        "reproduce",
+        "synth",
+        "learn",
+        "train",
+        "detect",
+        "fit-evidence",
+        "tune",
+        "apply",
+        "evaluate",
+    ),
+    "Looking at a run": ("report", "log", "inspect"),
+    "Your own data": ("doctor", "import", "convert"),
+    "One picture in 3D": ("reconstruct", "popup", "learn-ground", "learn-primitives"),
+    "Studies": (
+        *("sweep", "study-evidence", "study-weight", "study-stereo", "study-models", "study-views"),
+        *("localize", "gallery", "uiuc"),
+    ),
+}
+"""The commands in the order in which `rescore --help` lists them."""
+
+
+def _arrange() -> None:
+    names = [name for panel in PANELS.values() for name in panel]
+    panel_of = {name: panel for panel, some in PANELS.items() for name in some}
+    for command in app.registered_commands:
+        command.rich_help_panel = panel_of[_name(command)]
+    app.registered_commands.sort(key=lambda command: names.index(_name(command)))
+
+
+def _name(command: CommandInfo) -> str:
+    return str(command.name or getattr(command.callback, "__name__", ""))
+
+
+_arrange()
 
 
 def main() -> None:

@@ -1,9 +1,9 @@
-"""The commands of the experiment: synth, train, detect, apply, evaluate, report, log, reproduce."""
+"""The commands of the experiment: synth, apply, reproduce."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,7 +17,6 @@ from rescore.commands.base import (
     Jobs,
     Preset,
     RegistrationMode,
-    Report,
     Seed,
     Split,
     TestMeshes,
@@ -26,7 +25,6 @@ from rescore.commands.base import (
     config_of,
     detections_of,
     mode_of,
-    read_data,
     read_split,
     say,
     with_share,
@@ -38,11 +36,11 @@ from rescore.commands.depth_source import (
     Model,
     PredictedDir,
     Unit,
-    predictions_behind,
     source_as_json,
     source_of,
     tell_doubts,
 )
+from rescore.commands.results import print_results
 
 if TYPE_CHECKING:
     from rescore.stages import Done
@@ -71,91 +69,6 @@ def synth(
         settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
     )
     say(f"data set: {out}")
-
-
-@app.command()
-def train(
-    out: Annotated[Path, typer.Option(help="Folder for <detector>.npz and <detector>.platt.json.")],
-    dataset: Annotated[
-        Path | None,
-        typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md)."),
-    ] = None,
-    crops: Annotated[
-        tuple[Path, Path] | None,
-        typer.Option(
-            help="In place of a data set: folders of crops of cars and of street, or patterns in quotes.",
-            metavar="CARS STREET",
-        ),
-    ] = None,
-    detector: Annotated[str, typer.Option(help="Detector to train: hog, boosted or all.")] = "all",
-    preset: Preset = "paper",
-    config: Changes = None,
-    seed: Seed = 0,
-    jobs: Jobs = ALL_PROCESSORS,
-) -> None:
-    """Train detectors on the split "train", and fit their Platt scaling on "calibration".
-
-    With --crops, on pictures of one size, each a car or street; Platt scaling is fitted by cross-validation,
-    on scenes made of crops that were held out.
-
-    Example: [bold]rescore train data/demo --detector hog --out models[/bold]
-    """
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.detectors.crops import config_for_crops, read_crops
-    from rescore.store import write_provenance
-
-    kinds = [k for k in steps.DetectorKind if detector in ("all", k.value)]
-    if not kinds:
-        known = ", ".join(steps.DetectorKind)
-        raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")
-    if (dataset is None) == (crops is None):
-        raise RescoreError("train: expected a data set or --crops, got both or neither; give one of them")
-    settings = config_of(preset, config)
-    data = None if dataset is None else read_data(dataset, settings.class_name)
-    examples = None if crops is None else read_crops(*crops)
-    for kind in kinds:
-        chosen = settings.detector(kind)
-        if data is not None:
-            trained = steps.train(data, chosen, seed, jobs)
-            scaling = steps.calibrate(trained, data, jobs)
-        else:
-            assert examples is not None
-            chosen = config_for_crops(chosen, examples.width_px, examples.height_px)
-            trained, validation = steps.train_on_crops(examples, chosen, seed, jobs)
-            scaling = validation.scaling
-            say(f"{kind}, scenes of held-out crops: {validation.curve.summary()}")
-        trained.save(out / f"{kind}.npz")
-        steps.save_scaling(_scaling_of(out / f"{kind}.npz"), scaling)
-        write_provenance(out / f"{kind}.npz", "train", part_as_json(chosen), seed)
-        say(f"detector: {out / f'{kind}.npz'}")
-
-
-@app.command()
-def detect(
-    dataset: Dataset,
-    detector: Annotated[
-        Path, typer.Option(help="Detector that `rescore train` wrote, with its .platt.json.")
-    ],
-    out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.")],
-    split: Split = "test",
-    jobs: Jobs = ALL_PROCESSORS,
-) -> None:
-    """Find the 15 best candidates of every frame, with raw scores and likelihoods.
-
-    Example: [bold]rescore detect data/demo --detector models/hog.npz --out hog.json[/bold]
-    """
-    from rescore import steps
-    from rescore.detectors.files import load_detector
-    from rescore.formats.coco import write_detections
-    from rescore.store import write_provenance
-
-    data = read_split(dataset, split)
-    trained = load_detector(detector)
-    table = steps.detect(trained, steps.load_scaling(_scaling_of(detector)), data, jobs)
-    write_detections(out, trained.name, table, data)
-    write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
-    say(f"{len(table)} detections in {len(data.frames)} frames: {out}")
 
 
 @app.command()
@@ -242,107 +155,6 @@ def apply(
 
 
 @app.command()
-def evaluate(
-    dataset: Dataset,
-    detections: Annotated[list[Path], typer.Argument(help="Detections, rescored or not; a file a detector.")],
-    out: Annotated[Path, typer.Option(help="Run folder to write to.")],
-    tuned: Annotated[
-        list[Path] | None, typer.Option(help="What `rescore tune` wrote, to show the choice of w; repeat.")
-    ] = None,
-    min_iou: Annotated[
-        float, typer.Option(min=0, max=1, help="Overlap from which a candidate found a car.")
-    ] = 0.5,
-    disparities: Annotated[
-        int | None,
-        typer.Option(help="Disparities to search where there is no disparity file, as for `rescore apply`."),
-    ] = None,
-    report: Report = True,
-    split: Split = "test",
-) -> None:
-    """Match detections with the annotated cars: candidates.parquet, metrics.json, curves and report.
-
-    Example: [bold]rescore evaluate data/demo rescored_hog.json rescored_boosted.json --out runs/mine[/bold]
-    """
-    from rescore import steps
-    from rescore.evaluate import evaluate as evaluate_files
-    from rescore.pipeline import RescoreConfig
-    from rescore.reproduce import write_run_config
-
-    data = read_split(dataset, split)
-    files = [detections_of(path, data) for path in detections]
-    tunings = {(t.detector, t.registration): t for t in (steps.load_tuning(path) for path in tuned or [])}
-    settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
-    settings |= predictions_behind(detections)
-    stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
-    metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
-    write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
-    if report:
-        from reports import build_report
-
-        build_report(out)
-    _print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
-
-
-@app.command()
-def report(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Run folders of `rescore evaluate` or `rescore reproduce`; the others are compared with the "
-            "first.",
-            metavar="RUN...",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Page to write.",
-            show_default="RUN/report.html; of several runs comparison.html of the first",
-        ),
-    ] = None,
-) -> None:
-    """Write the report of a run: one HTML file with result, curves, gallery and tuning, for offline use.
-
-    Several runs come side by side, with differences paired over the images that they share.
-
-    Example: [bold]rescore report runs/demo runs/other --out comparison.html[/bold]
-    """
-    from reports import build_report
-
-    page = build_report(runs, out)
-    say(f"report: {page} (open it in a browser)")
-
-
-@app.command()
-def log(
-    run: Annotated[Path, typer.Argument(help="Run folder of `rescore evaluate` or `rescore reproduce`.")],
-    out: Annotated[
-        Path | None, typer.Option(help="Recording to write.", show_default="RUN/recording.rrd")
-    ] = None,
-    frames: Annotated[
-        str,
-        typer.Option(
-            help="all, flips (a candidate changed sides) or worst (a car lost, a false alarm accepted)."
-        ),
-    ] = "all",
-    max_frames: Annotated[
-        int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
-    ] = None,
-) -> None:
-    """Write a recording for the Rerun viewer: candidates and why they moved, depth, 3D, curves.
-
-    Example: [bold]rescore log runs/demo && rerun runs/demo/recording.rrd[/bold]
-    """
-    from reports.rerun_log import write_recording
-    from reports.rerun_story import Frames
-
-    file = write_recording(
-        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
-    )
-    say(f"recording: {file} (open it with: rerun {file})")
-
-
-@app.command()
 def reproduce(
     out: Annotated[Path, typer.Option(help="Run folder to write to.")],
     preset: Preset = "demo",
@@ -362,11 +174,7 @@ def reproduce(
     folder = RunFolder(out)
     settings = config_of(preset, config)
     metrics = Run(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
-    _print_results(metrics, {"report": folder.html, "recording": folder.recording})
-
-
-def _scaling_of(detector: Path) -> Path:
-    return detector.with_suffix(".platt.json")
+    print_results(metrics, {"report": folder.html, "recording": folder.recording})
 
 
 def _reasons(status: list[str]) -> str:
@@ -396,18 +204,3 @@ def _grounds(image_id: list[int], ground: list[str]) -> str:
 def _report_stage(done: "Done") -> None:
     what = "reused" if done.reused else f"{done.seconds:.1f} s"
     say(f"{done.name:<28} {what}")
-
-
-def _print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
-    from rich.console import Console
-
-    from reports.certainty_tables import TERMINAL_CAPTION, terminal_comparison
-    from reports.tables import terminal_table
-
-    console = Console()
-    console.print(terminal_table(metrics))
-    comparison = terminal_comparison(metrics)
-    if comparison is not None:
-        console.print(comparison.rich(TERMINAL_CAPTION))
-    for name, path in paths.items():
-        console.print(f"{name}: {path}", soft_wrap=True, highlight=False)

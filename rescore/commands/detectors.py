@@ -1,0 +1,113 @@
+"""The commands of the detectors: train, detect."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from recon.errors import RescoreError
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Changes,
+    Dataset,
+    Jobs,
+    Preset,
+    Seed,
+    Split,
+    app,
+    config_of,
+    read_data,
+    read_split,
+    say,
+)
+
+
+@app.command()
+def train(
+    out: Annotated[Path, typer.Option(help="Folder for <detector>.npz and <detector>.platt.json.")],
+    dataset: Annotated[
+        Path | None,
+        typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md)."),
+    ] = None,
+    crops: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(
+            help="In place of a data set: folders of crops of cars and of street, or patterns in quotes.",
+            metavar="CARS STREET",
+        ),
+    ] = None,
+    detector: Annotated[str, typer.Option(help="Detector to train: hog, boosted or all.")] = "all",
+    preset: Preset = "paper",
+    config: Changes = None,
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Train detectors on the split "train", and fit their Platt scaling on "calibration".
+
+    With --crops, on pictures of one size, each a car or street; Platt scaling is fitted by cross-validation,
+    on scenes made of crops that were held out.
+
+    Example: [bold]rescore train data/demo --detector hog --out models[/bold]
+    """
+    from rescore import steps
+    from rescore.config import part_as_json
+    from rescore.detectors.crops import config_for_crops, read_crops
+    from rescore.store import write_provenance
+
+    kinds = [k for k in steps.DetectorKind if detector in ("all", k.value)]
+    if not kinds:
+        known = ", ".join(steps.DetectorKind)
+        raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")
+    if (dataset is None) == (crops is None):
+        raise RescoreError("train: expected a data set or --crops, got both or neither; give one of them")
+    settings = config_of(preset, config)
+    data = None if dataset is None else read_data(dataset, settings.class_name)
+    examples = None if crops is None else read_crops(*crops)
+    for kind in kinds:
+        chosen = settings.detector(kind)
+        if data is not None:
+            trained = steps.train(data, chosen, seed, jobs)
+            scaling = steps.calibrate(trained, data, jobs)
+        else:
+            assert examples is not None
+            chosen = config_for_crops(chosen, examples.width_px, examples.height_px)
+            trained, validation = steps.train_on_crops(examples, chosen, seed, jobs)
+            scaling = validation.scaling
+            say(f"{kind}, scenes of held-out crops: {validation.curve.summary()}")
+        trained.save(out / f"{kind}.npz")
+        steps.save_scaling(_scaling_of(out / f"{kind}.npz"), scaling)
+        write_provenance(out / f"{kind}.npz", "train", part_as_json(chosen), seed)
+        say(f"detector: {out / f'{kind}.npz'}")
+
+
+@app.command()
+def detect(
+    dataset: Dataset,
+    detector: Annotated[
+        Path, typer.Option(help="Detector that `rescore train` wrote, with its .platt.json.")
+    ],
+    out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.")],
+    split: Split = "test",
+    jobs: Jobs = ALL_PROCESSORS,
+) -> None:
+    """Find the 15 best candidates of every frame, with raw scores and likelihoods.
+
+    Example: [bold]rescore detect data/demo --detector models/hog.npz --out hog.json[/bold]
+    """
+    from rescore import steps
+    from rescore.detectors.files import load_detector
+    from rescore.formats.coco import write_detections
+    from rescore.store import write_provenance
+
+    data = read_split(dataset, split)
+    trained = load_detector(detector)
+    table = steps.detect(trained, steps.load_scaling(_scaling_of(detector)), data, jobs)
+    write_detections(out, trained.name, table, data)
+    write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
+    say(f"{len(table)} detections in {len(data.frames)} frames: {out}")
+
+
+def _scaling_of(detector: Path) -> Path:
+    return detector.with_suffix(".platt.json")

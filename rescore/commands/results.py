@@ -1,0 +1,136 @@
+"""The commands that show results: evaluate, report, log."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rescore.commands.base import (
+    Dataset,
+    Report,
+    Split,
+    app,
+    detections_of,
+    read_split,
+    say,
+)
+from rescore.commands.depth_source import predictions_behind
+
+
+@app.command()
+def evaluate(
+    dataset: Dataset,
+    detections: Annotated[list[Path], typer.Argument(help="Detections, rescored or not; a file a detector.")],
+    out: Annotated[Path, typer.Option(help="Run folder to write to.")],
+    tuned: Annotated[
+        list[Path] | None, typer.Option(help="What `rescore tune` wrote, to show the choice of w; repeat.")
+    ] = None,
+    min_iou: Annotated[
+        float, typer.Option(min=0, max=1, help="Overlap from which a candidate found a car.")
+    ] = 0.5,
+    disparities: Annotated[
+        int | None,
+        typer.Option(help="Disparities to search where there is no disparity file, as for `rescore apply`."),
+    ] = None,
+    report: Report = True,
+    split: Split = "test",
+) -> None:
+    """Match detections with the annotated cars: candidates.parquet, metrics.json, curves and report.
+
+    Example: [bold]rescore evaluate data/demo rescored_hog.json rescored_boosted.json --out runs/mine[/bold]
+    """
+    from rescore import steps
+    from rescore.evaluate import evaluate as evaluate_files
+    from rescore.pipeline import RescoreConfig
+    from rescore.reproduce import write_run_config
+
+    data = read_split(dataset, split)
+    files = [detections_of(path, data) for path in detections]
+    tunings = {(t.detector, t.registration): t for t in (steps.load_tuning(path) for path in tuned or [])}
+    settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
+    settings |= predictions_behind(detections)
+    stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
+    metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
+    write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
+    if report:
+        from reports import build_report
+
+        build_report(out)
+    print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
+
+
+@app.command()
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Run folders of `rescore evaluate` or `rescore reproduce`; the others are compared with the "
+            "first.",
+            metavar="RUN...",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Page to write.",
+            show_default="RUN/report.html; of several runs comparison.html of the first",
+        ),
+    ] = None,
+) -> None:
+    """Write the report of a run: one HTML file with result, curves, gallery and tuning, for offline use.
+
+    Several runs come side by side, with differences paired over the images that they share.
+
+    Example: [bold]rescore report runs/demo runs/other --out comparison.html[/bold]
+    """
+    from reports import build_report
+
+    page = build_report(runs, out)
+    say(f"report: {page} (open it in a browser)")
+
+
+@app.command()
+def log(
+    run: Annotated[Path, typer.Argument(help="Run folder of `rescore evaluate` or `rescore reproduce`.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Recording to write.", show_default="RUN/recording.rrd")
+    ] = None,
+    frames: Annotated[
+        str,
+        typer.Option(
+            help="all, flips (a candidate changed sides) or worst (a car lost, a false alarm accepted)."
+        ),
+    ] = "all",
+    max_frames: Annotated[
+        int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
+    ] = None,
+) -> None:
+    """Write a recording for the Rerun viewer: candidates and why they moved, depth, 3D, curves.
+
+    Example: [bold]rescore log runs/demo && rerun runs/demo/recording.rrd[/bold]
+    """
+    from reports.rerun_log import write_recording
+    from reports.rerun_story import Frames
+
+    file = write_recording(
+        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
+    )
+    say(f"recording: {file} (open it with: rerun {file})")
+
+
+def print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
+    """Print the table of results, what rescoring changed, and where the files are."""
+    from rich.console import Console
+
+    from reports.certainty_tables import TERMINAL_CAPTION, terminal_comparison
+    from reports.tables import terminal_table
+
+    console = Console()
+    console.print(terminal_table(metrics))
+    comparison = terminal_comparison(metrics)
+    if comparison is not None:
+        console.print(comparison.rich(TERMINAL_CAPTION))
+    for name, path in paths.items():
+        console.print(f"{name}: {path}", soft_wrap=True, highlight=False)
