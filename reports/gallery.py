@@ -59,8 +59,21 @@ class Mover:
     def title(self) -> str:
         """What happened, in words."""
         direction = "rose" if self.after < self.before else "fell"
-        what = f"{self.outcome}{f' ({self.thing})' if self.thing else ''}"
+        what = "candidate" if self.group is Group.IGNORED else self.outcome
+        what += f" ({self.thing})" if self.thing else ""
         return f"{what[0].upper()}{what[1:]} {direction} from place {self.before} to {self.after} of {self.n}"
+
+    @property
+    def move(self) -> str:
+        """Which way it moved: a gain or a loss, or where nothing is known of it a rise or a fall."""
+        if self.group is Group.IGNORED:
+            return "rise" if self.after < self.before else "fall"
+        return "gain" if self.gain else "loss"
+
+    @property
+    def verdict(self) -> str:
+        """The move and what it does to the counts, in words."""
+        return f"{self.move.capitalize()}: {self.group_text}"
 
     @property
     def group_text(self) -> str:
@@ -120,6 +133,12 @@ def _picks(inspection: Inspection, per_pick: int) -> Iterator[tuple[bool, Sequen
     # a candidate without evidence keeps its score: others moved past it, depth did nothing to it
     told = np.isfinite(difference(inspection.rows, inspection.mode))
     outcome = changes.after.match.outcome
+    if not changes.after.match.n_cars:
+        # nothing is right or wrong: what rose and what fell
+        for rose in (True, False):
+            moved = np.where(told, changes.delta if rose else -changes.delta, 0)
+            yield rose, [int(row) for row in np.argsort(-moved, kind="stable") if moved[row] > 0][:per_pick]
+        return
     for gain in (True, False):
         for kind in (FALSE_ALARM, HIT):
             moved = np.where((outcome == kind) & told, -changes.loss if gain else changes.loss, 0)

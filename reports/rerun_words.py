@@ -70,9 +70,12 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         f"image, {changes.place_before[c.row]} → {changes.place_after[c.row]} of all {len(changes.group)} of "
         f"{detector_name(detector, short=True)}, {mode_name(mode)}.",
         score,
-        f"{_verdict(was)} before, {_verdict(now).lower()} after, at {story.points[detector].text}: "
-        f"least *l* {_least(story, detector, 'detector')}, least score {_least(story, detector, mode)}.",
     ]
+    if story.run.metrics["n_cars"]:
+        lines.append(
+            f"{_verdict(was)} before, {_verdict(now).lower()} after, at {story.points[detector].text}: "
+            f"least *l* {_least(story, detector, 'detector')}, least score {_least(story, detector, mode)}."
+        )
     if told is not None:
         lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
     elif c.status != "ok":

@@ -38,7 +38,12 @@ _MARKER = "o"
 
 
 def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:
-    """Draw every curve of a run as PNG into ``folder``; the paths, in the order of reading."""
+    """Draw every curve of a run as PNG into ``folder``; the paths, in the order of reading.
+
+    Nothing is drawn where no car is annotated: there is nothing to find.
+    """
+    if not run.metrics["n_cars"]:
+        return ()
     curves = curve_sets(run)
     by_detector = [[c for c in curves if c.detector == d] for d in run.detectors]
     drawings = {

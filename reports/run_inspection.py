@@ -34,7 +34,7 @@ GROUP_TEXT = {
     Group.KEPT_CAR: "car kept",
     Group.KEPT_FALSE_ALARM: "false alarm kept",
     Group.REJECTED: "not accepted",
-    Group.IGNORED: "ignored",
+    Group.IGNORED: "not judged",
 }
 """Words for each group, for people."""
 PLAIN_COLUMNS = (
@@ -136,6 +136,12 @@ def explain_config(run: Run) -> ExplainConfig:
 def summary(inspection: Inspection) -> str:
     """What changed, in one sentence."""
     c, match = inspection.changes, inspection.changes.after.match
+    name = f"{detector_name(inspection.detector, short=True)}, {inspection.mode}"
+    if not match.n_cars:
+        return (
+            f"{name}: no car is annotated, so that nothing is right or wrong; {len(c.group)} candidates by "
+            "how far they moved"
+        )
     t = c.tally
     turned = [
         f", {count} {text}"
@@ -149,7 +155,7 @@ def summary(inspection: Inspection) -> str:
         *(n / max(match.n_images, 1) for n in (t.false_before, t.false_after))
     )
     return (
-        f"{detector_name(inspection.detector, short=True)}, {inspection.mode}, at {c.point.text}: "
+        f"{name}, at {c.point.text}: "
         f"{t.newly_rejected} of {t.false_before} false alarms rejected, {t.newly_accepted} new"
         f"{''.join(turned)}: {t.false_after} left ({per_image}); cars found {t.cars_before} to "
         f"{t.cars_after} of {match.n_cars}, {t.gained} gained, {t.lost} lost, {t.moved} by another box"

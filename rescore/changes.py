@@ -52,7 +52,7 @@ class Group(StrEnum):
     REJECTED = "rejected"
     """Below the threshold before and after."""
     IGNORED = "ignored"
-    """On an ignore region wherever it is accepted."""
+    """On an ignore region, and counted nowhere."""
 
 
 GAINS = (Group.GAINED_CAR, Group.SWAPPED_CAR)
@@ -93,11 +93,14 @@ class OperatingPoint:
         return f"{self.false_positives:g} false positives an image"
 
     def threshold(self, match: MatchTable) -> float:
-        """Ranking of the worst candidate accepted; infinity where none is.
+        """Ranking of the worst candidate accepted; infinity where none is, minus infinity where no car is
+        annotated and none counts.
 
         Raises:
             RescoreError: the recall is never reached.
         """
+        if not match.n_cars and (match.outcome == IGNORED).all():
+            return -np.inf
         curve = recall_curve(match)
         if self.recall is None:
             assert self.false_positives is not None
@@ -260,7 +263,8 @@ def _groups(before: Side, after: Side) -> NDArray[np.object_]:
     lost = before.found & ~np.isin(before.car, after.car[after.found])
     gained = after.found & ~np.isin(after.car, before.car[before.found])
     same = before.found & after.found & (before.car == after.car)
-    ignored = [side.accepted & (side.match.outcome == IGNORED) for side in (before, after)]
+    ignored = [side.match.outcome == IGNORED for side in (before, after)]
+    counted = [side.accepted & ~of for side, of in zip((before, after), ignored, strict=True)]
     # the first that holds
     rules: list[tuple[Group, Mask]] = [
         (Group.SWAPPED_CAR, lost & gained),
@@ -271,7 +275,8 @@ def _groups(before: Side, after: Side) -> NDArray[np.object_]:
         (Group.REJECTED_FALSE_ALARM, before.false & ~after.accepted),
         (Group.ACCEPTED_FALSE_ALARM, after.false & ~before.accepted),
         (Group.KEPT_FALSE_ALARM, before.false & after.false),
-        (Group.IGNORED, ignored[0] | ignored[1]),
+        # accepted or not; what counted on one side only is told by the rules above
+        (Group.IGNORED, (ignored[0] | ignored[1]) & ~counted[0] & ~counted[1]),
     ]
     group = np.full(len(before.match.image), Group.REJECTED, dtype=object)
     for name, holds in reversed(rules):

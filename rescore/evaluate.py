@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from rescore.detectors.base import Detections
 from rescore.difficulty import difficulty
 from rescore.evidence import NOT_RESCORED, CandidateTable
 from rescore.formats.coco import DetectionFile
-from rescore.frames import DataSet
+from rescore.frames import DataSet, FrameRecord, Truth
 from rescore.fusion_rules import posteriors
 from rescore.kinds import kinds_of_candidates
 from rescore.matching import HIT, IGNORED, OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
@@ -62,7 +62,7 @@ def evaluate(
             with different candidates.
     """
     _check(data, files)
-    truth = TruthTable.of(data)
+    truth = TruthTable.of(data if has_cars(data) else unjudged(data))
     tunings = tunings or {}
     parts: list[Columns] = []
     found: dict[str, list[dict[str, Any]]] = {
@@ -104,6 +104,27 @@ def evaluate(
     write_candidates(run_dir / "candidates.parquet", table)
     write_json(run_dir / "metrics.json", metrics)
     return metrics
+
+
+def has_cars(data: DataSet) -> bool:
+    """Whether any car is annotated that can be found."""
+    return any((~truth.ignore).any() for truth in data.truth.values())
+
+
+def unjudged(data: DataSet) -> DataSet:
+    """The data set with an ignore region over each picture, so that no candidate is right or wrong.
+
+    For frames without annotated cars: users' own without labels. Nothing is known of their candidates, and to
+    call all of them false alarms would be a claim.
+    """
+    return replace(data, truth={f.image_id: _nothing_known(f) for f in data.frames})
+
+
+def _nothing_known(frame: FrameRecord) -> Truth:
+    # beyond the edges, since a candidate may lie there
+    w, h = frame.width_px, frame.height_px
+    region = np.array([[-w, -h, 2.0 * w, 2.0 * h]])
+    return Truth(np.full(1, -1), region, np.ones(1, np.bool_), np.full(1, np.nan), ("",))
 
 
 def _check(data: DataSet, files: Sequence[DetectionFile]) -> None:

@@ -238,6 +238,11 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
 
 def save_models(path: Path, models: Mapping[Registration, EvidenceModel]) -> None:
     """Write models as JSON."""
+    write_json(path, models_as_json(models))
+
+
+def models_as_json(models: Mapping[Registration, EvidenceModel]) -> dict[str, Any]:
+    """Models as JSON values, as their files hold them."""
     modes = {
         mode.value: {
             "bias": model.bias,
@@ -251,7 +256,7 @@ def save_models(path: Path, models: Mapping[Registration, EvidenceModel]) -> Non
         }
         for mode, model in models.items()
     }
-    write_json(path, {"format": FORMAT, "modes": modes})
+    return {"format": FORMAT, "modes": modes}
 
 
 def load_models(path: Path) -> dict[Registration, EvidenceModel]:
@@ -260,14 +265,22 @@ def load_models(path: Path) -> dict[Registration, EvidenceModel]:
     Raises:
         RescoreError: no such file, or something else in it.
     """
-    value = read_json(path, "models of depth evidence")
+    return models_of_json(read_json(path, "models of depth evidence"), path)
+
+
+def models_of_json(value: Any, where: Path) -> dict[Registration, EvidenceModel]:
+    """What ``models_as_json`` made; ``where`` names it in the error.
+
+    Raises:
+        RescoreError: something else.
+    """
     try:
         if value["format"] != FORMAT:
             raise ValueError(f"format {value['format']!r}")
         return {Registration(m): _model(Registration(m), row) for m, row in value["modes"].items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RescoreError(
-            f"{path}: expected models of depth evidence ({FORMAT!r}), got {type(error).__name__} {error}; "
+            f"{where}: expected models of depth evidence ({FORMAT!r}), got {type(error).__name__} {error}; "
             "run `rescore fit-evidence` again"
         ) from error
 

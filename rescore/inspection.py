@@ -112,7 +112,9 @@ class Inspection:
         Raises:
             RescoreError: no candidate is of this image.
         """
-        keep = np.isin(self.changes.group, only.groups)
+        # where no car is annotated no candidate counts otherwise than before: all may be of interest
+        unjudged = only is Only.CHANGED and not self.changes.after.match.n_cars
+        keep = np.isin(self.changes.group, (Only.ALL if unjudged else only).groups)
         if image_id is not None:
             keep &= self._in_image(image_id)
         key = {

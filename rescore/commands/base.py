@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -153,6 +153,20 @@ def with_share(
     adapted = with_share_of(learned, table)
     say(f"D for a share of {adapted.share:.0%} cars: log odds moved by {adapted.log_odds_shift:+.2f}")
     return adapted.model, adapted.log_odds_shift
+
+
+def configs_behind(results: Sequence[Path]) -> "list[tuple[Path, dict[str, Any]]]":
+    """The settings that lie beside results, for those that have some."""
+    from rescore.store import read_json
+
+    found = []
+    for path in results:
+        settings = path.with_name(path.name + ".config.json")
+        value = read_json(settings, "the settings of a result") if settings.is_file() else None
+        config = value.get("config") if isinstance(value, dict) else None
+        if isinstance(config, dict):
+            found.append((path, config))
+    return found
 
 
 def say(text: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import say
+from rescore.commands.base import configs_behind, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -160,15 +160,7 @@ def source_as_json(source: "ClassModel | Predictions") -> dict[str, Any]:
 
 def predictions_behind(results: "Sequence[Path]") -> dict[str, Any]:
     """Which predictions made rescored detections, by file, as the settings beside them say."""
-    from rescore.store import read_json
-
-    found = {}
-    for path in results:
-        settings = path.with_name(path.name + ".config.json")
-        value = read_json(settings, "the settings of a result") if settings.is_file() else None
-        config = value.get("config") if isinstance(value, dict) else None
-        if isinstance(config, dict) and "predicted" in config:
-            found[str(path)] = config["predicted"]
+    found = {str(path): c["predicted"] for path, c in configs_behind(results) if "predicted" in c}
     return {"predicted": found} if found else {}
 
 

@@ -112,7 +112,7 @@ def apply(
     from rescore import steps
     from rescore.config import part_as_json
     from rescore.cues import check_depth_of
-    from rescore.evidence_model import with_difference
+    from rescore.evidence_model import models_as_json, with_difference
     from rescore.formats.coco import write_rescored
     from rescore.fuse import fuse
     from rescore.store import write_provenance
@@ -149,6 +149,9 @@ def apply(
     write_rescored(out, file.detector, table, posterior, w=weight, data=data, registration=mode)
     made_with = {"w": weight, "split": split, "registration": mode.value, "log_odds_shift": shift}
     made_with |= {"rescore": part_as_json(rescoring)}
+    if learned is not None:
+        # for the words of reports: D cannot be explained without what it was made with
+        made_with["evidence_model"] = models_as_json({mode: learned})
     write_provenance(out, "apply", made_with | source_as_json(source), None)
     say(_grounds(table.image_id.tolist(), table.ground.tolist()))
     say(f"{_reasons(table.status.tolist())}: {out}")

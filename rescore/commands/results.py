@@ -12,6 +12,7 @@ from rescore.commands.base import (
     Report,
     Split,
     app,
+    configs_behind,
     detections_of,
     read_split,
     say,
@@ -54,11 +55,25 @@ def evaluate(
     stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
     write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
+    _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
     if report:
         from reports import build_report
 
         build_report(out)
     print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
+
+
+def _keep_evidence_models(out: Path, detector_of: dict[Path, str]) -> None:
+    """Put what made D of rescored detections into the run folder, where report and recording look for it."""
+    from rescore.evidence_model import models_of_json, save_models
+    from rescore.run_folder import RunFolder
+
+    models: dict[str, dict[Any, Any]] = {}
+    for path, config in configs_behind(list(detector_of)):
+        if "evidence_model" in config:
+            models.setdefault(detector_of[path], {}).update(models_of_json(config["evidence_model"], path))
+    for detector, own in models.items():
+        save_models(RunFolder(out).evidence_model(detector), own)
 
 
 @app.command()
@@ -128,8 +143,11 @@ def print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
     from reports.tables import terminal_table
 
     console = Console()
-    console.print(terminal_table(metrics))
-    comparison = terminal_comparison(metrics)
+    if not metrics["n_cars"]:
+        say("no car is annotated in these frames: nothing is counted as right or wrong")
+    else:
+        console.print(terminal_table(metrics))
+    comparison = terminal_comparison(metrics) if metrics["n_cars"] else None
     if comparison is not None:
         console.print(comparison.rich(TERMINAL_CAPTION))
     for name, path in paths.items():

@@ -10,7 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from rescore.cli import PANELS, app, main
+from rescore.cues import Registration
 from rescore.evidence import CandidateTable
+from rescore.evidence_model import load_models
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
 from rescore.frames import DataSet
@@ -153,6 +155,35 @@ def test_commands_one_by_one_equal_the_whole_run(rescore: Command, tiny_run: Pat
     of_formula = rescore(*once_more, "--w", 0.5, "--adapt-share")
     assert of_formula.returncode == 1
     assert "whose D is no probability" in of_formula.stderr
+    without_annotations(rescore, data, tmp_path / "x.json", evidence, len(table))
+
+
+def unlabelled(data: Path, out: Path) -> None:
+    """A data set without its annotations."""
+    out.mkdir()
+    for part in data.iterdir():
+        (out / part.name).symlink_to(part)
+    value = json.loads((data / "annotations.json").read_text()) | {"annotations": []}
+    (out / "annotations.json").unlink()
+    (out / "annotations.json").write_text(json.dumps(value))
+
+
+def without_annotations(rescore: Command, data: Path, detections: Path, evidence: Path, n: int) -> None:
+    """Evaluate, inspect and log n rescored detections where no car is annotated."""
+    folder = detections.with_name("unlabelled")
+    unlabelled(data, folder)
+    bare_run = detections.with_name("bare_run")
+    done = rescore("evaluate", folder, detections, "--out", bare_run)
+    assert done.returncode == 0, done.stderr
+    assert "no car is annotated" in done.stderr
+    # the model that made D comes along, moved to the other share
+    kept = load_models(bare_run / "models" / "hog.evidence.json")[Registration.METRIC]
+    assert kept.bias != load_models(evidence)[Registration.METRIC].bias
+    assert "nothing can be said" in (bare_run / "report.html").read_text()
+    listed = rescore("inspect", bare_run).stdout.splitlines()
+    assert "nothing is right or wrong" in listed[0]
+    assert len(listed) == 2 + n
+    assert rescore("log", bare_run, "--max-frames", 1).returncode == 0
 
 
 def cars_above_false_alarms(table: CandidateTable, score: np.ndarray, data: DataSet) -> set[int]:
