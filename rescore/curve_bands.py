@@ -40,7 +40,7 @@ class CurveBands:
     """Share of all annotated cars over false positives an image, at x that are even on a log axis."""
     precision: Band
     """Precision where a share of all cars is reached, over that share; up to the share that the candidates
-    hold."""
+    hold. Images drawn again that never reach it count as precision 0 there, as for average precision."""
 
 
 def curve_bands(match: MatchTable, cars_of_image: IntArray, seed: int) -> CurveBands | None:
@@ -97,8 +97,8 @@ def _last_within(x: FloatArray, y: FloatArray, levels: FloatArray) -> FloatArray
 
 
 def _first_reaching(x: FloatArray, y: FloatArray, levels: FloatArray) -> FloatArray:
-    """In each row, y of the first point whose x is at least each level, (r, g); NaN where none is."""
-    padded = np.concatenate([y, np.full((len(y), 1), np.nan)], axis=1)
+    """In each row, y of the first point whose x is at least each level, (r, g); 0 where none is."""
+    padded = np.concatenate([y, np.zeros((len(y), 1))], axis=1)
     at = [np.searchsorted(row, levels - 1e-12, side="left") for row in x]
     return np.take_along_axis(padded, np.array(at), axis=1)
 

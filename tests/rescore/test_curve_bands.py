@@ -61,6 +61,20 @@ def test_images_that_are_all_alike_leave_no_doubt():
         np.testing.assert_array_equal(band.high, 1.0)
 
 
+def test_draws_that_never_reach_a_share_of_cars_count_as_precision_0():
+    # 24 images with a car found, 6 with a false alarm above all cars instead: about half of the draws hold
+    # fewer than 24 of the first kind and never find 80 %; those that do find h of 30 with precision h / 30
+    n, n_hit = 30, 24
+    hit = np.arange(n) < n_hit
+    image, ranking = np.arange(n), np.where(hit, 1.0, 2.0)
+    outcome = np.where(hit, HIT, FALSE_ALARM).astype(np.int8)
+    match = MatchTable(n, n, image, ranking, outcome, image)
+    band = curve_bands(match, np.ones(n, np.int64), seed=1).precision
+    assert band.x[-1] == pytest.approx(n_hit / n)
+    assert band.low[-1] == 0
+    assert n_hit / n < band.high[-1] < 1
+
+
 def test_more_images_make_a_narrower_band():
     few, many = (curve_bands(*table(n), seed=0).candidate for n in (20, 320))
     width = [np.mean(b.high - b.low) for b in (few, many)]
