@@ -51,6 +51,8 @@ _BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
 _BARS_ZERO, _BARS_REACH = 480.0, 100.0
 _SHORTEST_SCALE = 0.5
 """Log odds of the longest bar are taken to be at least this."""
+_PART_COLOURS = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)
+"""Colour of each part label."""
 
 
 @dataclass(frozen=True)
@@ -235,13 +237,12 @@ def _log_mesh(rec: rr.RecordingStream, path: str, meshes: list[PartMesh | None],
         rec.log(path, rr.Clear(recursive=False))
         return
     mesh = merge_meshes(some)
-    colours = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)[mesh.label]
     rec.log(
         path,
         rr.Mesh3D(
             vertex_positions=apply_transform(world_from_camera(view.ground), mesh.xyz_m),
             triangle_indices=mesh.triangles,
-            vertex_colors=colours,
+            vertex_colors=_PART_COLOURS[mesh.label],
         ),
     )
 
@@ -313,7 +314,7 @@ def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None
     longest = max(float(np.abs(amount).max(initial=0.0)), _SHORTEST_SCALE)
     ends = _BARS_ZERO + amount / longest * _BARS_REACH
     colours = [rgb(on_dark(SKY if v >= 0 else ORANGE)) for v in amount]
-    strips = [[(_BARS_ZERO, row), (end, row)] for row, end in zip(y, ends, strict=True)]
+    strips = np.stack([np.full(len(y), _BARS_ZERO), y, ends, y], axis=1).reshape(-1, 2, 2)
     rec.log(
         f"{path}/bars",
         rr.LineStrips2D(strips, colors=colours, radii=[0.2 * _BAR_HEIGHT] * len(strips)),

@@ -7,7 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from recon.class_model import ClassModel
-from reports.evidence_view import CandidateView, FrameView, frame_views, run_data
+from reports.evidence_view import CandidateView, FrameView, frame_views
 from reports.palette import mode_name
 from reports.rerun_blueprint import blueprint
 from reports.rerun_boxes import log_boxes
@@ -86,7 +86,7 @@ class _Writer:
 
     def __init__(self, rec: rr.RecordingStream, story: Story) -> None:
         self.rec, self.story = rec, story
-        self.records = {f.image_id: f for f in run_data(story.run).frames}
+        self.records = {f.image_id: f for f in story.data.frames}
         self.model = _class_model(story.run)
         most = max((_most_candidates(story.run, d) for d in story.run.detectors), default=0)
         self.stride = 10 ** len(str(max(most, 9)))
