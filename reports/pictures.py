@@ -92,7 +92,7 @@ def colourise(values: NDArray[np.float32], low: float, high: float, colormap: st
     steps = np.minimum(unit * _STEPS, _STEPS - 1).astype(np.uint8)
     colours = _colour_table(colormap)[steps]
     colours[~np.isfinite(values)] = _HOLE
-    return colours
+    return np.asarray(colours, np.uint8)
 
 
 @cache
