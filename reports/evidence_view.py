@@ -107,30 +107,49 @@ def frame_views(
         image_ids: the frames to read, in this order; None for all, in the order of the data set.
         others: other modes whose candidates are wanted too.
     """
-    data = run_data(run)
-    tables = {d: _Table(run, d, mode) for d in run.detectors}
-    more = {(d, m): _Table(run, d, m, with_instances=False) for d in run.detectors for m in others}
-    records = {r.image_id: r for r in data.frames}
-    for image_id in records if image_ids is None else image_ids.tolist():
-        record = records[image_id]
-        frame = load_frame(record, SgbmConfig(**run.config.get("stereo", {})))
+    reader = FrameReader(run, run_data(run), mode, others)
+    for image_id in reader.records if image_ids is None else image_ids.tolist():
+        yield reader.read(image_id)
+
+
+class FrameReader:
+    """Reads single frames of a run, in any order.
+
+    Args:
+        run: the run.
+        data: the frames that it was evaluated on.
+        mode: the way of scoring that is shown.
+        others: other modes whose candidates are wanted too.
+    """
+
+    def __init__(self, run: Run, data: DataSet, mode: str, others: Sequence[str] = ()) -> None:
+        self.records = {r.image_id: r for r in data.frames}
+        self._run, self._data = run, data
+        self._tables = {d: _Table(run, d, mode) for d in run.detectors}
+        self._more = {(d, m): _Table(run, d, m, with_instances=False) for d in run.detectors for m in others}
+
+    def read(self, image_id: int) -> FrameView:
+        """The frame of an image."""
+        record = self.records[image_id]
+        frame = load_frame(record, SgbmConfig(**self._run.config.get("stereo", {})))
         camera = frame.camera.left if frame.camera else default_camera(record.width_px, record.height_px)
         measured = measured_depth(frame.disparity_px, frame.camera)
-        yield FrameView(
+        root = self._data.root
+        return FrameView(
             image_id=frame.image_id,
             rgb=frame.left_rgb,
             measured=measured,
             metric=frame.camera is not None,
             camera=camera,
             ground=frame.ground or DEFAULT_GROUND,
-            truth=data.truth[record.image_id],
-            candidates={d: table.frame(frame.image_id, measured) for d, table in tables.items()},
-            file=record.left_path.relative_to(data.root).as_posix()
-            if record.left_path.is_relative_to(data.root)
+            truth=self._data.truth[record.image_id],
+            candidates={d: table.frame(frame.image_id, measured) for d, table in self._tables.items()},
+            file=record.left_path.relative_to(root).as_posix()
+            if record.left_path.is_relative_to(root)
             else record.left_path.name,
             right_rgb=_right_picture(record),
             baseline=frame.camera.baseline_m if frame.camera else 0.0,
-            other_modes={key: table.frame(frame.image_id, measured) for key, table in more.items()},
+            other_modes={key: table.frame(frame.image_id, measured) for key, table in self._more.items()},
         )
 
 

@@ -159,7 +159,8 @@ def stereo_points(
         grid[::step, ::step] = True
         keep |= grid & region
     keep &= np.isfinite(depth_m) & (depth_m < max_depth_m)
-    return points_of_depth(depth_m, camera)[keep], rgb[keep]
+    v, u = np.nonzero(keep)
+    return camera.rays(np.stack([u, v], axis=-1).astype(float)) * depth_m[keep][:, None], rgb[keep]
 
 
 def oriented_box(

@@ -2,6 +2,7 @@
 
 import base64
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import matplotlib as mpl
@@ -25,6 +26,8 @@ _MARGIN = 0.2
 _ASPECT = 1.8
 """Width over height of what is cut out, so that cards are alike."""
 _HOLE = (105, 105, 105)
+_STEPS = 256
+"""Colours of a map of matplotlib."""
 _QUALITY = 80
 _FRAME_QUALITY = 72
 
@@ -86,9 +89,17 @@ def colourise(values: NDArray[np.float32], low: float, high: float, colormap: st
     """Values (h, w) as colours (h, w, 3) from ``low`` to ``high``; NaN is grey."""
     span = high - low if high > low else 1.0
     unit = np.clip((np.nan_to_num(values, nan=low) - low) / span, 0, 1)
-    colours = (mpl.colormaps[colormap](unit)[..., :3] * 255).round().astype(np.uint8)
+    steps = np.minimum(unit * _STEPS, _STEPS - 1).astype(np.uint8)
+    colours = _colour_table(colormap)[steps]
     colours[~np.isfinite(values)] = _HOLE
     return np.asarray(colours, np.uint8)
+
+
+@cache
+def _colour_table(colormap: str) -> Rgb:
+    """The colours (256, 3) of a map: looked up by hand, as matplotlib converts every pixel in floats."""
+    colours = mpl.colormaps[colormap](np.arange(_STEPS))[:, :3]
+    return np.asarray((colours * 255).round(), np.uint8)
 
 
 def colour_stops(colormap: str, count: int = 9) -> str:

@@ -10,6 +10,7 @@ from reports.evidence_view import CandidateView, FrameView
 from reports.palette import OUTCOME_NAME
 from reports.rerun_names import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
 from reports.rerun_story import Story
+from reports.rerun_tape import Recorder
 from reports.run_inspection import GROUP_TEXT
 from rescore.candidate_columns import ALONE
 from rescore.cue_words import status_text
@@ -34,7 +35,7 @@ class Shown:
     """Whether this is the detector alone."""
 
 
-def log_boxes(rec: rr.RecordingStream, story: Story, view: FrameView) -> None:
+def log_boxes(rec: Recorder, story: Story, view: FrameView) -> None:
     """Log the candidates of all detectors and modes, and the tables, at the time that is set."""
     for detector in story.run.detectors:
         for mode in story.modes_of(detector):
@@ -71,7 +72,7 @@ def labelled(story: Story, view: FrameView, detector: str) -> NDArray[np.bool_]:
     return np.array([any(c is b for b in best) for c in some], bool)
 
 
-def log_shown(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView, labels: bool = True) -> None:
+def log_shown(rec: Recorder, path: str, what: Shown, view: FrameView, labels: bool = True) -> None:
     """Log boxes, labels and annotated cars at an entity path."""
     _log_rectangles(rec, f"{path}/accepted", what, what.accepted)
     _log_rectangles(rec, f"{path}/rejected", what, ~what.accepted)
@@ -135,7 +136,7 @@ def label_spots(
     return np.array(spots).reshape(-1, 2)
 
 
-def _log_rectangles(rec: rr.RecordingStream, path: str, what: Shown, use: NDArray[np.bool_]) -> None:
+def _log_rectangles(rec: Recorder, path: str, what: Shown, use: NDArray[np.bool_]) -> None:
     some = [c for c, u in zip(what.candidates, use, strict=True) if u]
     bright = path.endswith("accepted")
     rec.log(
@@ -160,7 +161,7 @@ def _log_rectangles(rec: rr.RecordingStream, path: str, what: Shown, use: NDArra
     )
 
 
-def _log_labels(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView) -> None:
+def _log_labels(rec: Recorder, path: str, what: Shown, view: FrameView) -> None:
     """Labels apart from the boxes, for the viewer would break them into lines as wide as the box."""
     h, w = view.measured.shape
     some = [c for c, named in zip(what.candidates, what.labelled, strict=True) if named]
@@ -179,7 +180,7 @@ def _log_labels(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView
     )
 
 
-def _log_cars(rec: rr.RecordingStream, path: str, what: Shown, truth: Truth) -> None:
+def _log_cars(rec: Recorder, path: str, what: Shown, truth: Truth) -> None:
     pairs = zip(what.candidates, what.accepted, strict=True)
     found = {c.annotation_id for c, accepted in pairs if accepted and c.outcome == "hit"}
     names = [
@@ -201,7 +202,7 @@ def _log_cars(rec: rr.RecordingStream, path: str, what: Shown, truth: Truth) -> 
     )
 
 
-def _log_legend(rec: rr.RecordingStream, path: str, view: FrameView) -> None:
+def _log_legend(rec: Recorder, path: str, view: FrameView) -> None:
     """The colours, in a row below the picture."""
     h, w = view.measured.shape
     at = (np.arange(len(LEGEND)) + 0.5) / len(LEGEND) * w

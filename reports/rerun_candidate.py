@@ -39,6 +39,7 @@ from reports.rerun_names import (
 )
 from reports.rerun_plot import BACKGROUND
 from reports.rerun_story import Story
+from reports.rerun_tape import Recorder
 from reports.rerun_words import Bar, ColourRange, evidence_bars, why
 
 CROP_WIDTH_PX, CROP_HEIGHT_PX = 160, 96
@@ -51,6 +52,8 @@ _BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
 _BARS_ZERO, _BARS_REACH = 480.0, 100.0
 _SHORTEST_SCALE = 0.5
 """Log odds of the longest bar are taken to be at least this."""
+_PART_COLOURS = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)
+"""Colour of each part label."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ def shown_models(candidates: tuple[CandidateView, ...]) -> tuple[CandidateView, 
     return tuple(able[:SHOWN_MODELS])
 
 
-def log_models(rec: rr.RecordingStream, story: Story, view: FrameView, model: ClassModel | None) -> None:
+def log_models(rec: Recorder, story: Story, view: FrameView, model: ClassModel | None) -> None:
     """Log the registered models of the best candidates of a frame, and their boxes, in 3D."""
     for detector, candidates in view.candidates.items():
         root, top = models_path(detector), shown_models(candidates)
@@ -113,7 +116,7 @@ def log_models(rec: rr.RecordingStream, story: Story, view: FrameView, model: Cl
 
 
 def log_candidate(
-    rec: rr.RecordingStream,
+    rec: Recorder,
     story: Story,
     detector: str,
     view: FrameView,
@@ -146,7 +149,7 @@ def bars_view(story: Story, detector: str) -> rrb.Spatial2DView:
 
 
 def _log_crops(
-    rec: rr.RecordingStream, root: str, c: CandidateView, view: FrameView, colour: tuple[int, int, int]
+    rec: Recorder, root: str, c: CandidateView, view: FrameView, colour: tuple[int, int, int]
 ) -> ColourRange:
     """Log the crops of a candidate; returns what their colours mean."""
     crop = Crop.around(c.xyxy_px)
@@ -186,7 +189,7 @@ def _log_crops(
     return ColourRange(near, far, limit)
 
 
-def _log_outline(rec: rr.RecordingStream, path: str, c: CandidateView, crop: Crop) -> None:
+def _log_outline(rec: Recorder, path: str, c: CandidateView, crop: Crop) -> None:
     # pixel centres to pixel edges, and back to the first point to close the line
     ring = np.zeros((0, 2)) if c.instance is None else c.instance.outline_px
     ring = ring[:: max(1, len(ring) // _OUTLINE_POINTS)]
@@ -228,26 +231,25 @@ def _mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | No
     return part_mesh(in_metres(c.registered, view), labels, view.camera, corner, max_vertices)
 
 
-def _log_mesh(rec: rr.RecordingStream, path: str, meshes: list[PartMesh | None], view: FrameView) -> None:
+def _log_mesh(rec: Recorder, path: str, meshes: list[PartMesh | None], view: FrameView) -> None:
     some = [m for m in meshes if m is not None and len(m.triangles)]
     if not some:
         # a mesh without triangles is refused; clearing removes that of the time before
         rec.log(path, rr.Clear(recursive=False))
         return
     mesh = merge_meshes(some)
-    colours = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)[mesh.label]
     rec.log(
         path,
         rr.Mesh3D(
             vertex_positions=apply_transform(world_from_camera(view.ground), mesh.xyz_m),
             triangle_indices=mesh.triangles,
-            vertex_colors=colours,
+            vertex_colors=_PART_COLOURS[mesh.label],
         ),
     )
 
 
 def _log_boxes(
-    rec: rr.RecordingStream,
+    rec: Recorder,
     path: str,
     some: tuple[CandidateView, ...],
     colours: list[tuple[int, int, int]],
@@ -284,7 +286,7 @@ def _log_boxes(
     )
 
 
-def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: FrameView) -> None:
+def _log_place(rec: Recorder, path: str, c: CandidateView, view: FrameView) -> None:
     """Log where the candidate stands: a frame at the foot of its box that looks along the ray to it."""
     world = world_from_camera(view.ground)
     x0, y0, x1, y1 = c.xyxy_px
@@ -304,7 +306,7 @@ def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: Frame
     rec.log(path, rr.Transform3D(translation=spot, mat3x3=axes * size))
 
 
-def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None:
+def _log_bars(rec: Recorder, path: str, bars: tuple[Bar, ...]) -> None:
     """Horizontal bars with their names at the left and their values at the ends."""
     if not bars:
         bars = (Bar("no evidence", 0.0),)
@@ -313,7 +315,7 @@ def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None
     longest = max(float(np.abs(amount).max(initial=0.0)), _SHORTEST_SCALE)
     ends = _BARS_ZERO + amount / longest * _BARS_REACH
     colours = [rgb(on_dark(SKY if v >= 0 else ORANGE)) for v in amount]
-    strips = [[(_BARS_ZERO, row), (end, row)] for row, end in zip(y, ends, strict=True)]
+    strips = np.stack([np.full(len(y), _BARS_ZERO), y, ends, y], axis=1).reshape(-1, 2, 2)
     rec.log(
         f"{path}/bars",
         rr.LineStrips2D(strips, colors=colours, radii=[0.2 * _BAR_HEIGHT] * len(strips)),

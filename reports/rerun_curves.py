@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from reports.certainty_tables import in_interval
 from reports.curves import CurveSet, curve_sets
-from reports.evidence_view import run_data
 from reports.palette import detector_name, mode_colour
 from reports.rerun_names import part
 from reports.rerun_plot import Axis, Line, Plot
@@ -139,8 +138,7 @@ def _figure(row: Mapping[str, Any], name: str) -> str:
 
 def _cars_of_image(story: Story, detector: str) -> NDArray[np.int64]:
     """Annotated cars of each image in the order of the match table: those with candidates first, by id."""
-    data = run_data(story.run)
-    counts = {i: int((~t.ignore).sum()) for i, t in data.truth.items()}
+    counts = {i: int((~t.ignore).sum()) for i, t in story.data.truth.items()}
     with_some = np.unique(story.run.of(detector)["image_id"]).tolist()
     others = [i for i in counts if i not in set(with_some)]
     return np.array([counts[i] for i in (*with_some, *others)], dtype=np.int64)

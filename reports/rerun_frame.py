@@ -19,6 +19,7 @@ from reports.rerun_names import (
     picture,
     pinhole,
 )
+from reports.rerun_tape import Recorder
 
 DEPTH_UNIT = 100.0
 """Stored depth a metre: centimetres, finer than stereo resolves and far smaller on disk than millimetres."""
@@ -26,7 +27,7 @@ DEPTH_RANGE_M = (2.0, 40.0)
 _LEFT_COLOUR, _RIGHT_COLOUR = (255, 200, 0), (90, 160, 255)
 
 
-def log_frame(rec: rr.RecordingStream, view: FrameView, size_px: tuple[int, int]) -> None:
+def log_frame(rec: Recorder, view: FrameView, size_px: tuple[int, int]) -> None:
     """Log one frame at the time that is set.
 
     Args:
@@ -65,7 +66,7 @@ def in_metres(depth: NDArray[np.float32], view: FrameView) -> NDArray[np.float32
 
 
 def log_depth(
-    rec: rr.RecordingStream,
+    rec: Recorder,
     path: str,
     depth_m: NDArray[np.float32],
     range_m: tuple[float, float] = DEPTH_RANGE_M,

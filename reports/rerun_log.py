@@ -7,13 +7,12 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from recon.class_model import ClassModel
-from reports.evidence_view import CandidateView, FrameView, frame_views, run_data
+from reports.evidence_view import FrameReader, FrameView
 from reports.palette import mode_name
 from reports.rerun_blueprint import blueprint
-from reports.rerun_boxes import log_boxes
-from reports.rerun_candidate import log_candidate, log_models
 from reports.rerun_curves import curve_plots, weight_plots
-from reports.rerun_frame import DEPTH_RANGE_M, log_frame
+from reports.rerun_frame import DEPTH_RANGE_M
+from reports.rerun_frames import FrameMaker, recorded_frames
 from reports.rerun_names import (
     CANDIDATE_TIME,
     FRAME_TIME,
@@ -27,7 +26,7 @@ from reports.rerun_names import (
     text,
 )
 from reports.rerun_story import Frames, Story, choose_frames
-from reports.rerun_threshold import MAX_TILES, Tile, log_default_points, log_sheet, log_thresholds
+from reports.rerun_threshold import Tile, log_default_points, log_sheet, log_thresholds
 from reports.run_folder import Run, load_run
 from reports.tables import short_table
 from reports.templating import render
@@ -35,8 +34,6 @@ from rescore.progress import track
 from rescore.store import atomic_path
 
 APPLICATION_ID = "rescore"
-MAX_EXPLAINED = 30
-"""So many candidates a frame and detector have pictures of their own: the best before or after rescoring."""
 _CHUNK_BYTES = 2**19
 """An entity holds back so much before it is written: what is held must not grow with the frames."""
 
@@ -48,6 +45,7 @@ def write_recording(
     max_frames: int | None = None,
     mode: str | None = None,
     show: bool = True,
+    jobs: int = 1,
 ) -> Path:
     """Write the recording of a run; frames are streamed, so memory does not grow with their number.
 
@@ -58,6 +56,7 @@ def write_recording(
         max_frames: at most so many of them; None for all.
         mode: the way of scoring that is explained; None for the last of metrics.json.
         show: whether to show a progress bar.
+        jobs: so many frames are prepared at a time, each by a process of its own.
 
     Returns:
         The path written.
@@ -75,7 +74,7 @@ def write_recording(
             APPLICATION_ID, recording_id=story.run.root.name, send_properties=False, batcher_config=batches
         )
         rr.set_log_time_enabled(False, recording=rec)
-        _Writer(rec, story).write(beside, chosen, show)
+        _Writer(rec, story, jobs).write(beside, chosen, show)
         rec.flush()
         rec.disconnect()
     return out
@@ -84,10 +83,8 @@ def write_recording(
 class _Writer:
     """Logs one run, frame after frame."""
 
-    def __init__(self, rec: rr.RecordingStream, story: Story) -> None:
-        self.rec, self.story = rec, story
-        self.records = {f.image_id: f for f in run_data(story.run).frames}
-        self.model = _class_model(story.run)
+    def __init__(self, rec: rr.RecordingStream, story: Story, jobs: int) -> None:
+        self.rec, self.story, self.jobs = rec, story, jobs
         most = max((_most_candidates(story.run, d) for d in story.run.detectors), default=0)
         self.stride = 10 ** len(str(max(most, 9)))
         """Steps of the candidates' timeline from one frame to the next: a power of ten, so that the last
@@ -96,7 +93,8 @@ class _Writer:
     def write(self, path: Path, chosen: NDArray[np.int64], show: bool) -> None:
         """Log everything."""
         rec, story = self.rec, self.story
-        shown = [self.records[i] for i in chosen.tolist()]
+        records = {f.image_id: f for f in story.data.frames}
+        shown = [records[i] for i in chosen.tolist()]
         size = max(f.width_px for f in shown), max(f.height_px for f in shown)
         right = any(f.right_path is not None and f.right_path.is_file() for f in shown)
         plots, weights = curve_plots(story), weight_plots(story)
@@ -111,20 +109,19 @@ class _Writer:
         tiles: list[Tile] = []
         first: FrameView | None = None
         others = [m for m in story.run.modes if m != story.mode]
-        views = frame_views(story.run, story.mode, chosen, others)
-        for i, view in enumerate(track(views, "recording", len(chosen), show)):
-            self._set_frame(i, view.image_id)
+        reader = FrameReader(story.run, story.data, story.mode, others)
+        maker = FrameMaker(story, reader, _class_model(story.run), self.stride, size)
+        frames = recorded_frames(maker, chosen, self.jobs)
+        for i, frame in enumerate(track(frames, "recording", len(chosen), show)):
+            self._set_frame(i, int(chosen[i]))
             if i == 0:
-                first = view
+                first = frame.view
                 # what the threshold's timeline shows of all that does not depend on it
                 rec.set_time(THRESHOLD_TIME, sequence=0)
                 log_default_points(rec, story, plots)
-            if len(tiles) < MAX_TILES:
-                tiles.append(Tile.of(story, view, size))
-            log_frame(rec, view, size)
-            log_boxes(rec, story, view)
-            log_models(rec, story, view, self.model)
-            self._log_candidates(i, view)
+            if frame.tile is not None:
+                tiles.append(frame.tile)
+            frame.tape.play(rec)
         if first is not None:
             rec.reset_time()
             self._set_frame(0, first.image_id)
@@ -137,16 +134,6 @@ class _Writer:
         self.rec.set_time(FRAME_TIME, sequence=i)
         self.rec.set_time(CANDIDATE_TIME, sequence=i * self.stride)
         self.rec.set_time(IMAGE_TIME, sequence=image_id)
-
-    def _log_candidates(self, i: int, view: FrameView) -> None:
-        """The most telling one comes last: of data at one time of a timeline Rerun shows what came last."""
-        for detector, some in view.candidates.items():
-            told = [c for c in some if min(c.rank, c.new_rank) < MAX_EXPLAINED]
-            best = self.story.most_telling(detector, told)
-            order: list[CandidateView] = [c for c in told if c is not best]
-            for c in [*order, *([best] if best is not None else [])]:
-                self.rec.set_time(CANDIDATE_TIME, sequence=i * self.stride + c.rank + 1)
-                log_candidate(self.rec, self.story, detector, view, c, self.model)
 
     def _log_static(self) -> None:
         rec, story = self.rec, self.story

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from rescore.candidate_columns import ALONE, difference
 from rescore.changes import CHANGED, Changes, Group, OperatingPoint, default_point
 from rescore.evidence_model import EvidenceModel
 from rescore.explain import Explanation, explain
+from rescore.frames import DataSet
 from rescore.matching import HIT, IGNORED, MatchTable
 
 BoolArray = NDArray[np.bool_]
@@ -64,6 +66,8 @@ class Story:
     """By detector: why each of its candidates rose or fell; empty where it was not rescored in the mode."""
     models: Mapping[str, EvidenceModel]
     """By detector: the model of depth evidence that was used, where the run folder has it."""
+    data: DataSet
+    """The frames that the run was evaluated on."""
 
     @classmethod
     def of(cls, run: Run, mode: str | None = None) -> "Story":
@@ -87,7 +91,7 @@ class Story:
             if mode != ALONE and (d, mode) in found:
                 told[d], model = _explained(run, d, mode, changes[d, mode])
                 models |= {} if model is None else {d: model}
-        return cls(run, mode, points, found, changes, told, models)
+        return cls(run, mode, points, found, changes, told, models, run_data(run))
 
     def mode_of(self, detector: str) -> str:
         """The mode that is explained; the detector alone where it was not rescored in that mode."""
@@ -136,6 +140,13 @@ class Story:
 
         Less where its own depth does not say so, that is, where others moved past it: a low D should rise.
         """
+        return self._moved[detector]
+
+    @cached_property
+    def _moved(self) -> dict[str, FloatArray]:
+        return {d: self._moves(d) for d in self.run.detectors}
+
+    def _moves(self, detector: str) -> FloatArray:
         mode = self.mode_of(detector)
         before = np.maximum(scores(self.run, detector, ALONE), 1e-6)
         after = np.maximum(scores(self.run, detector, mode), 1e-6)
@@ -164,7 +175,7 @@ def choose_frames(
     Raises:
         RescoreError: no frame is of that kind.
     """
-    ids = np.array([f.image_id for f in run_data(story.run).frames], dtype=np.int64)
+    ids = np.array([f.image_id for f in story.data.frames], dtype=np.int64)
     most = np.array([_most_moved(story, d, which, ids) for d in story.run.detectors])
     if which is Frames.ALL and max_frames is not None and max_frames < len(ids):
         spread = np.unique(np.linspace(0, len(ids) - 1, max_frames).round().astype(int))
@@ -184,7 +195,7 @@ def choose_frames(
 
 def count_flips(story: Story) -> int:
     """In how many frames a candidate counts otherwise after rescoring."""
-    ids = np.array([f.image_id for f in run_data(story.run).frames], dtype=np.int64)
+    ids = np.array([f.image_id for f in story.data.frames], dtype=np.int64)
     most = [_most_moved(story, d, Frames.FLIPS, ids) for d in story.run.detectors]
     return int((np.max(most, axis=0) > 0).sum())
 

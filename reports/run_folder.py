@@ -1,7 +1,7 @@
 """A run folder read for looking: its match table, numbers, config and data set. Nothing is computed anew."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,8 @@ class Run:
     metrics: Mapping[str, Any]
     candidates: Columns
     """candidates.parquet, a row a candidate."""
+    _rows: dict[str, Columns] = field(default_factory=dict, init=False, repr=False)
+    """The rows of each detector that was asked for: every picture looks them up."""
 
     @property
     def detectors(self) -> tuple[str, ...]:
@@ -95,9 +97,11 @@ class Run:
         )
 
     def of(self, detector: str) -> Columns:
-        """The rows of candidates.parquet of one detector."""
-        keep = self.candidates["detector"] == detector
-        return {name: column[keep] for name, column in self.candidates.items()}
+        """The rows of candidates.parquet of one detector, which all callers share: not to be written to."""
+        if detector not in self._rows:
+            keep = self.candidates["detector"] == detector
+            self._rows[detector] = {name: column[keep] for name, column in self.candidates.items()}
+        return self._rows[detector]
 
 
 def load_run(run_dir: Path) -> Run:

@@ -141,6 +141,7 @@ class _Teller:
 
     def __init__(self, mode: str, model: EvidenceModel | None, config: ExplainConfig) -> None:
         self.mode, self.model, self.config = mode, model, config
+        self.log_limits = np.log(config.scale_limits)
         self.words = {cue: words_of(cue, config.height_m) for cue in CUES}
         self.ranges = {
             cue: favourable(knots, log_odds)
@@ -158,8 +159,7 @@ class _Teller:
     def _text(self, cue: str, value: float) -> str:
         words = self.words[cue]
         text = words.told(value)
-        limits = np.log(self.config.scale_limits)
-        if cue == "relief_scale" and not limits[0] + 1e-9 < value < limits[1] - 1e-9:
+        if cue == "relief_scale" and not self.log_limits[0] + 1e-9 < value < self.log_limits[1] - 1e-9:
             text += ", at its bound"
         wanted = range_text(value, self.ranges.get(cue, ()), words)
         return f"{text} (cars {wanted})" if wanted else text

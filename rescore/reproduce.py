@@ -263,7 +263,7 @@ class Run:
 
     def write_report(self) -> None:
         """The report with its curves, and the recording."""
-        from reports import build_report  # noqa: PLC0415 (matplotlib and rerun take a second to import)
+        from reports.html import build_report  # noqa: PLC0415 (matplotlib and rerun take a second to import)
         from reports.rerun_log import write_recording  # noqa: PLC0415
 
         root = self.folder.root
@@ -274,7 +274,11 @@ class Run:
         self.report(run_stage_in_place(root, stage, lambda: _ignore(build_report(root))))
         stage = Stage("log", None, inputs, (self.folder.recording,), ("reports.rerun_log",))
         self.report(
-            run_stage_in_place(root, stage, lambda: _ignore(write_recording(root, self.folder.recording)))
+            run_stage_in_place(
+                root,
+                stage,
+                lambda: _ignore(write_recording(root, self.folder.recording, jobs=self.jobs)),
+            )
         )
 
     @property

@@ -8,7 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from rescore.commands.base import (
+    ALL_PROCESSORS,
     Dataset,
+    Jobs,
     Report,
     Split,
     app,
@@ -57,7 +59,7 @@ def evaluate(
     write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
     _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
     if report:
-        from reports import build_report
+        from reports.html import build_report
 
         build_report(out)
     print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
@@ -100,7 +102,7 @@ def report(
 
     Example: [bold]rescore report runs/demo runs/other --out comparison.html[/bold]
     """
-    from reports import build_report
+    from reports.html import build_report
 
     page = build_report(runs, out)
     say(f"report: {page} (open it in a browser)")
@@ -121,6 +123,7 @@ def log(
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
     ] = None,
+    jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
     """Write a recording for the Rerun viewer: candidates and why they moved, depth, 3D, curves.
 
@@ -130,7 +133,7 @@ def log(
     from reports.rerun_story import Frames
 
     file = write_recording(
-        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
+        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames, jobs=jobs
     )
     say(f"recording: {file} (open it with: rerun {file})")
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from recon.errors import RescoreError
-from reports import build_report
+from reports.html import build_report
 from reports.publish import CURVES, publish
 from reports.run_folder import Run
 
