@@ -24,6 +24,8 @@ from rescore.threads import one_thread
 
 MAX_EXPLAINED = 30
 """So many candidates a frame and detector have pictures of their own: the best before or after rescoring."""
+_FRAMES_WORTH_A_PROCESS = 12
+"""A process takes seconds to start, which fewer frames do not win back."""
 _BLOCK = 8
 """So many frames a process are on their way at most: what waits to be written must not grow."""
 
@@ -74,8 +76,9 @@ class FrameMaker:
 
 
 def recorded_frames(maker: FrameMaker, image_ids: NDArray[int64], jobs: int) -> Iterator[RecordedFrame]:
-    """The frames of images in their order, prepared by so many processes."""
+    """The frames of images in their order, prepared by at most so many processes."""
     places = list(enumerate(image_ids.tolist()))
+    jobs = min(jobs, 1 + len(places) // _FRAMES_WORTH_A_PROCESS)
     if jobs == 1:
         yield from (maker.make(*place) for place in places)
         return

@@ -28,7 +28,10 @@ def test_a_pickled_tape_keeps_order_types_and_what_may_be_missing():
 
 
 @pytest.mark.parametrize("entity", ["/world/stereo_points", "/world/camera/image/left"])
-def test_two_processes_record_what_one_does(run_dir: Path, tmp_path: Path, entity: str):
+def test_two_processes_record_what_one_does(
+    run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entity: str
+):
+    monkeypatch.setattr("reports.rerun_frames._FRAMES_WORTH_A_PROCESS", 1)
     one, two = (
         write_recording(run_dir, tmp_path / f"{n}.rrd", max_frames=3, show=False, jobs=n) for n in (1, 2)
     )
