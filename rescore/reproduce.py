@@ -21,7 +21,7 @@ from rescore.fuse import fuse
 from rescore.run_folder import EVIDENCE_TABLE, RunFolder
 from rescore.stages import Done, Stage, run_stage, run_stage_in_place
 from rescore.steps import DetectorKind
-from rescore.store import read_json, versions, write_json
+from rescore.store import digest_of, module_file, read_json, versions, write_json
 
 Report = Callable[[Done], None]
 
@@ -267,12 +267,14 @@ class Run:
         from reports.rerun_log import write_recording  # noqa: PLC0415
 
         root = self.folder.root
-        inputs = tuple(
-            root / n for n in ("config.json", "candidates.parquet", "metrics.json", "evidence", "data")
-        )
-        stage = Stage("report", None, inputs, (self.folder.html, root / "curves"), ("reports",))
+        names = ("config.json", "candidates.parquet", "metrics.json", "evidence", "data", "models", "sweep")
+        inputs = tuple(root / n for n in names)
+        pages = module_file("reports.html")
+        assert pages is not None
+        words = {"templates": digest_of(pages.with_name("templates"))}
+        stage = Stage("report", words, inputs, (self.folder.html, root / "curves"), ("reports.html",))
         self.report(run_stage_in_place(root, stage, lambda: _ignore(build_report(root))))
-        stage = Stage("log", None, inputs, (self.folder.recording,), ("reports.rerun_log",))
+        stage = Stage("log", words, inputs, (self.folder.recording,), ("reports.rerun_log",))
         self.report(
             run_stage_in_place(
                 root,

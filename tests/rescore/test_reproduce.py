@@ -13,9 +13,9 @@ from rescore.config import run_preset, with_changes
 from rescore.cues import CUES, Registration
 from rescore.reproduce import Run
 from rescore.run_folder import RunFolder
-from rescore.stages import Done
+from rescore.stages import Done, Stage
 from rescore.steps import DetectorKind
-from rescore.store import read_candidates
+from rescore.store import imported_modules, module_file, read_candidates
 
 ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall", "intervals"}
 
@@ -90,6 +90,30 @@ def test_a_second_run_reuses_every_stage(tiny_run: Path) -> None:
     run.all()
     assert len(done) > 15
     assert [d.name for d in done if not d.reused] == []
+
+
+def test_report_and_recording_are_made_again_where_what_draws_them_changed(
+    tiny_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stages: list[Stage] = []
+
+    def note(root: Path, stage: Stage, work: object) -> Done:
+        stages.append(stage)
+        return Done(stage.name, reused=True, seconds=0)
+
+    monkeypatch.setattr("rescore.reproduce.run_stage_in_place", note)
+    again(tiny_run)[0].write_report()
+    page, recording = stages
+    keys = [s.key(tiny_run) for s in stages]
+    for stage, drawing in ((page, "reports.gallery"), (recording, "reports.rerun_frames")):
+        entry = module_file(stage.code[0])
+        assert entry is not None
+        assert drawing in imported_modules(entry)
+    # words of the templates
+    monkeypatch.setattr("rescore.reproduce.digest_of", lambda _path: "another")
+    stages.clear()
+    again(tiny_run)[0].write_report()
+    assert [s.key(tiny_run) == key for s, key in zip(stages, keys, strict=True)] == [False, False]
 
 
 def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> None:
