@@ -157,15 +157,22 @@ def module_file(name: str) -> Path | None:
     return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
 
 
-def imported_modules(file: Path) -> list[str]:
+def imported_modules(file: Path) -> tuple[str, ...]:
     """Names of modules (or members of them) that a source file imports anywhere in it, by its syntax tree."""
+    state = file.stat()
+    return _imports_at(file, state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=10_000)
+def _imports_at(file: Path, _size: int, _modified_ns: int) -> tuple[str, ...]:
+    """Imports of a file, parsed once in a process unless it changes: stages share most of their code."""
     names: list[str] = []
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return names
+    return tuple(names)
 
 
 _VERSIONED = (

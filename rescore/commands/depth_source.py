@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import configs_behind, say
+from rescore.commands.base import configs_behind, detections_of, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rescore.cues import Registration
     from rescore.evidence import CandidateTable
     from rescore.frames import DataSet
+    from rescore.pipeline import RescoreConfig
     from rescore.predicted_files import PredictionFolder, Predictions
 
 Model = Annotated[
@@ -149,6 +150,36 @@ def _folder(
         check_mode(unit, mode)
     kind = PredictedAs(predicted_as), PredictedUnit(unit)
     return PredictionFolder(folder, *kind, 1.0 if factor is None else factor, masks)
+
+
+def evidence_of(
+    data: "DataSet",
+    detections: Path,
+    asked: Source,
+    config: "RescoreConfig",
+    jobs: int,
+    folder: Path | None = None,
+) -> "tuple[ClassModel | Predictions, CandidateTable, str]":
+    """What predicts depth, the depth evidence of the detections of a file, and the detector's name.
+
+    ``folder`` takes what led to each score, a folder a detector; doubts on predictions are told.
+    """
+    from rescore import steps
+
+    file = detections_of(detections, data)
+    candidates = file.candidates(data)
+    source = asked.on(data, candidates)
+    table = steps.find_evidence(
+        data,
+        candidates,
+        source,
+        config,
+        jobs=jobs,
+        detector=file.detector,
+        evidence_dir=None if folder is None else folder / file.detector,
+    )
+    tell_doubts(source, table)
+    return source, table, file.detector
 
 
 def source_as_json(source: "ClassModel | Predictions") -> dict[str, Any]:

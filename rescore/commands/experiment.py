@@ -23,7 +23,6 @@ from rescore.commands.base import (
     TrainMeshes,
     app,
     config_of,
-    detections_of,
     mode_of,
     read_split,
     say,
@@ -36,9 +35,9 @@ from rescore.commands.depth_source import (
     Model,
     PredictedDir,
     Unit,
+    evidence_of,
     source_as_json,
     source_of,
-    tell_doubts,
 )
 from rescore.commands.results import print_results
 
@@ -129,24 +128,12 @@ def apply(
         check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
-    file = detections_of(detections, data)
-    candidates = file.candidates(data)
-    source = asked.on(data, candidates)
     rescoring = steps.with_stereo_for(steps.with_camera(settings.rescore, camera), data, disparities)
-    table = steps.find_evidence(
-        data,
-        candidates,
-        source,
-        rescoring,
-        jobs=jobs,
-        detector=file.detector,
-        evidence_dir=None if evidence is None else evidence / file.detector,
-    )
-    tell_doubts(source, table)
+    source, table, detector = evidence_of(data, detections, asked, rescoring, jobs, evidence)
     learned, shift = with_share(learned, table, adapt_share)
     table = with_difference(table, learned)
     posterior = fuse(table.likelihood, table.depth_difference, weight)
-    write_rescored(out, file.detector, table, posterior, w=weight, data=data, registration=mode)
+    write_rescored(out, detector, table, posterior, w=weight, data=data, registration=mode)
     made_with = {"w": weight, "split": split, "registration": mode.value, "log_odds_shift": shift}
     made_with |= {"rescore": part_as_json(rescoring)}
     if learned is not None:

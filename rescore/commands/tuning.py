@@ -33,6 +33,7 @@ from rescore.commands.depth_source import (
     Model,
     PredictedDir,
     Unit,
+    evidence_of,
     source_as_json,
     source_of,
     tell_doubts,
@@ -131,20 +132,10 @@ def tune(
     settings = config_of(preset, config)
     data = read_data(dataset, settings.class_name)
     validation = Splits.of(data).validation
-    file = detections_of(detections, validation)
-    candidates = file.candidates(validation)
-    source = asked.on(validation, candidates)
-    table = steps.find_evidence(
-        validation,
-        candidates,
-        source,
-        steps.with_stereo_for(settings.rescore, validation, None),
-        jobs=jobs,
-        detector=file.detector,
-    )
-    tell_doubts(source, table)
+    rescoring = steps.with_stereo_for(settings.rescore, validation, None)
+    source, table, detector = evidence_of(validation, detections, asked, rescoring, jobs)
     learned, _ = with_share(learned, table, adapt_share)
-    tuning = steps.tune(file.detector, with_difference(table, learned), data, settings.tune, mode, seed)
+    tuning = steps.tune(detector, with_difference(table, learned), data, settings.tune, mode, seed)
     write_json(out, steps.tuning_as_json(replace(tuning, depth_of=asked.depth_of)))
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}
     write_provenance(out, "tune", parts | source_as_json(source), seed)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from spoiling import Run
 from typer.testing import CliRunner
 
-from rescore.cli import PANELS, app, main
+from rescore.cli import PANELS, app
 from rescore.cues import Registration
 from rescore.evidence import CandidateTable
 from rescore.evidence_model import load_models
@@ -30,17 +31,9 @@ class Outcome:
 
 
 @pytest.fixture
-def rescore(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
+def rescore(run: Run) -> Command:
     """The command in this process, which spares the imports; ends as it would end a process."""
-
-    def run(*arguments: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["rescore", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        shown = capfd.readouterr()
-        return Outcome(int(ended.value.code or 0), shown.out, shown.err)
-
-    return run
+    return lambda *arguments: Outcome(*run(*arguments))
 
 
 def test_help_names_every_command_and_imports_nothing_heavy() -> None:

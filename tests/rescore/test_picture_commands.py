@@ -1,8 +1,6 @@
 """The commands on one picture: files, table, and one line for everything that can be wrong."""
 
 import json
-import sys
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,27 +8,11 @@ import cv2
 import numpy as np
 import pytest
 from single_car import CarPicture, car_from, quick_car_model
+from spoiling import Run
 
 from recon.camera import DEFAULT_GROUND
 from recon.errors import RescoreError
-from rescore.cli import main
 from rescore.single_picture import load_class, open_photo, parse_box
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
-    """The command in this process: exit code, standard output, standard error."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["rescore", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        shown = capfd.readouterr()
-        return int(ended.value.code or 0), shown.out, shown.err
-
-    return call
 
 
 @pytest.fixture(scope="module")
