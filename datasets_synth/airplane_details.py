@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.lofts import circle, loft, tube, xyz
 from datasets_synth.mesh import Material
 from datasets_synth.solids import MeshDraft
 from datasets_synth.street import plain
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 _GLASS = plain((0.015, 0.018, 0.022), 0.5, 0.15)
 _RUBBER = plain((0.02, 0.02, 0.021), 0.02)

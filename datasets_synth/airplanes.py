@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.airplane_details import Airfoil, engine, gear_leg, lifting_surface, propeller, window_row
 from datasets_synth.families import draws_by_style, standing_mesh
@@ -12,8 +11,7 @@ from datasets_synth.lofts import circle, loft, xyz
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.solids import MeshDraft
 from datasets_synth.street import plain
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 AIRPLANE_PARTS = ("fuselage", "left_wing", "right_wing", "tail_fin", "tailplane")
 SHAPES_PER_STYLE = 4

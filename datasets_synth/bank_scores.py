@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from datasets_synth.car_models import cars_of_splits
 from datasets_synth.distractor_bank import BankConfig, BankItem, bank_item
 from datasets_synth.distractor_kinds import KIND, ORDINARY_CAR, POSTERS, TRUE_CARS
 from datasets_synth.layout import CarModel
 from datasets_synth.pictures import car_picture
+from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.class_model import ClassModel
 from rescore.candidates import Candidates
 from rescore.cues import Registration
@@ -20,8 +20,6 @@ from rescore.evidence import OK
 from rescore.evidence_model import EvidenceModel, with_difference
 from rescore.pipeline import RescoreConfig, depth_evidence
 from rescore.threads import one_thread
-
-FloatArray = NDArray[np.float64]
 
 _PICTURE_STREAM = 3_000_000
 """Beyond every number of a kind, so that prints draw from a stream of their own."""
@@ -72,7 +70,7 @@ def _judged(
     kind: str,
     index: int,
     cars: Sequence[CarModel],
-    pictures: Sequence[NDArray[np.uint8]],
+    pictures: Sequence[UInt8Array],
     *,
     config: BankConfig,
     seed: int,
@@ -91,9 +89,7 @@ def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
     return {m: float(t.depth_difference[0]) if t.status[0] == OK else float("nan") for m, t in judged.items()}
 
 
-def cut_at_recall(
-    d: FloatArray, is_car: NDArray[np.bool_], is_other: NDArray[np.bool_], recall: float
-) -> float:
+def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall: float) -> float:
     """How many times fewer of the others pass the threshold on D that lets a share of the cars pass.
 
     Without evidence the same share of both passes. A candidate without evidence is judged like a car of
@@ -112,7 +108,7 @@ def cut_at_recall(
     return own / passing if passing else float("inf")
 
 
-def is_true_car(kinds: Sequence[str]) -> NDArray[np.bool_]:
+def is_true_car(kinds: Sequence[str]) -> BoolArray:
     """Which kinds are cars seen from the side, shape (n,)."""
     return np.array([k in TRUE_CARS for k in kinds])
 

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.families import draws_by_style, standing_mesh
 from datasets_synth.lofts import circle, curve, loft, tube, xyz
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.solids import MeshDraft
 from datasets_synth.street import plain
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 BICYCLE_PARTS = ("front_wheel", "rear_wheel", "frame", "handlebar")
 SHAPES_PER_STYLE = 4

@@ -11,8 +11,9 @@ import numpy as np
 
 from datasets_synth.car_body import BodyLines
 from datasets_synth.car_paint import Finish
-from datasets_synth.mesh_build import Floats, Mask, Soup, cut
+from datasets_synth.mesh_build import Soup, cut
 from datasets_synth.parts import PART_LABEL
+from recon.arrays import BoolArray, FloatArray
 
 SEAM_M = 0.011
 """Width of a door gap."""
@@ -22,15 +23,15 @@ SEAM_M = 0.011
 class Points:
     """Coordinates of the corners that a level function is asked about; each of shape (m, 3)."""
 
-    t: Floats
+    t: FloatArray
     """Distance from the nose as built."""
-    y: Floats
-    z: Floats
-    s: Floats
+    y: FloatArray
+    z: FloatArray
+    s: FloatArray
     """Station: distance from the nose before nose and tail were bent."""
 
 
-Level = Callable[[Points], Floats]
+Level = Callable[[Points], FloatArray]
 
 
 def _points(soup: Soup, lines: BodyLines) -> Points:
@@ -38,7 +39,7 @@ def _points(soup: Soup, lines: BodyLines) -> Points:
     return Points(0.5 * lines.shape.length - c[..., 0], c[..., 1], c[..., 2], soup.station)
 
 
-def _values(soup: Soup, lines: BodyLines, zones: tuple[int, ...], level: Level) -> Floats:
+def _values(soup: Soup, lines: BodyLines, zones: tuple[int, ...], level: Level) -> FloatArray:
     """Level at the corners of the faces in the zones, NaN elsewhere."""
     out = np.full(soup.corners_m.shape[:2], np.nan)
     where = np.flatnonzero(np.isin(soup.zone, zones))
@@ -46,7 +47,7 @@ def _values(soup: Soup, lines: BodyLines, zones: tuple[int, ...], level: Level) 
     return out
 
 
-def divide(soup: Soup, lines: BodyLines, zones: tuple[int, ...], *levels: Level) -> tuple[Soup, Mask]:
+def divide(soup: Soup, lines: BodyLines, zones: tuple[int, ...], *levels: Level) -> tuple[Soup, BoolArray]:
     """The surface cut along each level's outline in turn, and its faces inside all of them.
 
     Several levels keep a corner sharp that one level, being interpolated over a face, would bevel.

@@ -5,7 +5,7 @@ A place belongs to the body where the surface reaches it over some length across
 
 import numpy as np
 
-from datasets_synth.mesh_build import Floats
+from recon.arrays import FloatArray
 
 _CELL_M = 0.02
 """Width of the strips in which the surface is looked at."""
@@ -16,7 +16,7 @@ _OTHER_RUN_M = 0.3
 exhausts do not."""
 
 
-def body_extent(corners_m: Floats) -> tuple[Floats, Floats]:
+def body_extent(corners_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest x, y and z (3,) of the body in triangles (m, 3, 3): nose at +x, z up, metres.
 
     The lowest z is that of everything, since cars stand on it.
@@ -32,7 +32,7 @@ def body_extent(corners_m: Floats) -> tuple[Floats, Floats]:
     return np.array(low), np.array(high)
 
 
-def _edge_points(corners_m: Floats) -> Floats:
+def _edge_points(corners_m: FloatArray) -> FloatArray:
     """Points (n, 3) on the edges of triangles, so dense that none skips a strip.
 
     At every place across, the farthest point of a triangle lies on one of its edges.
@@ -45,7 +45,7 @@ def _edge_points(corners_m: Floats) -> Floats:
     return np.asarray(start[edge] * (1 - share) + end[edge] * share)
 
 
-def _sturdy_reach(across: Floats, along: Floats, run_m: float) -> float:
+def _sturdy_reach(across: FloatArray, along: FloatArray, run_m: float) -> float:
     """The greatest ``along`` that the surface reaches or exceeds over ``run_m`` without a gap.
 
     Both (n,) are coordinates of its points. A surface narrower than the run is taken as it is.

@@ -21,6 +21,7 @@ from datasets_synth.layout import CarModel
 from datasets_synth.object_classes import labelled_views, object_class
 from datasets_synth.pictures import car_picture
 from datasets_synth.presets import SynthConfig
+from recon.arrays import Float32Array, UInt8Array
 from recon.disparity_error import DisparityError, disparity_error
 from recon.errors import RescoreError
 from recon.part_views import save_part_views
@@ -179,8 +180,8 @@ def _record(
     task: _Task,
     frame: SynthFrame,
     names: dict[str, str],
-    measured: NDArray[np.float32],
-    truth: NDArray[np.float32],
+    measured: Float32Array,
+    truth: Float32Array,
 ) -> dict[str, Any]:
     height, width = truth.shape
     items = frame.scene.items
@@ -282,7 +283,7 @@ def _write_png(path: Path, picture: NDArray[Any]) -> None:
 
 
 @lru_cache(maxsize=64)
-def _picture(path: Path, _modified_ns: int) -> NDArray[np.uint8]:
+def _picture(path: Path, _modified_ns: int) -> UInt8Array:
     """A picture for posters; kept per process."""
     bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
     if bgr is None:

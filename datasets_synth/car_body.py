@@ -13,7 +13,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from datasets_synth.car_shapes import CarShape
-from datasets_synth.mesh_build import Floats, Soup, grid_corners, join, smooth_normals, soup_of
+from datasets_synth.mesh_build import Soup, grid_corners, join, smooth_normals, soup_of
+from recon.arrays import FloatArray
 
 BOTTOM, SIDE, TOP, FRONT_CAP, REAR_CAP = range(5)
 """Zones of the body's faces."""
@@ -55,7 +56,7 @@ class BodyLines:
         return max(4, round((self.shape.height - self.shape.belt_front_z) / 0.12))
 
     @cached_property
-    def profile(self) -> tuple[Floats, Floats]:
+    def profile(self) -> tuple[FloatArray, FloatArray]:
         """Silhouette from the side: stations t (increasing) and heights z, both shape (n,)."""
         s = self.shape
         roof_mid = 0.5 * (s.roof_front_t + min(s.roof_rear_t, s.roof_front_t + 1.2))
@@ -78,16 +79,16 @@ class BodyLines:
         points.append((s.length, min(s.deck_z, points[-1][1]) - 0.05))
         return _smooth_curve(np.array(points), corners=_corner_rows(points, s))
 
-    def top_z(self, t: Floats) -> Floats:
+    def top_z(self, t: FloatArray) -> FloatArray:
         """Height of the middle of the top at stations t."""
         return np.interp(t, *self.profile)
 
-    def belt_z(self, t: Floats) -> Floats:
+    def belt_z(self, t: FloatArray) -> FloatArray:
         """Height where side windows begin, at stations t."""
         s = self.shape
         return np.interp(t, [s.cowl_t, s.tail_t], [s.belt_front_z, s.belt_rear_z])
 
-    def crown(self, t: Floats) -> Floats:
+    def crown(self, t: FloatArray) -> FloatArray:
         """How much lower than the middle the side edge of the top is, at stations t."""
         s = self.shape
         hood, screen, roof, deck = 0.10, 0.13, 0.10, 0.09
@@ -96,7 +97,7 @@ class BodyLines:
         knots = [0.0, s.cowl_t, 0.5 * (s.cowl_t + s.roof_front_t), s.roof_front_t, s.roof_rear_t, s.tail_t]
         return np.interp(t, [*knots, s.length], [hood, hood, screen, roof, roof, deck, deck])
 
-    def edge_z(self, t: Floats) -> Floats:
+    def edge_z(self, t: FloatArray) -> FloatArray:
         """Height where the side ends and the top begins, at stations t."""
         return self.top_z(t) - self.crown(t)
 
@@ -113,7 +114,7 @@ class BodyLines:
         radius = 0.12 if flat else 0.26
         return Ends(radius, 0.5 * radius, 0.05 if flat else 0.10, 0.10, 0.07, self.shape.clearance + 0.30)
 
-    def half_width(self, t: Floats, z: Floats) -> Floats:
+    def half_width(self, t: FloatArray, z: FloatArray) -> FloatArray:
         """Distance of the side from the middle plane at stations t and heights z (broadcast)."""
         s = self.shape
         belt = self.belt_z(t)
@@ -126,7 +127,7 @@ class BodyLines:
         bow = 0.10 * above**2
         return np.asarray(y - np.tan(s.lean_rad) * above * 0.92 - bow)
 
-    def _plan_half_width(self, t: Floats) -> Floats:
+    def _plan_half_width(self, t: FloatArray) -> FloatArray:
         """Half width of the widest line of the body at stations t."""
         s = self.shape
         middle = 0.52 * s.length
@@ -140,7 +141,7 @@ class BodyLines:
             y = y - end.radius_y * (1 - np.sqrt(np.clip(1 - u**2.4, 0, 1)))
         return np.asarray(y)
 
-    def end_shift(self, t: Floats, y: Floats, z: Floats) -> Floats:
+    def end_shift(self, t: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
         """How far points are moved along t (positive: towards the tail) to round nose and tail."""
         s = self.shape
         shift = np.zeros(np.broadcast_shapes(t.shape, y.shape, z.shape))
@@ -155,7 +156,7 @@ class BodyLines:
             shift = shift + sign * blend * depth
         return shift
 
-    def stations(self) -> Floats:
+    def stations(self) -> FloatArray:
         """Stations of the sections, closer where the silhouette is steep and at both ends."""
         t, z = self.profile
         length = self.shape.length
@@ -179,7 +180,7 @@ def _corner_rows(points: list[tuple[float, float]], shape: CarShape) -> list[tup
     return [p for p in points if p in names or p[0] in (0.0, shape.length, shape.roof_front_t)]
 
 
-def _smooth_curve(points: Floats, corners: list[tuple[float, float]]) -> tuple[Floats, Floats]:
+def _smooth_curve(points: FloatArray, corners: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
     """A dense curve: parabolas between corners through the point between them, the corners then rounded."""
     rows = [i for i, p in enumerate(points) if (float(p[0]), float(p[1])) in corners]
     pieces = []
@@ -243,7 +244,7 @@ def _with_common_normals(soup: Soup) -> Soup:
     return replace(soup, normals=whole[: len(soup)])
 
 
-def _sections(lines: BodyLines, t: Floats) -> tuple[Floats, Floats]:
+def _sections(lines: BodyLines, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Half-sections at stations t: y and z, shape (stations, rows), from sill to middle of the top."""
     s = lines.shape
     edge, crown = lines.edge_z(t), lines.crown(t)
@@ -267,7 +268,7 @@ def _sections(lines: BodyLines, t: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([y_side, y_top], axis=1), np.concatenate([z_side, z_top], axis=1)
 
 
-def _cap(lines: BodyLines, section: Floats, end_t: float) -> Floats:
+def _cap(lines: BodyLines, section: FloatArray, end_t: float) -> FloatArray:
     """Grid (rows, columns, 3) that closes the body at one end, from the middle plane to the section."""
     # The section itself is already shifted: rebuild each row from the middle outwards with the same rule.
     share = np.sin(np.linspace(0, np.pi / 2, _CAP_COLUMNS))

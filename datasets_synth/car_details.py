@@ -6,8 +6,9 @@ import numpy as np
 
 from datasets_synth.car_body import BodyLines
 from datasets_synth.car_paint import Finish
-from datasets_synth.mesh_build import Floats, Soup, grid_corners, join, soup_of
+from datasets_synth.mesh_build import Soup, grid_corners, join, soup_of
 from datasets_synth.parts import PART_LABEL
+from recon.arrays import FloatArray
 
 _AROUND = 28
 """Corners of a wheel's circle."""
@@ -45,7 +46,7 @@ def wheel(lines: BodyLines, axle_t: float, part: str) -> Soup:
     return join(pieces)
 
 
-def _lathe(rings: list[tuple[float, float]], centre: Floats) -> Floats:
+def _lathe(rings: list[tuple[float, float]], centre: FloatArray) -> FloatArray:
     """Faces of a surface of revolution about the y axis through centre; rings are (radius, y)."""
     angle = np.linspace(0, 2 * np.pi, _AROUND + 1)
     angle[-1] = 0.0
@@ -61,7 +62,7 @@ def _lathe(rings: list[tuple[float, float]], centre: Floats) -> Floats:
     return grid_corners(points)
 
 
-def _spokes(count: int, radius: float, y: float, centre: Floats) -> Floats:
+def _spokes(count: int, radius: float, y: float, centre: FloatArray) -> FloatArray:
     """Faces of flat spokes and a hub cap, a little domed."""
     faces = []
     half = 0.42 * np.pi / count
@@ -93,12 +94,12 @@ def _spokes(count: int, radius: float, y: float, centre: Floats) -> Floats:
 
 def ellipsoid(
     centre: tuple[float, float, float], radii: tuple[float, float, float], power: float = 0.6, rings: int = 6
-) -> Floats:
+) -> FloatArray:
     """Faces of a rounded box (superellipsoid): power 1 is an ellipsoid, towards 0 a box."""
     u = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
     v = np.linspace(0, 2 * np.pi, 2 * rings + 1)[None]
 
-    def bent(c: Floats) -> Floats:
+    def bent(c: FloatArray) -> FloatArray:
         c = np.where(np.abs(c) < 1e-12, 0.0, c)
         return np.asarray(np.sign(c) * np.abs(c) ** power)
 

@@ -6,7 +6,8 @@ from datasets_synth.body_cuts import Level, Points, band, paint
 from datasets_synth.car_body import FRONT_CAP, REAR_CAP, SIDE, TOP, BodyLines
 from datasets_synth.car_paint import Finish
 from datasets_synth.level_lines import box_level, smooth_max
-from datasets_synth.mesh_build import Floats, Soup
+from datasets_synth.mesh_build import Soup
+from recon.arrays import FloatArray
 
 
 def front_face(soup: Soup, lines: BodyLines) -> Soup:
@@ -16,12 +17,12 @@ def front_face(soup: Soup, lines: BodyLines) -> Soup:
     zones = (FRONT_CAP, SIDE, TOP)
     near = 0.62
 
-    def wrapped(p: Points) -> Floats:
+    def wrapped(p: Points) -> FloatArray:
         """Way along the nose from the middle plane, round the corner."""
         return np.where(p.t < near, p.y + 0.8 * p.t, 9.0)
 
     def sharp(z0: float, y1: float, z1: float) -> tuple[Level, ...]:
-        def side(p: Points) -> Floats:
+        def side(p: Points) -> FloatArray:
             return np.where(p.t < near, p.y - y1, np.nan)
 
         return (lambda p: z0 - p.z, lambda p: p.z - z1, side)
@@ -51,7 +52,9 @@ def front_face(soup: Soup, lines: BodyLines) -> Soup:
     )
 
 
-def _bumper_edge(p: Points, distance: Floats, axle: float, lines: BodyLines, bumper_z: float) -> Floats:
+def _bumper_edge(
+    p: Points, distance: FloatArray, axle: float, lines: BodyLines, bumper_z: float
+) -> FloatArray:
     """Level of the bumper on the side: below its upper edge and up to the wheel arch."""
     return np.maximum(p.z - bumper_z - 0.17, distance - axle)
 
@@ -62,7 +65,7 @@ def rear_face(soup: Soup, lines: BodyLines) -> Soup:
     w = s.width
     zones = (REAR_CAP, SIDE, TOP)
 
-    def wrapped(p: Points) -> Floats:
+    def wrapped(p: Points) -> FloatArray:
         return np.where(s.length - p.t < 0.55, p.y + 0.8 * (s.length - p.t), 9.0)
 
     def box(y0: float, z0: float, y1: float, z1: float, corner: float = 0.02) -> Level:
@@ -86,7 +89,7 @@ def rear_face(soup: Soup, lines: BodyLines) -> Soup:
     out = paint(out, lines, (REAR_CAP,), plate, Finish.PLATE)
     bumper_z = lines.rear.bumper_z + 0.15
 
-    def tailgate(p: Points) -> Floats:
+    def tailgate(p: Points) -> FloatArray:
         return smooth_max(p.y - 0.40 * w, bumper_z - p.z, p.z - s.deck_z + 0.02, radius=0.05)
 
     out = band(out, lines, (REAR_CAP,), tailgate)

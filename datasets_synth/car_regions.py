@@ -13,8 +13,9 @@ from datasets_synth.car_ends import front_face, rear_face
 from datasets_synth.car_paint import Finish
 from datasets_synth.car_windows import doors, rear_window, side_windows, top_half_width, windscreen
 from datasets_synth.level_lines import smooth_max
-from datasets_synth.mesh_build import Floats, Soup, recess
+from datasets_synth.mesh_build import Soup, recess
 from datasets_synth.parts import PART_LABEL
+from recon.arrays import FloatArray
 
 
 def dress_body(body: Soup, lines: BodyLines) -> Soup:
@@ -41,7 +42,7 @@ def _zones_to_parts(soup: Soup, lines: BodyLines) -> Soup:
         out = out.painted(out.zone == zone, part=PART_LABEL[part])
     for limit, part in steps:
 
-        def ahead(p: Points, limit: float = limit) -> Floats:
+        def ahead(p: Points, limit: float = limit) -> FloatArray:
             return p.s - limit
 
         out = paint(out, lines, (TOP,), ahead, part=part)
@@ -60,7 +61,7 @@ def _low_trim(soup: Soup, lines: BodyLines) -> Soup:
     radius = arch_radius(lines) + 0.065
     for axle in s.axles_t:
 
-        def ring(p: Points, axle: float = axle) -> Floats:
+        def ring(p: Points, axle: float = axle) -> FloatArray:
             return np.hypot(p.t - axle, p.z - s.wheel_radius) - radius
 
         out = paint(out, lines, (SIDE,), ring, Finish.CLADDING)
@@ -73,7 +74,7 @@ def _hood(soup: Soup, lines: BodyLines) -> Soup:
         soup, lines, (TOP,), lambda p: np.maximum(s.cowl_t - 0.09 - p.s, p.s - s.cowl_t - 0.02), Finish.TRIM
     )  # fmt: skip
 
-    def level(p: Points) -> Floats:
+    def level(p: Points) -> FloatArray:
         side = p.y - 0.86 * top_half_width(lines, p.s)
         return smooth_max(side, 0.13 - p.s, p.s - s.cowl_t + 0.09, radius=0.03)
 
@@ -106,7 +107,7 @@ def _wheel_wells(soup: Soup, lines: BodyLines) -> Soup:
     out = soup
     for axle in s.axles_t:
 
-        def circle(p: Points, axle: float = axle) -> Floats:
+        def circle(p: Points, axle: float = axle) -> FloatArray:
             return np.hypot(p.t - axle, p.z - s.wheel_radius) - radius
 
         out, inside = divide(out, lines, (SIDE, BOTTOM), circle, lambda p: inner - p.y)

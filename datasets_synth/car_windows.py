@@ -6,23 +6,24 @@ from datasets_synth.body_cuts import SEAM_M, Points, band, paint
 from datasets_synth.car_body import SIDE, TOP, BodyLines, arch_radius
 from datasets_synth.car_paint import Finish
 from datasets_synth.level_lines import above_curve_level, line_level, smooth_max
-from datasets_synth.mesh_build import Floats, Soup
+from datasets_synth.mesh_build import Soup
+from recon.arrays import FloatArray
 
 GLAZED_REAR = ("estate", "suv", "minivan")
 """Body types with a window behind the rear door."""
 
 
-def top_half_width(lines: BodyLines, s: Floats) -> Floats:
+def top_half_width(lines: BodyLines, s: FloatArray) -> FloatArray:
     """Half width of the top surface at stations s."""
     return lines.half_width(s, lines.edge_z(s))
 
 
-def _roof_edge(lines: BodyLines) -> tuple[Floats, Floats]:
+def _roof_edge(lines: BodyLines) -> tuple[FloatArray, FloatArray]:
     s = np.linspace(lines.shape.cowl_t - 0.4, lines.shape.length, 90)
     return s, lines.edge_z(s)
 
 
-def _rear_pillar(p: Points, lines: BodyLines, extra: float = 0.0) -> Floats:
+def _rear_pillar(p: Points, lines: BodyLines, extra: float = 0.0) -> FloatArray:
     """Level of the line where the last side window ends, moved back by extra."""
     s = lines.shape
     foot, head = {
@@ -39,7 +40,7 @@ def side_windows(soup: Soup, lines: BodyLines) -> Soup:
     s = lines.shape
     edge = _roof_edge(lines)
 
-    def opening(p: Points) -> Floats:
+    def opening(p: Points) -> FloatArray:
         under_roof = above_curve_level(p.s, p.z, *edge) + (0.035 if s.body_type != "van" else 0.06)
         over_belt = lines.belt_z(p.s) + 0.012 - p.z
         return smooth_max(under_roof, over_belt, _window_end(p, lines), radius=0.06)
@@ -49,17 +50,17 @@ def side_windows(soup: Soup, lines: BodyLines) -> Soup:
     out = paint(out, lines, (SIDE,), lambda p: opening(p) + 0.022, Finish.GLASS)
     for centre, width in _pillars(lines):
 
-        def ahead(p: Points, centre: float = centre, width: float = width) -> Floats:
+        def ahead(p: Points, centre: float = centre, width: float = width) -> FloatArray:
             return centre - width / 2 + 0.06 * (p.z - s.belt_front_z) - p.s
 
-        def behind(p: Points, centre: float = centre, width: float = width) -> Floats:
+        def behind(p: Points, centre: float = centre, width: float = width) -> FloatArray:
             return p.s - centre - width / 2 - 0.06 * (p.z - s.belt_front_z)
 
         out = paint(out, lines, (SIDE,), (ahead, behind), Finish.SEAL, only=Finish.GLASS)
     return out
 
 
-def _window_end(p: Points, lines: BodyLines) -> Floats:
+def _window_end(p: Points, lines: BodyLines) -> FloatArray:
     """Level of the rear end of the side windows (a panel van has windows in the front doors alone)."""
     s = lines.shape
     if s.body_type == "van":
@@ -86,7 +87,7 @@ def windscreen(soup: Soup, lines: BodyLines) -> Soup:
     """Windscreen in its seal."""
     s = lines.shape
 
-    def level(p: Points) -> Floats:
+    def level(p: Points) -> FloatArray:
         side = p.y - top_half_width(lines, p.s) + 0.035
         return smooth_max(side, s.cowl_t - p.s, p.s - s.roof_front_t + 0.0, radius=0.06)
 
@@ -99,7 +100,7 @@ def rear_window(soup: Soup, lines: BodyLines) -> Soup:
     s = lines.shape
     inset = {"sedan": 0.10, "coupe": 0.12, "pickup": 0.14, "van": 0.16}.get(s.body_type, 0.11)
 
-    def level(p: Points) -> Floats:
+    def level(p: Points) -> FloatArray:
         side = p.y - top_half_width(lines, p.s) + inset
         head, foot = lines.top_z(np.array([s.roof_rear_t, s.tail_t])) - [0.05, -0.07]
         return smooth_max(side, s.roof_rear_t - 0.05 - p.s, p.z - head, foot - p.z, radius=0.06)
@@ -117,15 +118,15 @@ def doors(soup: Soup, lines: BodyLines) -> Soup:
     foot = s.clearance + (0.20 if s.body_type in ("suv", "van", "pickup") else 0.13)
     hinge = max(front_axle + radius + 0.06, s.cowl_t - 0.10)
 
-    def frame(p: Points) -> Floats:
+    def frame(p: Points) -> FloatArray:
         return np.maximum(above_curve_level(p.s, p.z, *edge) + 0.016, foot - p.z)
 
-    def front(p: Points) -> Floats:
+    def front(p: Points) -> FloatArray:
         return smooth_max(
             frame(p), hinge - p.s, p.s - s.pillar_t - 0.06 * (p.z - s.belt_front_z), radius=0.05
         )
 
-    def rear(p: Points) -> Floats:
+    def rear(p: Points) -> FloatArray:
         start = s.pillar_t + SEAM_M + 0.06 * (p.z - s.belt_front_z)
         wheel = radius + 0.05 - np.hypot(p.t - rear_axle, p.z - s.wheel_radius)
         end = p.s - _rear_door_end(lines)
@@ -133,7 +134,7 @@ def doors(soup: Soup, lines: BodyLines) -> Soup:
             end = np.maximum(end, _rear_pillar(p, lines, 0.05))
         return smooth_max(frame(p), start - p.s, end, wheel, radius=0.05)
 
-    def sliding(p: Points) -> Floats:
+    def sliding(p: Points) -> FloatArray:
         start = s.pillar_t + 0.02
         return smooth_max(
             frame(p) + 0.05, start - p.s, p.s - min(start + 1.05, rear_axle - radius - 0.05), radius=0.05

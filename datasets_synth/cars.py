@@ -3,7 +3,6 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.car_body import BodyLines, loft_body
 from datasets_synth.car_details import handle, mirror, roof_rail, wheel
@@ -13,6 +12,7 @@ from datasets_synth.car_shapes import CarShape, car_shapes
 from datasets_synth.mesh import Mesh
 from datasets_synth.mesh_build import join, mirrored, to_mesh
 from datasets_synth.parts import CAR_PARTS, PART_LABEL
+from recon.arrays import UInt8Array
 
 __all__ = ["CarShape", "car_mesh", "car_shapes"]
 
@@ -61,7 +61,7 @@ def _geometry(shape: CarShape) -> Mesh:
     return mesh
 
 
-def _swap_sides() -> NDArray[np.uint8]:
+def _swap_sides() -> UInt8Array:
     """Part labels seen in a mirror: left becomes right."""
     table = np.arange(256, dtype=np.uint8)
     for name in CAR_PARTS:

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.families import draws_by_style, standing_mesh
 from datasets_synth.lofts import curve, loft, rounded_edge, slab, superellipse, tube
 from datasets_synth.mesh import Material, Mesh
 from datasets_synth.solids import MeshDraft
 from datasets_synth.street import plain, surface
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 CHAIR_PARTS = (
     "seat",

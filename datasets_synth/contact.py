@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Placed
 from datasets_synth.sampling import sample_bilinear
 from datasets_synth.scene_rays import world_vertices
-
-FloatArray = NDArray[np.float32]
+from recon.arrays import Float32Array
 
 NEAR_GROUND_M = 0.35
 """Things whose lowest point is above this hide no ground; surfaces above this are not ground."""
@@ -29,13 +27,13 @@ MARGIN_M = 1.0
 class ContactShade:
     """A map of the ground that holds the share of sky light that arrives."""
 
-    arriving: FloatArray
+    arriving: Float32Array
     """Shape (rows, columns) over world y and x, in [0, 1]."""
-    low_xy_m: FloatArray
+    low_xy_m: Float32Array
     """World x and y of the centre of cell (0, 0), shape (2,)."""
     cell_m: float
 
-    def sky_share(self, point: FloatArray, normal: FloatArray) -> FloatArray:
+    def sky_share(self, point: Float32Array, normal: Float32Array) -> Float32Array:
         """Share of the sky and ground light (n,) that reaches points (n, 3) with unit normals (n, 3).
 
         Ground takes it from the map. Sides close to the ground see less light too, down to 60 % at its level.
@@ -66,7 +64,7 @@ def contact_shade(items: tuple[Placed, ...]) -> ContactShade:
     return ContactShade(np.asarray(1 - DARKEST * soft, np.float32), low.astype(np.float32), cell_m)
 
 
-def _footprint(placed: Placed) -> FloatArray | None:
+def _footprint(placed: Placed) -> Float32Array | None:
     """Convex outline (n, 2) on the ground of the lower part of a thing; None where it hangs above."""
     vertices = world_vertices(placed)
     foot = float(vertices[:, 2].min())

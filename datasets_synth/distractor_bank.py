@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.distractor_kinds import KIND, BankKind, vertices_of
 from datasets_synth.frame_synth import camera_record
@@ -19,12 +18,11 @@ from datasets_synth.render import render_pair
 from datasets_synth.scene_rays import build_scene_rays
 from datasets_synth.solids import MeshDraft, pose
 from datasets_synth.street import STEEL, plain
+from recon.arrays import Float32Array, FloatArray
 from recon.camera import GroundPlane
 from recon.errors import RescoreError
 from recon.stereo import compute_disparity
 from rescore.frames import Frame
-
-FloatArray = NDArray[np.float64]
 
 MAX_ATTEMPTS = 200
 _EMPTY = ClutterConfig(0.0, 0.0, 0.0, 0.0, mural_share=0.0, occluder_share=0.0)
@@ -150,7 +148,7 @@ def _street(distance_m: float, config: BankConfig, rng: np.random.Generator) -> 
 
 
 def _placed(
-    kind: BankKind, vertices_m: NDArray[np.float32], distance_m: float, scene: Scene, rng: np.random.Generator
+    kind: BankKind, vertices_m: Float32Array, distance_m: float, scene: Scene, rng: np.random.Generator
 ) -> tuple[FloatArray, tuple[Placed, ...]] | None:
     """Pose of a thing whose near side is at a distance, and what it stands on; None where houses are in the
     way."""
@@ -189,7 +187,7 @@ def _ground_z(scene: Scene, x_m: float, y_m: float) -> float | None:
     return 5.0 - t if np.isfinite(t) else None
 
 
-def world_points(points_m: NDArray[np.float32], world_from_object: FloatArray) -> FloatArray:
+def world_points(points_m: Float32Array, world_from_object: FloatArray) -> FloatArray:
     """Points (n, 3) of an object in the world frame."""
     return points_m @ world_from_object[:3, :3].T + world_from_object[:3, 3]
 

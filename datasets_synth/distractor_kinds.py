@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.car_paint import Finish
 from datasets_synth.distractors import PROP
@@ -17,6 +16,7 @@ from datasets_synth.prop_parts import Pictures, extrude, front_panel
 from datasets_synth.prop_prints import mural
 from datasets_synth.solids import MeshDraft, rotation_z
 from datasets_synth.street import TILE_M, paint_rgb, plain, surface, window_glass
+from recon.arrays import Float32Array
 
 Rng = np.random.Generator
 Build = Callable[[Rng, Sequence[CarModel], Pictures], Mesh]
@@ -137,7 +137,7 @@ def _joined(a: Mesh, b: Mesh) -> Mesh:
     )
 
 
-def vertices_of(mesh: Mesh, material: str) -> NDArray[np.float32]:
+def vertices_of(mesh: Mesh, material: str) -> Float32Array:
     """Vertices (n, 3) of the faces of a material; all of them for an empty name."""
     if not material:
         return mesh.vertices_m

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Placed
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 
 @dataclass(frozen=True)

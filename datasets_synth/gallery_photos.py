@@ -4,16 +4,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.object_classes import labelled_views, object_class
 from datasets_synth.single_object import ObjectPhoto, Viewpoint, photograph
+from recon.arrays import BoolArray, FloatArray
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
 from recon.learn import learn_class_model
 from recon.part_views import PartView
-
-FloatArray = NDArray[np.float64]
 
 CAMERA = PinholeCamera(560.0, 560.0, 239.5, 179.5, 480, 360)
 _INSTANCES = 6
@@ -33,7 +31,7 @@ class OccludedBasket:
     shape_id: str
     photo: ObjectPhoto
     """With the card in the picture."""
-    card: NDArray[np.bool_]
+    card: BoolArray
     """Pixels of the card, shape (h, w)."""
     xyxy_px: FloatArray
     """Box of what is to be seen of the basket, pixel edges, shape (4,)."""

@@ -2,15 +2,13 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Imaging
 from datasets_synth.mip_textures import srgb_from_linear
+from recon.arrays import Float32Array, UInt8Array
 
-FloatArray = NDArray[np.float32]
 
-
-def expose(radiance: FloatArray, imaging: Imaging, eye: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Generator) -> UInt8Array:
     """The picture (h, w, 3) sRGB that one eye delivers of linear radiance (h, w, 3).
 
     In the order of a real camera: the lens blurs and darkens the corners, the sensor counts light (so noise
@@ -36,7 +34,7 @@ def expose(radiance: FloatArray, imaging: Imaging, eye: int, rng: np.random.Gene
     return srgb_from_linear(signal)
 
 
-def vignette(height_px: int, width_px: int, loss: float) -> FloatArray:
+def vignette(height_px: int, width_px: int, loss: float) -> Float32Array:
     """Share of light (h, w) that arrives: 1 in the middle, 1 - loss in the corners, quadratic."""
     y = np.linspace(-1, 1, height_px, dtype=np.float32)[:, None]
     x = np.linspace(-1, 1, width_px, dtype=np.float32)[None, :]
@@ -44,7 +42,7 @@ def vignette(height_px: int, width_px: int, loss: float) -> FloatArray:
     return np.asarray(1 - loss * (y * y + (aspect * x) ** 2) / (1 + aspect**2), np.float32)
 
 
-def rectification_shift(uv_px: FloatArray, imaging: Imaging, width_px: int, height_px: int) -> FloatArray:
+def rectification_shift(uv_px: Float32Array, imaging: Imaging, width_px: int, height_px: int) -> Float32Array:
     """Where pixels (n, 2) of the right picture look in an ideal right picture, (n, 2).
 
     The picture lies ``rectification_error_px[0]`` too low, and is rolled so that this grows by

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.distractors import PROP, PROPS, Prop
 from datasets_synth.facades import facade_row
@@ -17,9 +16,9 @@ from datasets_synth.prop_parts import Pictures
 from datasets_synth.prop_prints import mural
 from datasets_synth.solids import pose
 from datasets_synth.street import Strip, ground_height_m, ground_items, sample_strips
+from recon.arrays import FloatArray
 from recon.camera import PinholeCamera, StereoCamera
 
-FloatArray = NDArray[np.float64]
 FACING_LEFT_RAD = np.pi
 """Yaw of a car whose nose points to -x, so that its left side is seen."""
 GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})

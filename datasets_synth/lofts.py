@@ -1,13 +1,12 @@
 """Rounded solids for a MeshDraft: lofts through rings, tubes along curves, slabs with rounded edges."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from datasets_synth.mesh import Material
 from datasets_synth.mesh_build import grid_corners, smooth_normals
 from datasets_synth.solids import MeshDraft
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 CREASE_RAD = float(np.deg2rad(50.0))
 """Faces that meet at a larger angle keep an edge between them."""

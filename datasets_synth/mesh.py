@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import StereoCamera
 
 
@@ -19,7 +20,7 @@ class Material:
     name: str
     rgb: tuple[float, float, float]
     """Linear albedo in [0, 1]; multiplies the texture where there is one."""
-    texture: NDArray[np.uint8] | None = None
+    texture: UInt8Array | None = None
     """sRGB, shape (h, w, 3), repeats outside [0, 1]; row 0 is at v = 1 (the top)."""
     specular: float = 0.0
     """Share of light reflected as a highlight, in [0, 1]."""
@@ -33,18 +34,18 @@ class Material:
 class Mesh:
     """Triangles with smooth normals, texture coordinates, materials and part labels."""
 
-    vertices_m: NDArray[np.float32]
+    vertices_m: Float32Array
     """Shape (n, 3)."""
     faces: NDArray[np.int32]
     """Shape (m, 3), counter-clockwise seen from outside."""
-    corner_normals: NDArray[np.float32]
+    corner_normals: Float32Array
     """Shape (m, 3, 3): unit normal of each corner of each face, outward."""
-    corner_uv: NDArray[np.float32]
+    corner_uv: Float32Array
     """Shape (m, 3, 2); zeros where the material has no texture."""
     face_material: NDArray[np.int32]
     """Shape (m,), index into materials."""
     materials: tuple[Material, ...]
-    face_part: NDArray[np.uint8]
+    face_part: UInt8Array
     """Shape (m,): part label, 0 for none (see datasets_synth.parts)."""
 
 
@@ -53,7 +54,7 @@ class Placed:
     """A mesh put into the world."""
 
     mesh: Mesh
-    world_from_object: NDArray[np.float64]
+    world_from_object: FloatArray
     """Shape (4, 4); a rotation, a uniform scale and a translation."""
     kind: str
     """What it is: "car", "road", "facade", "poster", "hedge", ... Truth and error analysis use it."""
@@ -101,6 +102,6 @@ class Scene:
     items: tuple[Placed, ...]
     light: Light
     camera: StereoCamera
-    left_from_world: NDArray[np.float64]
+    left_from_world: FloatArray
     """Shape (4, 4), camera frame from world frame."""
     imaging: Imaging

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets_synth.mesh import Material, Mesh
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
 
 _SNAP_M = 0.0022
 """A corner nearer to the level line than this counts as lying on it: fewer slivers."""
@@ -24,23 +22,23 @@ _MIN_AREA_M2 = 1e-10
 class Soup:
     """Faces that share no vertices, each with a zone (where it was built), a material and a part."""
 
-    corners_m: Floats
+    corners_m: FloatArray
     """Shape (m, 3, 3): corner, then xyz."""
-    normals: Floats
+    normals: FloatArray
     """Shape (m, 3, 3), unit, outward."""
     zone: NDArray[np.int32]
     """Shape (m,): which piece of the construction the face comes from; the builder's own numbers."""
     material: NDArray[np.int32]
     """Shape (m,): index into the materials of the mesh to be."""
-    part: NDArray[np.uint8]
+    part: UInt8Array
     """Shape (m,): part label, 0 for none."""
-    station: Floats
+    station: FloatArray
     """Shape (m, 3): the builder's own coordinate along the object at each corner, before any bending."""
 
     def __len__(self) -> int:
         return len(self.corners_m)
 
-    def take(self, index: NDArray[np.intp] | Mask) -> "Soup":
+    def take(self, index: NDArray[np.intp] | BoolArray) -> "Soup":
         """The chosen faces."""
         return Soup(
             self.corners_m[index],
@@ -51,7 +49,7 @@ class Soup:
             self.station[index],
         )
 
-    def painted(self, where: Mask, material: int | None = None, part: int | None = None) -> "Soup":
+    def painted(self, where: BoolArray, material: int | None = None, part: int | None = None) -> "Soup":
         """The same faces, those chosen with another material or part."""
         out = self
         if material is not None:
@@ -66,14 +64,14 @@ class Soup:
 
 
 def soup_of(
-    corners_m: Floats,
+    corners_m: FloatArray,
     *,
     zone: int = 0,
     material: int = 0,
     part: int = 0,
     crease_rad: float = np.deg2rad(40.0),
-    normals: Floats | None = None,
-    station: Floats | None = None,
+    normals: FloatArray | None = None,
+    station: FloatArray | None = None,
 ) -> Soup:
     """Faces of one zone, material and part; smooth normals with creases unless normals are given.
 
@@ -101,7 +99,7 @@ def soup_of(
     )
 
 
-def grid_corners(points_m: Floats, *, flip: bool = False) -> Floats:
+def grid_corners(points_m: FloatArray, *, flip: bool = False) -> FloatArray:
     """Triangle corners (2 (r-1) (c-1), 3, k) of a grid of points (r, c, k), k >= 3.
 
     Faces are counter-clockwise seen from the side that (row direction) x (column direction) points to.
@@ -121,7 +119,7 @@ def grid_corners(points_m: Floats, *, flip: bool = False) -> Floats:
     return corners[:, ::-1] if flip else corners
 
 
-def smooth_normals(corners_m: Floats, crease_rad: float) -> Floats:
+def smooth_normals(corners_m: FloatArray, crease_rad: float) -> FloatArray:
     """Unit corner normals (m, 3, 3): the mean of the faces around a corner, weighted by their corner angles.
 
     Only faces whose normals differ from the corner's own face by at most the crease angle take part.
@@ -153,7 +151,7 @@ def smooth_normals(corners_m: Floats, crease_rad: float) -> Floats:
     return np.where(length > 1e-12, total / np.maximum(length, 1e-12), own).reshape(m, 3, 3)
 
 
-def _point_keys(points_m: Floats) -> NDArray[np.int64]:
+def _point_keys(points_m: FloatArray) -> IntArray:
     """A number for each point (n, 3), the same within 0.01 mm, in the order of x, then y, then z.
 
     Sorting these is several times faster than sorting rows.
@@ -176,7 +174,7 @@ def _pairs_of_equal(group: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[
     return first, second
 
 
-def cut(soup: Soup, values: Floats, level: float = 0.0) -> Soup:
+def cut(soup: Soup, values: FloatArray, level: float = 0.0) -> Soup:
     """The same surface with its faces split along the line values = level; order of faces may change.
 
     Args:
@@ -205,7 +203,7 @@ def cut(soup: Soup, values: Floats, level: float = 0.0) -> Soup:
     return join(pieces)
 
 
-def _split(soup: Soup, index: NDArray[np.intp], v: Floats, lone_sign: int) -> list[Soup]:
+def _split(soup: Soup, index: NDArray[np.intp], v: FloatArray, lone_sign: int) -> list[Soup]:
     """Pieces of faces with one lone corner (that with the lone sign; 0: the corner on the line)."""
     lone = np.argmax(np.sign(v) == lone_sign, axis=1)
     turn = (lone[:, None] + np.arange(3)) % 3
@@ -216,7 +214,7 @@ def _split(soup: Soup, index: NDArray[np.intp], v: Floats, lone_sign: int) -> li
     w = v[rows, turn]
     a, b, c = packed[:, 0], packed[:, 1], packed[:, 2]
 
-    def build(*corners: Floats) -> Soup:
+    def build(*corners: FloatArray) -> Soup:
         p = np.stack(corners, axis=1)
         base = soup.take(index)
         n = p[..., 3:6]
@@ -230,7 +228,7 @@ def _split(soup: Soup, index: NDArray[np.intp], v: Floats, lone_sign: int) -> li
     return [build(a, ab, ac), build(ab, b, c), build(ab, c, ac)]
 
 
-def _between(a: Floats, b: Floats, va: Floats, vb: Floats) -> Floats:
+def _between(a: FloatArray, b: FloatArray, va: FloatArray, vb: FloatArray) -> FloatArray:
     """Where the value is 0 between a and b, from the negative end: equal on both sides of an edge."""
     swap = (va > 0)[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)
@@ -251,7 +249,7 @@ def join(soups: Iterable[Soup]) -> Soup:
     )
 
 
-def mirrored(soup: Soup, part_map: NDArray[np.uint8]) -> Soup:
+def mirrored(soup: Soup, part_map: UInt8Array) -> Soup:
     """The soup on the other side of the plane y = 0; part_map (256,) gives the part labels there."""
     flip = np.array([1.0, -1.0, 1.0])
     return Soup(
@@ -264,20 +262,20 @@ def mirrored(soup: Soup, part_map: NDArray[np.uint8]) -> Soup:
     )
 
 
-def _edges(soup: Soup) -> Floats:
+def _edges(soup: Soup) -> FloatArray:
     """All edges in the direction of their faces, shape (3 m, 2, 3)."""
     ends = np.roll(soup.corners_m, -1, axis=1)
     return np.stack([soup.corners_m, ends], axis=2).reshape(-1, 2, 3)
 
 
-def open_edges(soup: Soup) -> Floats:
+def open_edges(soup: Soup) -> FloatArray:
     """Edges that belong to one face only, shape (e, 2, 3), in the direction of that face."""
     edges = _edges(soup)
     _, index, count = np.unique(_edge_codes(edges), return_inverse=True, return_counts=True)
     return np.asarray(edges[count[index.ravel()] == 1])
 
 
-def _edge_codes(edges: Floats) -> NDArray[np.int64]:
+def _edge_codes(edges: FloatArray) -> IntArray:
     """A number for each edge (n, 2, 3), the same for both directions."""
     _, point = np.unique(_point_keys(edges.reshape(-1, 3)), return_inverse=True)
     pair = np.sort(point.reshape(-1, 2), axis=1).astype(np.int64)
@@ -285,7 +283,7 @@ def _edge_codes(edges: Floats) -> NDArray[np.int64]:
 
 
 def recess(
-    soup: Soup, inside: Mask, *, axis: int, floor: float, hub_m: Floats, material: int, part: int
+    soup: Soup, inside: BoolArray, *, axis: int, floor: float, hub_m: FloatArray, material: int, part: int
 ) -> Soup:
     """The surface with a hole instead of the faces inside, closed by walls along one axis and a flat floor.
 

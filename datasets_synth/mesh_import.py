@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from datasets_synth.body_extent import body_extent
 from datasets_synth.mesh import Material, Mesh
-from datasets_synth.mesh_build import Floats, smooth_normals
+from datasets_synth.mesh_build import smooth_normals
 from datasets_synth.parts import CAR_PARTS, PART_LABEL
+from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply")
@@ -45,9 +45,9 @@ class ImportedCar:
 class _Piece:
     """Faces of one geometry of a file, glTF axes."""
 
-    corners_m: Floats
-    corner_uv: Floats
-    face_material: NDArray[np.int64]
+    corners_m: FloatArray
+    corner_uv: FloatArray
+    face_material: IntArray
     materials: tuple[Material, ...]
     part: int
 
@@ -109,7 +109,7 @@ def _geometries(path: Path) -> list[Any]:
     return found
 
 
-def _check_size(path: Path, size: Floats) -> None:
+def _check_size(path: Path, size: FloatArray) -> None:
     """Refuses measures that a car in metres with the nose along +Z cannot have."""
     longest = float(size.max())
     got = " x ".join(f"{v:.4g}" for v in size)
@@ -198,7 +198,7 @@ def _material(source: Any) -> Material:
     )
 
 
-def _colour_materials(rgb: Floats) -> tuple[NDArray[np.int64], tuple[Material, ...]]:
+def _colour_materials(rgb: FloatArray) -> tuple[IntArray, tuple[Material, ...]]:
     """Material index of each face and the materials, for face colours (m, 3) in sRGB [0, 1].
 
     Colours within one of 16 steps a channel share a material of their mean colour.
@@ -215,12 +215,12 @@ def _colour_materials(rgb: Floats) -> tuple[NDArray[np.int64], tuple[Material, .
     return index.astype(np.int64), materials
 
 
-def _linear(srgb: Floats) -> Floats:
+def _linear(srgb: FloatArray) -> FloatArray:
     """Linear light of sRGB values in [0, 1] (IEC 61966-2-1)."""
     return np.asarray(np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4))
 
 
-def _as_mesh(corners: Floats, pieces: list[_Piece]) -> Mesh:
+def _as_mesh(corners: FloatArray, pieces: list[_Piece]) -> Mesh:
     """The pieces in one mesh; corners (m, 3, 3) are those of the pieces in the object frame."""
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     keep = area > 1e-12

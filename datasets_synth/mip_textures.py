@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets_synth.sampling import sample_bilinear
-
-FloatArray = NDArray[np.float32]
+from recon.arrays import Float32Array, UInt8Array
 
 MAX_TEXTURE_PX = 1024
 """Larger textures are halved first: no object covers more of a picture than this."""
@@ -24,12 +23,12 @@ MAX_TEXTURE_PX = 1024
 class MipTexture:
     """A texture and its mip levels side by side in one picture, each with a wrapped border of one texel."""
 
-    picture: NDArray[np.uint8]
+    picture: UInt8Array
     """Shape (rows, columns, 3), sRGB."""
-    level_box: FloatArray
+    level_box: Float32Array
     """Shape (n_levels, 4): left, top, width, height of each level without its border."""
 
-    def sample(self, uv: FloatArray, level: FloatArray) -> FloatArray:
+    def sample(self, uv: Float32Array, level: Float32Array) -> Float32Array:
         """Linear colours (n, 3), interpolated between texels and between levels.
 
         Args:
@@ -45,7 +44,7 @@ class MipTexture:
         fine = self._bilinear(lower, fraction)
         return fine + share * (self._bilinear(np.minimum(lower + 1, coarsest), fraction) - fine)
 
-    def _bilinear(self, level: NDArray[np.intp], fraction: FloatArray) -> FloatArray:
+    def _bilinear(self, level: NDArray[np.intp], fraction: Float32Array) -> Float32Array:
         """Linear colours at fractions (n, 2) of whole levels (n,), from 0 at the edge of the first texel."""
         box = np.take(self.level_box, level, axis=0)
         xy = box[:, :2] + fraction * box[:, 2:] - np.float32(0.5)
@@ -53,8 +52,8 @@ class MipTexture:
 
 
 def sample_textures(
-    textures: Sequence[MipTexture], index: NDArray[np.int32], uv: FloatArray, level: FloatArray
-) -> FloatArray:
+    textures: Sequence[MipTexture], index: NDArray[np.int32], uv: Float32Array, level: Float32Array
+) -> Float32Array:
     """Linear colours (n, 3) of points that lie on different textures.
 
     Args:
@@ -74,32 +73,32 @@ def sample_textures(
 
 
 @lru_cache(maxsize=1)
-def _linear_table() -> FloatArray:
+def _linear_table() -> Float32Array:
     c = np.arange(256) / 255
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def linear_from_srgb(srgb: NDArray[np.uint8]) -> FloatArray:
+def linear_from_srgb(srgb: UInt8Array) -> Float32Array:
     """Linear colour in [0, 1] of sRGB bytes, same shape (IEC 61966-2-1)."""
     return np.asarray(np.take(_linear_table(), srgb))
 
 
 @lru_cache(maxsize=1)
-def _srgb_table() -> NDArray[np.uint8]:
+def _srgb_table() -> UInt8Array:
     x = np.arange(65536) / 65535
     encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
     return np.asarray(np.rint(255 * encoded), np.uint8)
 
 
-def srgb_from_linear(linear: FloatArray) -> NDArray[np.uint8]:
+def srgb_from_linear(linear: Float32Array) -> UInt8Array:
     """The sRGB bytes of linear colour, same shape; clipped to [0, 1]."""
     return np.take(_srgb_table(), (np.clip(linear, 0, 1) * 65535 + 0.5).astype(np.uint16))
 
 
-_known: dict[int, tuple[weakref.ref[NDArray[np.uint8]], MipTexture]] = {}
+_known: dict[int, tuple[weakref.ref[UInt8Array], MipTexture]] = {}
 
 
-def mip_texture(texture: NDArray[np.uint8]) -> MipTexture:
+def mip_texture(texture: UInt8Array) -> MipTexture:
     """The mip levels of a texture (h, w, 3) sRGB, which must not be changed afterwards.
 
     They are kept as long as the texture lives, since scenes share textures.
@@ -112,7 +111,7 @@ def mip_texture(texture: NDArray[np.uint8]) -> MipTexture:
     return built
 
 
-def _build(texture: NDArray[np.uint8]) -> MipTexture:
+def _build(texture: UInt8Array) -> MipTexture:
     pyramid = _pyramid(texture)
     width = sum(t.shape[1] + 2 for t in pyramid)
     picture = np.zeros((pyramid[0].shape[0] + 2, width, 3), np.uint8)
@@ -126,7 +125,7 @@ def _build(texture: NDArray[np.uint8]) -> MipTexture:
     return MipTexture(picture, box)
 
 
-def _pyramid(texture: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+def _pyramid(texture: UInt8Array) -> list[UInt8Array]:
     """The texture and its halves down to one texel on the shorter side; averaged in linear light."""
     linear = np.take(_linear_16bit_table(), texture)  # 16 bits are enough to average, and quick
     while max(linear.shape[:2]) > MAX_TEXTURE_PX:

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from datasets_synth.object_classes import FIGURE_1_CLASSES, ObjectClass, Shape, labelled_views, object_class
 from datasets_synth.part_truth import PartTruth, part_truth
+from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.learn import learn_class_model, part_costs
 from recon.model_quality import AccuracyRow, ModelStudy, SelectionStudy
@@ -15,8 +15,6 @@ from recon.part_views import PartViews
 from recon.primitive_selection import select_primitives
 from recon.primitives import primitive_normals
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 ELEVATION_DEG = 20.0
 """View space in which the classes are compared: high enough that level parts are not seen edge-on."""

@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from datasets_synth.airplanes import AIRPLANE_PARTS, airplane_mesh, airplane_shapes
@@ -18,6 +17,7 @@ from datasets_synth.layout import CarModel
 from datasets_synth.mesh import Mesh
 from datasets_synth.part_render import render_part_labels
 from datasets_synth.parts import CAR_GROUPS, CAR_PARTS, PART_LABEL
+from recon.arrays import FloatArray, IntArray, UInt8Array
 from recon.errors import RescoreError
 from recon.part_views import PartView, PartViews
 from recon.view_bins import ELEVATION_RAD, ViewBins
@@ -138,7 +138,7 @@ def _with_hulls(mesh: Mesh, labels: Sequence[int]) -> Mesh:
     )
 
 
-def _hull_faces(points_m: NDArray[np.float64]) -> NDArray[np.int64]:
+def _hull_faces(points_m: FloatArray) -> IntArray:
     """Faces (m, 3) of the convex hull of points (n, 3), counter-clockwise seen from outside."""
     hull = ConvexHull(points_m)
     a, b, c = (points_m[hull.simplices[:, i]] for i in range(3))
@@ -195,7 +195,7 @@ def _grouped_car_mesh(car: CarModel, rng: np.random.Generator) -> Mesh:
     return replace(mesh, face_part=_group_labels()[mesh.face_part])
 
 
-def _group_labels() -> NDArray[np.uint8]:
+def _group_labels() -> UInt8Array:
     """The group's label, shape (256,), of each label of CAR_PARTS."""
     table = np.zeros(256, np.uint8)
     for label, members in enumerate(CAR_GROUPS.values(), start=1):

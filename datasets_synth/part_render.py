@@ -1,16 +1,16 @@
 """Part-labelled views of one mesh under scaled orthographic projection, for learning class models."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Mesh
 from datasets_synth.scene_rays import MISS, RayTree
+from recon.arrays import FloatArray, UInt8Array
 
 MARGIN_PX = 4
 """Empty pixels on each side of the object."""
 
 
-def render_part_labels(mesh: Mesh, view_from_object: NDArray[np.float64], size_px: int) -> NDArray[np.uint8]:
+def render_part_labels(mesh: Mesh, view_from_object: FloatArray, size_px: int) -> UInt8Array:
     """Part labels (h, w) of a mesh in a view frame, scaled orthographic; 0 where there is no part.
 
     The object fills ``size_px`` pixels along its longer side, and ``MARGIN_PX`` empty pixels surround it.

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import BoolArray, FloatArray
 
 ONE_SIDED = 0.1
 """The mean outward normal must have this component along the plane's normal to give it a sign."""
@@ -58,7 +56,7 @@ def part_truth(mesh: Mesh) -> dict[int, PartTruth]:
     return {int(label): _truth(mesh, mesh.face_part == label) for label in np.unique(mesh.face_part) if label}
 
 
-def _truth(mesh: Mesh, chosen: NDArray[np.bool_]) -> PartTruth:
+def _truth(mesh: Mesh, chosen: BoolArray) -> PartTruth:
     p = mesh.vertices_m[mesh.faces[chosen]].astype(np.float64)
     cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     area = np.linalg.norm(cross, axis=1) / 2

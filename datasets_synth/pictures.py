@@ -3,19 +3,19 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.layout import FACING_LEFT_RAD, CarModel
 from datasets_synth.mesh import Imaging, Light, Material, Placed, Scene
 from datasets_synth.render import render_rgb
 from datasets_synth.solids import MeshDraft, pose
 from datasets_synth.street import surface
+from recon.arrays import UInt8Array
 from recon.camera import PinholeCamera, StereoCamera
 
 WIDTH_PX = 440
 
 
-def car_picture(cars: Sequence[CarModel], rng: np.random.Generator) -> NDArray[np.uint8]:
+def car_picture(cars: Sequence[CarModel], rng: np.random.Generator) -> UInt8Array:
     """A photograph of one car from its left side, nose to the left, shape (h, w, 3) sRGB."""
     car = cars[int(rng.integers(len(cars)))]
     distance = float(rng.uniform(9, 20))

@@ -4,16 +4,15 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Material
 from datasets_synth.solids import MeshDraft
 from datasets_synth.street import GLASS_MIRROR, plain
 from datasets_synth.textures import lettering
+from recon.arrays import FloatArray, UInt8Array
 
-Image = NDArray[np.uint8]
 Rect = tuple[float, float, float, float]
-Pictures = Sequence[Image]
+Pictures = Sequence[UInt8Array]
 """Pictures of cars seen from the side, (h, w, 3) sRGB."""
 
 
@@ -44,7 +43,7 @@ def back_panel(draft: MeshDraft, rect_m: Rect, y: float, material: Material) -> 
     draft.panel([(x1, y, z0), (x0, y, z0), (x0, y, z1), (x1, y, z1)], material)
 
 
-def printed(picture: Image, rng: np.random.Generator) -> Image:
+def printed(picture: UInt8Array, rng: np.random.Generator) -> UInt8Array:
     """A print of a picture: faded, now and then with a line of words or a border."""
     print_rgb = picture.astype(np.float32)
     grey = print_rgb.mean(axis=2, keepdims=True)
@@ -84,7 +83,7 @@ def wheel_pairs(
             draft.wheel((x, y * (width / 2 - tread / 2), radius), radius, tread, tyre_rubber(), rim)
 
 
-def extrude(draft: MeshDraft, outline_xz: NDArray[np.float64], width: float, skin: Material) -> None:
+def extrude(draft: MeshDraft, outline_xz: FloatArray, width: float, skin: Material) -> None:
     """Extrude a convex outline across the street."""
     n = len(outline_xz)
     for y, flip in ((-width / 2, False), (width / 2, True)):

@@ -5,7 +5,6 @@ on the ground under its middle, the side that matters facing -y.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Material
 from datasets_synth.prop_parts import (
@@ -21,6 +20,7 @@ from datasets_synth.prop_parts import (
 from datasets_synth.solids import MeshDraft
 from datasets_synth.street import DARK, STEEL, paint_rgb, plain, surface
 from datasets_synth.textures import lettering
+from recon.arrays import FloatArray
 
 
 def _cab(draft: MeshDraft, x0: float, width: float, rng: np.random.Generator, skin: Material) -> None:
@@ -136,7 +136,7 @@ def caravan(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     return draft
 
 
-def _rounded(length: float, low: float, top: float, radius: float) -> NDArray[np.float64]:
+def _rounded(length: float, low: float, top: float, radius: float) -> FloatArray:
     """Outline (n, 2) in x and z of a box with round corners, counter-clockwise seen from -y."""
     quarter = np.linspace(0, np.pi / 2, 6)
     out = []

@@ -10,8 +10,7 @@ from datasets_synth.mesh import Scene
 from datasets_synth.mip_textures import srgb_from_linear
 from datasets_synth.scene_rays import MISS, Hits, SceneRays
 from datasets_synth.shade import Shader, build_shader
-
-FloatArray = NDArray[np.float32]
+from recon.arrays import BoolArray, Float32Array, UInt8Array
 
 SUBSAMPLES_PX = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
 """Offsets of the rays that smooth an edge: a rotated grid, best for near-level and upright ones."""
@@ -21,11 +20,11 @@ SUBSAMPLES_PX = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0
 class StereoRender:
     """A rendered pair and its truth, all (h, w, ...)."""
 
-    left_rgb: NDArray[np.uint8]
+    left_rgb: UInt8Array
     """sRGB picture of the left eye, shape (h, w, 3)."""
-    right_rgb: NDArray[np.uint8]
+    right_rgb: UInt8Array
     """sRGB picture of the right eye, shape (h, w, 3)."""
-    depth_m: FloatArray
+    depth_m: Float32Array
     """Depth z of the left pixel centres, shape (h, w); NaN for the sky."""
     instance: NDArray[np.uint16]
     """What the left pixel centres see, shape (h, w): 0 for the sky, i for ``scene.items[i - 1]``."""
@@ -35,9 +34,9 @@ class StereoRender:
 class ViewRender:
     """The rendered picture of the left eye and its truth, all (h, w, ...)."""
 
-    rgb: NDArray[np.uint8]
+    rgb: UInt8Array
     """sRGB picture, shape (h, w, 3)."""
-    depth_m: FloatArray
+    depth_m: Float32Array
     """Depth z of the pixel centres, shape (h, w); NaN for the sky."""
     instance: NDArray[np.uint16]
     """What the pixel centres see, shape (h, w): 0 for the sky, i for ``scene.items[i - 1]``."""
@@ -67,12 +66,12 @@ def render_view(scene: Scene, rng: np.random.Generator) -> ViewRender:
     return _render_left(scene, _shader(scene), rng)
 
 
-def render_rgb(scene: Scene) -> NDArray[np.uint8]:
+def render_rgb(scene: Scene) -> UInt8Array:
     """The left picture (h, w, 3) sRGB of a perfect camera: exposure and gamma, no blur, no noise."""
     return srgb_from_linear(render_radiance(scene) * np.float32(scene.imaging.exposure[0]))
 
 
-def render_radiance(scene: Scene) -> FloatArray:
+def render_radiance(scene: Scene) -> Float32Array:
     """Linear radiance (h, w, 3) that reaches the left eye: no camera at all."""
     return _render_eye(scene, _shader(scene), eye=0)[0]
 
@@ -91,7 +90,7 @@ def _render_left(scene: Scene, shader: Shader, rng: np.random.Generator) -> View
     )
 
 
-def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[FloatArray, Hits]:
+def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[Float32Array, Hits]:
     """Linear radiance (h, w, 3) of one eye with smooth edges, and the hits of its pixel centres (h * w)."""
     width, height = scene.camera.left.width_px, scene.camera.left.height_px
     v, u = np.mgrid[:height, :width].astype(np.float32)
@@ -108,7 +107,7 @@ def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[FloatArray, Hit
     return colour.reshape(height, width, 3), hits
 
 
-def eye_rays(scene: Scene, uv_px: FloatArray, eye: int) -> FloatArray:
+def eye_rays(scene: Scene, uv_px: Float32Array, eye: int) -> Float32Array:
     """World rays (n, 6) of pixels (n, 2) of an eye; t along them is depth, since the camera's z is 1.
 
     Args:
@@ -138,9 +137,7 @@ def _instances(hits: Hits, rays: SceneRays) -> NDArray[np.uint16]:
     return instance
 
 
-def _edges(
-    hits: Hits, sunlit: NDArray[np.bool_], rays: SceneRays, shape: tuple[int, int]
-) -> NDArray[np.bool_]:
+def _edges(hits: Hits, sunlit: BoolArray, rays: SceneRays, shape: tuple[int, int]) -> BoolArray:
     """Pixels (h * w) whose neighbours show another thing, material, slope, depth or side of a shadow."""
     hit = hits.face != MISS
     if not hit.any():

@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import Float32Array
+
 _COLUMNS = 1024
 _ROWS = 16384
 """cv2.remap refuses 32,767 rows or columns, so the list is folded, and cut where it is very long."""
 
 
 def sample_bilinear(
-    picture: NDArray[Any], xy: NDArray[np.float32], border: int, border_value: float = 0.0
+    picture: NDArray[Any], xy: Float32Array, border: int, border_value: float = 0.0
 ) -> NDArray[Any]:
     """Values (n,) or (n, channels) of a picture at points, in the picture's type.
 

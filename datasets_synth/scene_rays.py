@@ -7,8 +7,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from datasets_synth.mesh import Material, Mesh, Placed
-
-FloatArray = NDArray[np.float32]
+from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 
 MISS = -1
 FLAT_M = 0.3
@@ -16,7 +15,7 @@ FLAT_M = 0.3
 serves both, and a sheet on the ground shades nothing."""
 
 
-def rows(array: FloatArray, index: NDArray[np.integer]) -> FloatArray:
+def rows(array: Float32Array, index: NDArray[np.integer]) -> Float32Array:
     """The rows of an array (m, ...) at an index (n,): several times faster than ``array[index]``."""
     return np.asarray(np.take(array, index, axis=0), np.float32)
 
@@ -25,13 +24,13 @@ def rows(array: FloatArray, index: NDArray[np.integer]) -> FloatArray:
 class Hits:
     """Where n rays meet the scene first."""
 
-    t: FloatArray
+    t: Float32Array
     """Shape (n,), in units of the ray direction; infinite for a miss."""
-    face: NDArray[np.int64]
+    face: IntArray
     """Shape (n,), index into the table of faces; MISS for none."""
-    barycentric: FloatArray
+    barycentric: Float32Array
     """Shape (n, 2): weights of the second and the third corner."""
-    normal: FloatArray
+    normal: Float32Array
     """Shape (n, 3): unit geometric normal, not turned to the viewer."""
 
     def at(self, index: NDArray[np.intp]) -> "Hits":
@@ -51,13 +50,13 @@ class FaceTable:
     """Shape (m,): index into the items of the scene."""
     material: NDArray[np.int32]
     """Shape (m,): index into ``materials``."""
-    part: NDArray[np.uint8]
+    part: UInt8Array
     """Shape (m,): part label."""
-    corner_normals: FloatArray
+    corner_normals: Float32Array
     """Shape (m, 3, 3)."""
-    corner_uv: FloatArray
+    corner_uv: Float32Array
     """Shape (m, 3, 2)."""
-    uv_per_m: FloatArray
+    uv_per_m: Float32Array
     """Shape (m,): root of the texture area (in uv units) of a face over its area."""
     materials: tuple[Material, ...]
 
@@ -65,7 +64,7 @@ class FaceTable:
 class RayTree:
     """Faces that rays are cast at, on one thread, since frames run side by side."""
 
-    def __init__(self, vertices_m: FloatArray, faces: NDArray[np.int32]) -> None:
+    def __init__(self, vertices_m: Float32Array, faces: NDArray[np.int32]) -> None:
         self.n_faces = len(faces)
         self._scene = o3d.t.geometry.RaycastingScene()
         if self.n_faces:
@@ -74,7 +73,7 @@ class RayTree:
                 o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)),
             )
 
-    def cast(self, rays: FloatArray) -> Hits:
+    def cast(self, rays: Float32Array) -> Hits:
         """First hits of rays (n, 6): origin and direction."""
         if not self.n_faces or not len(rays):
             n = len(rays)
@@ -90,7 +89,7 @@ class RayTree:
             answer["primitive_normals"].numpy(),
         )
 
-    def occluded(self, rays: FloatArray, t_far: float = np.inf) -> NDArray[np.bool_]:
+    def occluded(self, rays: Float32Array, t_far: float = np.inf) -> BoolArray:
         """Whether anything lies on rays (n, 6) before ``t_far``."""
         if not self.n_faces or not len(rays):
             return np.zeros(len(rays), np.bool_)
@@ -108,7 +107,7 @@ class SceneRays:
     casters: RayTree
     others: RayTree
 
-    def cast(self, rays: FloatArray) -> Hits:
+    def cast(self, rays: Float32Array) -> Hits:
         """First hits of rays (n, 6) in the whole scene."""
         a = self.casters.cast(rays)
         if not self.others.n_faces:
@@ -122,12 +121,12 @@ class SceneRays:
             np.where(first[:, None], b.normal, a.normal),
         )
 
-    def shadowed(self, rays: FloatArray) -> NDArray[np.bool_]:
+    def shadowed(self, rays: Float32Array) -> BoolArray:
         """Whether something that casts a shadow lies on rays (n, 6)."""
         return self.casters.occluded(rays)
 
 
-_Columns = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8], FloatArray, FloatArray, FloatArray]
+_Columns = tuple[NDArray[np.int32], NDArray[np.int32], UInt8Array, Float32Array, Float32Array, Float32Array]
 
 
 def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
@@ -137,7 +136,7 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
     order = [i for i, c in enumerate(casts) if c] + [i for i, c in enumerate(casts) if not c]
     materials: list[Material] = []
     first_material: dict[int, int] = {}
-    trees: dict[bool, list[tuple[FloatArray, NDArray[np.int32]]]] = {True: [], False: []}
+    trees: dict[bool, list[tuple[Float32Array, NDArray[np.int32]]]] = {True: [], False: []}
     columns: list[_Columns] = []
     for i in order:
         placed, mesh = items[i], items[i].mesh
@@ -178,14 +177,14 @@ def _no_faces() -> _Columns:
     return number, number, part, normals, uv, np.zeros(0, np.float32)
 
 
-def world_vertices(placed: Placed) -> FloatArray:
+def world_vertices(placed: Placed) -> Float32Array:
     """Vertices (n, 3) of a placed mesh in the world frame."""
     pose = placed.world_from_object.astype(np.float32)
     # einsum, since the bits of a BLAS product may depend on the number of threads
     return np.asarray(np.einsum("nj,ij->ni", placed.mesh.vertices_m, pose[:3, :3]) + pose[:3, 3], np.float32)
 
 
-def _tree(meshes: list[tuple[FloatArray, NDArray[np.int32]]]) -> RayTree:
+def _tree(meshes: list[tuple[Float32Array, NDArray[np.int32]]]) -> RayTree:
     if not meshes:
         return RayTree(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
     start = np.cumsum([0] + [len(v) for v, _ in meshes[:-1]])
@@ -195,7 +194,7 @@ def _tree(meshes: list[tuple[FloatArray, NDArray[np.int32]]]) -> RayTree:
     )
 
 
-def _uv_per_m(mesh: Mesh) -> FloatArray:
+def _uv_per_m(mesh: Mesh) -> Float32Array:
     corner = mesh.vertices_m[mesh.faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     u = mesh.corner_uv[:, 1] - mesh.corner_uv[:, 0]

@@ -11,8 +11,7 @@ from datasets_synth.mesh import Light, Placed
 from datasets_synth.mip_textures import MipTexture, mip_texture, sample_textures
 from datasets_synth.scene_rays import MISS, FaceTable, Hits, SceneRays, build_scene_rays, rows
 from datasets_synth.sky import environment_radiance, ground_radiance, mean_sky, sky_radiance
-
-FloatArray = NDArray[np.float32]
+from recon.arrays import BoolArray, Float32Array, UInt8Array
 
 SHADOW_OFFSET_M = 4e-3
 """Shadow rays start this far off the surface, so that it does not shade itself."""
@@ -24,14 +23,14 @@ BLOCK = 65_536
 class MaterialTable:
     """The materials of a scene as arrays over the index of the material."""
 
-    rgb: FloatArray
+    rgb: Float32Array
     texture: NDArray[np.int32]
     """Index into the textures, -1 for none."""
-    texture_px: FloatArray
+    texture_px: Float32Array
     """Root of the number of texels of the texture."""
-    specular: FloatArray
-    shininess: FloatArray
-    mirror: FloatArray
+    specular: Float32Array
+    shininess: Float32Array
+    mirror: Float32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,7 @@ class Shader:
     light: Light
     focal_px: float
 
-    def radiance(self, rays: FloatArray, hits: Hits) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def radiance(self, rays: Float32Array, hits: Hits) -> tuple[Float32Array, BoolArray]:
         """Linear radiance (n, 3) along rays (n, 6) with their hits, and where the sun reaches (n,)."""
         colour = np.empty((len(rays), 3), np.float32)
         sunlit = np.empty(len(rays), np.bool_)
@@ -55,7 +54,7 @@ class Shader:
             colour[block] = shaded.T
         return colour, sunlit
 
-    def _radiance(self, rays: FloatArray, hits: Hits) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def _radiance(self, rays: Float32Array, hits: Hits) -> tuple[Float32Array, BoolArray]:
         """Radiance (3, n) and where the sun reaches (n,).
 
         Inside, vectors are (3, n): each operation then runs along the rays, many times as fast as along three
@@ -78,8 +77,8 @@ class Shader:
         return colour, sunlit
 
     def _surfaces(
-        self, rays: FloatArray, view: FloatArray, distance_per_t: FloatArray, hits: Hits
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        self, rays: Float32Array, view: Float32Array, distance_per_t: Float32Array, hits: Hits
+    ) -> tuple[Float32Array, BoolArray]:
         table, light = self.rays.table, self.light
         distance = hits.t * distance_per_t
         point = rays[:, :3].T + rays[:, 3:].T * hits.t
@@ -101,8 +100,8 @@ class Shader:
         return colour, sunlit
 
     def _albedo(
-        self, hits: Hits, material: NDArray[np.int32], distance: FloatArray, cosine: FloatArray
-    ) -> FloatArray:
+        self, hits: Hits, material: NDArray[np.int32], distance: Float32Array, cosine: Float32Array
+    ) -> Float32Array:
         """Linear albedo (3, n); textures at the mip level of the pixel's footprint."""
         albedo = np.ascontiguousarray(rows(self.materials.rgb, material).T)
         texture = self.materials.texture[material]
@@ -121,8 +120,8 @@ class Shader:
         return albedo
 
     def _sun(
-        self, point: FloatArray, flat: FloatArray, normal: FloatArray
-    ) -> tuple[NDArray[np.bool_], FloatArray]:
+        self, point: Float32Array, flat: Float32Array, normal: Float32Array
+    ) -> tuple[BoolArray, Float32Array]:
         """Where the sun reaches (n,), and the cosine of its angle there (n,), 0 in the shade."""
         to_sun = _column(self.light.sun_direction)
         cosine = np.clip(_dot(normal, to_sun), 0, 1)
@@ -136,11 +135,11 @@ class Shader:
 
     def _add_gloss(
         self,
-        colour: FloatArray,
+        colour: Float32Array,
         material: NDArray[np.int32],
-        view: FloatArray,
-        normal: FloatArray,
-        sun_cos: FloatArray,
+        view: Float32Array,
+        normal: Float32Array,
+        sun_cos: Float32Array,
     ) -> None:
         """Add the highlight of the sun (Blinn-Phong) and the mirrored sky (Schlick's Fresnel) in place."""
         m = self.materials
@@ -167,7 +166,7 @@ def build_shader(
 ) -> Shader:
     """The shader of placed meshes; reads every texture once, builds ray trees where none are given."""
     rays = build_scene_rays(items) if rays is None else rays
-    textures: list[NDArray[np.uint8]] = []
+    textures: list[UInt8Array] = []
     index: dict[int, int] = {}
     for material in rays.table.materials:
         if material.texture is not None and id(material.texture) not in index:
@@ -201,22 +200,22 @@ def _material_table(table: FaceTable, index: dict[int, int]) -> MaterialTable:
     )
 
 
-def _column(vector: Sequence[float] | FloatArray) -> FloatArray:
+def _column(vector: Sequence[float] | Float32Array) -> Float32Array:
     """A vector (3, 1) that goes with vectors (3, n)."""
     return np.asarray(vector, np.float32).reshape(3, 1)
 
 
-def _columns(vectors: FloatArray, index: NDArray[np.intp]) -> FloatArray:
+def _columns(vectors: Float32Array, index: NDArray[np.intp]) -> Float32Array:
     """The vectors (3, k) at an index (k,) of vectors (3, n)."""
     return np.take(vectors, index, axis=1)
 
 
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
     """Inner products (n,) of vectors (3, n)."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], np.float32)
 
 
-def _interpolate(corner_values: FloatArray, hits: Hits) -> FloatArray:
+def _interpolate(corner_values: Float32Array, hits: Hits) -> Float32Array:
     """Values (k, n) at the hits from those of the corners (m, 3, k)."""
     u, v = hits.barycentric[:, 0].copy(), hits.barycentric[:, 1].copy()
     corner = rows(corner_values, hits.face)
@@ -227,7 +226,9 @@ def _interpolate(corner_values: FloatArray, hits: Hits) -> FloatArray:
     return out
 
 
-def _turn_to_viewer(flat: FloatArray, smooth: FloatArray, view: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _turn_to_viewer(
+    flat: Float32Array, smooth: Float32Array, view: Float32Array
+) -> tuple[Float32Array, Float32Array]:
     """Unit geometric and smooth normals (3, n) on the side of the viewer."""
     length = np.maximum(np.sqrt(_dot(smooth, smooth)), np.float32(1e-6))
     turn = np.where(_dot(flat, view) > 0, np.float32(-1), np.float32(1))

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.lighting import ground_irradiance
 from datasets_synth.mesh import Imaging, Light, Mesh, Placed, Scene
@@ -12,11 +11,10 @@ from datasets_synth.render import eye_rays, render_view
 from datasets_synth.scene_rays import MISS, RayTree
 from datasets_synth.surroundings import SETTINGS, surroundings
 from datasets_synth.truth import projected_box
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.view_bins import rotation
-
-FloatArray = NDArray[np.float64]
 
 FILL = 0.8
 """Share of the picture's width or height that an object fills where no distance is given."""
@@ -41,13 +39,13 @@ class Viewpoint:
 class ObjectPhoto:
     """A picture of one object and its truth; pictures are (h, w, ...)."""
 
-    rgb: NDArray[np.uint8]
+    rgb: UInt8Array
     """sRGB, shape (h, w, 3), with the noise of a camera."""
-    mask: NDArray[np.bool_]
+    mask: BoolArray
     """Where a pixel's centre sees the object, shape (h, w); false between the spokes of a wheel."""
-    part_labels: NDArray[np.uint8]
+    part_labels: UInt8Array
     """Shape (h, w), 0 for none. As a person labels: parts one sees through, such as wheels, are solid."""
-    depth_m: NDArray[np.float32]
+    depth_m: Float32Array
     """Depth z of what each pixel's centre sees, the surroundings too, shape (h, w); NaN for the sky."""
     xyxy_px: FloatArray
     """Extent of the projected object as pixel edges, shape (4,), clipped to the picture."""
@@ -144,7 +142,7 @@ def _imaging(light: Light, rng: np.random.Generator) -> Imaging:
     return Imaging((gain, gain), (0.5, 0.5), 0.08, 0.003, 0.008, (0.0, 0.0))
 
 
-def _part_labels(mesh: Mesh, scene: Scene) -> NDArray[np.uint8]:
+def _part_labels(mesh: Mesh, scene: Scene) -> UInt8Array:
     """Labels (h, w) that the pixel centres of the left eye see of a mesh alone, given in the world frame."""
     height, width = scene.camera.left.height_px, scene.camera.left.width_px
     v, u = np.mgrid[:height, :width].astype(np.float32)

@@ -4,17 +4,15 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.mesh import Light
 from datasets_synth.sampling import sample_bilinear
-
-FloatArray = NDArray[np.float32]
+from recon.arrays import Float32Array
 
 _CLOUD_PX = 512
 
 
-def sky_radiance(direction: FloatArray, light: Light) -> FloatArray:
+def sky_radiance(direction: Float32Array, light: Light) -> Float32Array:
     """Linear radiance (n, 3) seen along unit world directions (n, 3)."""
     # one row a channel, since operations along three channels are slow
     horizon = np.array(light.sky_horizon_rgb, np.float32)[:, None]
@@ -26,7 +24,7 @@ def sky_radiance(direction: FloatArray, light: Light) -> FloatArray:
     return np.asarray(clear + cover * (white - clear) * 0.7, np.float32).T
 
 
-def environment_radiance(direction: FloatArray, light: Light) -> FloatArray:
+def environment_radiance(direction: Float32Array, light: Light) -> Float32Array:
     """Radiance (n, 3) that a mirror shows along unit world directions (n, 3): sky above, street below."""
     sky = sky_radiance(direction, light).T
     street = ground_radiance(light)[:, None]
@@ -35,12 +33,12 @@ def environment_radiance(direction: FloatArray, light: Light) -> FloatArray:
     return np.asarray(street + (sky - street) * (share * share * (3 - 2 * share)), np.float32).T
 
 
-def mean_sky(light: Light) -> FloatArray:
+def mean_sky(light: Light) -> Float32Array:
     """Mean colour (3,) of the sky: what lights a surface in the shade."""
     return 0.5 * (np.array(light.sky_zenith_rgb, np.float32) + np.array(light.sky_horizon_rgb, np.float32))
 
 
-def ground_radiance(light: Light) -> FloatArray:
+def ground_radiance(light: Light) -> Float32Array:
     """Colour (3,) that the street throws back upwards: a grey that reflects a fifth."""
     sun_up = max(light.sun_direction[2], 0.0)
     return np.float32(0.2) * (
@@ -49,7 +47,7 @@ def ground_radiance(light: Light) -> FloatArray:
     )
 
 
-def _cloud_cover(direction: FloatArray, light: Light) -> FloatArray:
+def _cloud_cover(direction: Float32Array, light: Light) -> Float32Array:
     """Share of cloud (n,) in [0, 1]: fractal noise on a flat layer, moved by the position of the sun."""
     height = np.maximum(direction[:, 2], 0.02)
     shift = np.array(light.sun_direction[:2], np.float32) * 1013.0
@@ -61,7 +59,7 @@ def _cloud_cover(direction: FloatArray, light: Light) -> FloatArray:
 
 
 @lru_cache(maxsize=1)
-def _cloud_noise() -> FloatArray:
+def _cloud_noise() -> Float32Array:
     """Tiling fractal noise in [0, 1], the same in every run."""
     rng = np.random.default_rng(20090601)
     frequency = np.fft.fftfreq(_CLOUD_PX)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from datasets_synth.mesh import Material, Mesh
-
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray, IntArray, UInt8Array
 
 _BOX_FACES = ("-y", "+y", "+x", "-x", "+z", "-z")
 _BOX_SIGNS = np.array(
@@ -31,11 +30,11 @@ class MeshDraft:
     """Collects patches of triangles, then gives one Mesh; part labels are 0 outside of ``labelling``."""
 
     _vertices: list[FloatArray] = field(default_factory=list)
-    _faces: list[NDArray[np.int64]] = field(default_factory=list)
+    _faces: list[IntArray] = field(default_factory=list)
     _normals: list[FloatArray] = field(default_factory=list)
     _uv: list[FloatArray] = field(default_factory=list)
     _face_material: list[NDArray[np.int32]] = field(default_factory=list)
-    _face_part: list[NDArray[np.uint8]] = field(default_factory=list)
+    _face_part: list[UInt8Array] = field(default_factory=list)
     _materials: list[Material] = field(default_factory=list)
     _n_vertices: int = 0
     _panels: list[FloatArray] = field(default_factory=list)
@@ -69,7 +68,7 @@ class MeshDraft:
     def add(
         self,
         vertices: FloatArray,
-        faces: NDArray[np.int64],
+        faces: IntArray,
         normals: FloatArray,
         uv: FloatArray,
         material: Material,
@@ -82,11 +81,11 @@ class MeshDraft:
     def _append(
         self,
         vertices: FloatArray,
-        faces: NDArray[np.int64],
+        faces: IntArray,
         normals: FloatArray,
         uv: FloatArray,
         face_material: NDArray[np.int32],
-        face_part: NDArray[np.uint8],
+        face_part: UInt8Array,
     ) -> None:
         self._vertices.append(vertices)
         self._faces.append(faces + self._n_vertices)
@@ -325,7 +324,7 @@ def pose(x_m: float, y_m: float, z_m: float = 0.0, yaw_rad: float = 0.0) -> Floa
     return out
 
 
-def vertex_normals(vertices: FloatArray, faces: NDArray[np.int64], outward: FloatArray) -> FloatArray:
+def vertex_normals(vertices: FloatArray, faces: IntArray, outward: FloatArray) -> FloatArray:
     """Area-weighted vertex normals (n, 3), with ``outward`` (n, 3) where a vertex has no area around it."""
     p = vertices[faces]
     face = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])

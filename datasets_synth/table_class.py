@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from datasets_synth.layout import CarModel
 from datasets_synth.part_render import render_part_labels
 from datasets_synth.parts import CAR_PARTS
 from datasets_synth.table_scene import CAMERA, ELEVATION_RAD, GROUND, photograph, place_at_random
+from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.generic_phase import learn_primitives
 from recon.heading import Heading, HeadingConfig, Posed, learn_heading, read_surface
@@ -109,7 +109,7 @@ class _Learned:
     views: tuple[PartView, ...]
     """Labelled views of the first ring."""
     shape: InstanceShape
-    readings: list[NDArray[np.float64]]
+    readings: list[FloatArray]
     """Looks of its surface in pictures, each of shape (cells,)."""
 
 
@@ -129,9 +129,7 @@ def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: Pri
     return _Learned(tuple(views[: rings[0].count]), shape, readings)
 
 
-def _readings(
-    car: CarModel, index: int, shape: InstanceShape, config: TableClassConfig
-) -> list[NDArray[np.float64]]:
+def _readings(car: CarModel, index: int, shape: InstanceShape, config: TableClassConfig) -> list[FloatArray]:
     """The surface of a training car read off pictures of it on the table, with errors as fits have them."""
     out = []
     place, turned, size = config.heading_error

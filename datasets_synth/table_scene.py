@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.imaging import expose
 from datasets_synth.layout import CarModel
 from datasets_synth.mesh import Imaging, Light, Material, Mesh, Placed, Scene
 from datasets_synth.render import render_radiance
 from datasets_synth.solids import MeshDraft, pose
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.outlines import fill_polygon
 from recon.standing_box import StandingBox, cam_from_ground
@@ -58,7 +58,7 @@ class Placement:
     """A model car somewhere on the table."""
 
     car: CarModel
-    xy_m: NDArray[np.float64]
+    xy_m: FloatArray
     """Middle of the footprint in the ground frame, shape (2,)."""
     yaw_rad: float
     """Direction of the nose, counter-clockwise from the x axis, in [-pi, pi)."""
@@ -78,7 +78,7 @@ def place_at_random(car: CarModel, rng: np.random.Generator) -> Placement:
     return Placement(car, TABLE_MIDDLE_M + rng.uniform(-free, free), yaw)
 
 
-def photograph(placements: list[Placement], rng: np.random.Generator) -> NDArray[np.uint8]:
+def photograph(placements: list[Placement], rng: np.random.Generator) -> UInt8Array:
     """The picture (h, w, 3) sRGB of the table with cars on it; rng picks paints and noise."""
     radiance = _empty_radiance().copy()
     cars = [_placed(p, rng) for p in placements]
@@ -95,7 +95,7 @@ def photograph(placements: list[Placement], rng: np.random.Generator) -> NDArray
 
 
 @lru_cache(maxsize=1)
-def photograph_empty() -> NDArray[np.float32]:
+def photograph_empty() -> Float32Array:
     """Mean linear light of several pictures of the empty table, shape (h, w, 3), in [0, 1]."""
     rng = np.random.default_rng(18)
     shots = [
@@ -104,21 +104,21 @@ def photograph_empty() -> NDArray[np.float32]:
     return np.asarray(np.mean(shots, axis=0, dtype=np.float32))
 
 
-def table_mask() -> NDArray[np.bool_]:
+def table_mask() -> BoolArray:
     """Where the picture of the calibrated camera shows the table, shape (h, w)."""
     half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(TABLE_M) / 2
     corners = np.insert(half + TABLE_MIDDLE_M, 2, 0.0, axis=1)
     return fill_polygon(project_ground(corners), CAMERA.height_px, CAMERA.width_px)
 
 
-def project_ground(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def project_ground(points_m: FloatArray) -> FloatArray:
     """Pixels (n, 2) of points (n, 3) of the ground frame."""
     cam_from_table = cam_from_ground(GROUND)
     return CAMERA.project(points_m @ cam_from_table[:3, :3].T + cam_from_table[:3, 3])
 
 
 @lru_cache(maxsize=1)
-def _empty_radiance() -> NDArray[np.float32]:
+def _empty_radiance() -> Float32Array:
     return render_radiance(_scene([], CAMERA))
 
 

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from datasets_synth.layout import CarModel
 from datasets_synth.table_class import TableClass
@@ -21,6 +20,7 @@ from datasets_synth.table_scene import (
     project_ground,
     table_mask,
 )
+from recon.arrays import FloatArray, UInt8Array
 from recon.joint_fit import JointFitConfig
 from recon.localize import (
     FitConfig,
@@ -65,11 +65,11 @@ class Trial:
     shape_id: str
     index: int
     truth: StandingBox
-    crop_rgb: NDArray[np.uint8]
+    crop_rgb: UInt8Array
     """The picture around the car, shape (h, w, 3)."""
     crop_xy_px: tuple[int, int]
     """Column and row of the crop's first pixel."""
-    ring_px: NDArray[np.float64] | None
+    ring_px: FloatArray | None
     """The outline from the segmentation; None where there is none."""
     fit: FitLocalization | Failure
     parts: PartsLocalization | Failure
@@ -107,7 +107,7 @@ def run_trial(car: CarModel, index: int, table_class: TableClass, config: TrialC
 
 
 def localize_placement(
-    placement: Placement, rgb: NDArray[np.uint8], index: int, table_class: TableClass, config: TrialConfig
+    placement: Placement, rgb: UInt8Array, index: int, table_class: TableClass, config: TrialConfig
 ) -> Trial:
     """What each method says of a picture of one placement."""
     regions = segment_table(rgb, empty_table(config.segment))
@@ -140,7 +140,7 @@ def surface_of_region(region: TableRegion) -> UprightSurface | Failure:
 
 
 def fit_region(
-    rgb: NDArray[np.uint8], region: TableRegion, table_class: TableClass, config: TrialConfig
+    rgb: UInt8Array, region: TableRegion, table_class: TableClass, config: TrialConfig
 ) -> FitLocalization | Failure:
     """The joint fit to one thing on the table."""
     light, empty = linear_from_srgb(rgb), photograph_empty()

@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
-FloatArray = NDArray[np.float32]
+from recon.arrays import Float32Array, UInt8Array
+
 _SIZE = 512
 
 
 def fractal_noise(
     rng: np.random.Generator, size_px: int, coarse: int = 4, octaves: int = 6, gain: float = 0.55
-) -> FloatArray:
+) -> Float32Array:
     """Tiling fractal noise, shape (size, size), zero mean and unit standard deviation.
 
     Args:
@@ -38,11 +38,13 @@ def fractal_noise(
     return total / max(float(total.std()), 1e-6)
 
 
-def _blur(picture: FloatArray, sigma_x_px: float, sigma_y_px: float) -> FloatArray:
+def _blur(picture: Float32Array, sigma_x_px: float, sigma_y_px: float) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_x_px, sigmaY=sigma_y_px), np.float32)
 
 
-def _paint(base: tuple[float, float, float], light: FloatArray, tint: FloatArray | None = None) -> Image:
+def _paint(
+    base: tuple[float, float, float], light: Float32Array, tint: Float32Array | None = None
+) -> UInt8Array:
     """sRGB picture of a base colour (0..255) times light, with an optional warm-cold tint."""
     rgb = np.asarray(base, np.float32) * light[..., None]
     if tint is not None:
@@ -50,7 +52,7 @@ def _paint(base: tuple[float, float, float], light: FloatArray, tint: FloatArray
     return _bytes(rgb)
 
 
-def _bytes(rgb: NDArray[np.floating]) -> Image:
+def _bytes(rgb: NDArray[np.floating]) -> UInt8Array:
     return np.asarray(np.clip(rgb, 0, 255), np.uint8)
 
 
@@ -62,7 +64,7 @@ def _wander(rng: np.random.Generator, size: int, steps: int, step_px: float) -> 
     return path.astype(np.int32)
 
 
-def _asphalt(rng: np.random.Generator) -> Image:
+def _asphalt(rng: np.random.Generator) -> UInt8Array:
     size = 1024
     grain = rng.normal(size=(size, size)).astype(np.float32)
     light = 1 + 0.13 * grain + 0.07 * fractal_noise(rng, size, 3) + 0.05 * fractal_noise(rng, size, 48, 3)
@@ -92,7 +94,7 @@ def _asphalt(rng: np.random.Generator) -> Image:
     return _paint((108, 107, 106), light, fractal_noise(rng, size, 4, 3) * 0.15)
 
 
-def _slabs(rng: np.random.Generator, across: int = 4, down: int = 6, joint: int = 4) -> Image:
+def _slabs(rng: np.random.Generator, across: int = 4, down: int = 6, joint: int = 4) -> UInt8Array:
     tone = np.kron(rng.normal(1, 0.07, (down, across)), np.ones((-(-_SIZE // down), -(-_SIZE // across))))
     light = tone[:_SIZE, :_SIZE].astype(np.float32)
     light = (
@@ -113,11 +115,11 @@ def _slabs(rng: np.random.Generator, across: int = 4, down: int = 6, joint: int 
     return _paint((152, 147, 140), light)
 
 
-def _cobbles(rng: np.random.Generator) -> Image:
+def _cobbles(rng: np.random.Generator) -> UInt8Array:
     return _bond(rng, rows=24, columns=20, base=(118, 112, 106), joint=(70, 66, 60), spread=0.14)
 
 
-def _bricks(rng: np.random.Generator) -> Image:
+def _bricks(rng: np.random.Generator) -> UInt8Array:
     base = [(150, 82, 62), (164, 104, 78), (128, 72, 58), (176, 150, 118), (120, 100, 92)][rng.integers(5)]
     return _bond(rng, rows=26, columns=9, base=base, joint=(168, 160, 150), spread=0.13)
 
@@ -130,7 +132,7 @@ def _bond(
     base: tuple[float, float, float],
     joint: tuple[float, float, float],
     spread: float,
-) -> Image:
+) -> UInt8Array:
     """Courses of stones, every second one shifted by half a stone."""
     y, x = np.mgrid[0:_SIZE, 0:_SIZE].astype(np.float32) / _SIZE
     row = np.floor(y * rows).astype(int)
@@ -148,14 +150,14 @@ def _bond(
     return _bytes(stone * _paint(base, light) + (1 - stone) * mortar)
 
 
-def _plaster(rng: np.random.Generator) -> Image:
+def _plaster(rng: np.random.Generator) -> UInt8Array:
     light = 1 + 0.035 * fractal_noise(rng, _SIZE, 3) + 0.03 * fractal_noise(rng, _SIZE, 64, 3)
     streak = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 4, 60)
     light = light - 0.04 * np.abs(streak / streak.std())
     return _paint((225, 222, 216), light)
 
 
-def _concrete(rng: np.random.Generator) -> Image:
+def _concrete(rng: np.random.Generator) -> UInt8Array:
     light = (
         1 + 0.07 * fractal_noise(rng, _SIZE, 3) + 0.05 * rng.normal(size=(_SIZE, _SIZE)).astype(np.float32)
     )
@@ -165,13 +167,13 @@ def _concrete(rng: np.random.Generator) -> Image:
     return _paint((160, 158, 152), light)
 
 
-def _grass(rng: np.random.Generator) -> Image:
+def _grass(rng: np.random.Generator) -> UInt8Array:
     fine = fractal_noise(rng, _SIZE, 64, 4, 0.8)
     light = 1 + 0.22 * fine + 0.14 * fractal_noise(rng, _SIZE, 4)
     return _paint((88, 98, 62), light, fractal_noise(rng, _SIZE, 8))
 
 
-def _leaves(rng: np.random.Generator) -> Image:
+def _leaves(rng: np.random.Generator) -> UInt8Array:
     picture = np.zeros((_SIZE, _SIZE, 3), np.uint8) + np.array([16, 24, 10], np.uint8)
     n = 2600
     centres = rng.integers(0, _SIZE, (n, 2))
@@ -193,12 +195,12 @@ def _leaves(rng: np.random.Generator) -> Image:
     return picture
 
 
-def _bark(rng: np.random.Generator) -> Image:
+def _bark(rng: np.random.Generator) -> UInt8Array:
     ridges = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 2, 18)
     return _paint((104, 88, 70), 1 + 0.25 * ridges / ridges.std() + 0.1 * fractal_noise(rng, _SIZE, 6))
 
 
-def _planks(rng: np.random.Generator) -> Image:
+def _planks(rng: np.random.Generator) -> UInt8Array:
     boards = 12
     grain = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 1.2, 40)
     tone = np.repeat(rng.normal(1, 0.12, boards), -(-_SIZE // boards))[:_SIZE].astype(np.float32)
@@ -208,17 +210,17 @@ def _planks(rng: np.random.Generator) -> Image:
     return _paint((150, 118, 82), light)
 
 
-def _corrugated(rng: np.random.Generator) -> Image:
+def _corrugated(rng: np.random.Generator) -> UInt8Array:
     x = np.arange(_SIZE) / _SIZE
     light = np.tile((1 + 0.22 * np.sin(2 * np.pi * 16 * x)).astype(np.float32), (_SIZE, 1))
     return _paint((190, 192, 194), light + 0.05 * fractal_noise(rng, _SIZE, 4))
 
 
-def _shutter(rng: np.random.Generator) -> Image:
+def _shutter(rng: np.random.Generator) -> UInt8Array:
     return np.ascontiguousarray(_corrugated(rng).transpose(1, 0, 2))
 
 
-def _rust(rng: np.random.Generator) -> Image:
+def _rust(rng: np.random.Generator) -> UInt8Array:
     noise = fractal_noise(rng, _SIZE, 4)
     paint = _paint((200, 196, 190), 1 + 0.05 * fractal_noise(rng, _SIZE, 32, 3)).astype(np.float32)
     rust = _paint((120, 70, 42), 1 + 0.2 * fractal_noise(rng, _SIZE, 16)).astype(np.float32)
@@ -226,11 +228,11 @@ def _rust(rng: np.random.Generator) -> Image:
     return _bytes(paint * (1 - share) + rust * share)
 
 
-def _roof(rng: np.random.Generator) -> Image:
+def _roof(rng: np.random.Generator) -> UInt8Array:
     return _bond(rng, rows=14, columns=12, base=(126, 74, 58), joint=(56, 36, 30), spread=0.1)
 
 
-def _curtain(rng: np.random.Generator) -> Image:
+def _curtain(rng: np.random.Generator) -> UInt8Array:
     """What is seen in a window: a dark room, often a curtain, a blind or a lamp."""
     light = np.full((_SIZE, _SIZE), rng.uniform(0.25, 0.6), np.float32)
     light += 0.06 * fractal_noise(rng, _SIZE, 3)
@@ -255,7 +257,7 @@ def _curtain(rng: np.random.Generator) -> Image:
     return _paint((74, 76, 80), light)
 
 
-def _rags(rng: np.random.Generator) -> Image:
+def _rags(rng: np.random.Generator) -> UInt8Array:
     """Bright goods: boxes, fruit, folded cloth."""
     picture = np.full((_SIZE, _SIZE, 3), 60, np.uint8)
     for _ in range(420):
@@ -271,7 +273,7 @@ def _rags(rng: np.random.Generator) -> Image:
     return picture
 
 
-def _wood(rng: np.random.Generator) -> Image:
+def _wood(rng: np.random.Generator) -> UInt8Array:
     """One board, its grain along v: fine fibres and the long waves of the year rings."""
     fibre = _blur(rng.normal(size=(_SIZE, _SIZE)).astype(np.float32), 0.8, 60)
     bend = _blur(fractal_noise(rng, _SIZE, 2, 3), 6, 90)
@@ -280,7 +282,7 @@ def _wood(rng: np.random.Generator) -> Image:
     return _paint((178, 132, 84), 1 + 0.07 * fibre / fibre.std() + 0.09 * rings, 0.5 * rings)
 
 
-def _cloth(rng: np.random.Generator) -> Image:
+def _cloth(rng: np.random.Generator) -> UInt8Array:
     """A plain weave, 64 threads across."""
     y, x = np.mgrid[0:_SIZE, 0:_SIZE].astype(np.float32) * (64 / _SIZE)
     over = (np.floor(x) + np.floor(y)) % 2
@@ -289,7 +291,7 @@ def _cloth(rng: np.random.Generator) -> Image:
     return _paint((190, 188, 184), light.astype(np.float32))
 
 
-def _wicker(rng: np.random.Generator) -> Image:
+def _wicker(rng: np.random.Generator) -> UInt8Array:
     """Willow rods woven in and out of upright stakes, 8 stakes across and 16 rods up."""
     y, x = np.mgrid[0:_SIZE, 0:_SIZE].astype(np.float32) / _SIZE
     row = np.floor(16 * y).astype(int)
@@ -303,7 +305,7 @@ def _wicker(rng: np.random.Generator) -> Image:
     return _paint((170, 124, 74), light.astype(np.float32))
 
 
-_PAINTERS: dict[str, Callable[[np.random.Generator], Image]] = {
+_PAINTERS: dict[str, Callable[[np.random.Generator], UInt8Array]] = {
     "asphalt": _asphalt,
     "slabs": _slabs,
     "cobbles": _cobbles,
@@ -328,7 +330,7 @@ TEXTURE_KINDS = tuple(_PAINTERS)
 
 
 @lru_cache(maxsize=160)
-def texture(kind: str, variant: int) -> Image:
+def texture(kind: str, variant: int) -> UInt8Array:
     """The sRGB texture (h, w, 3) of a kind in TEXTURE_KINDS; the same variant is always the same picture.
 
     Kept per process: painting takes longer than rendering with it.
@@ -345,7 +347,7 @@ _WORDS = (
 )  # fmt: skip
 
 
-def lettering(rng: np.random.Generator, width_px: int, height_px: int, words: int = 1) -> Image:
+def lettering(rng: np.random.Generator, width_px: int, height_px: int, words: int = 1) -> UInt8Array:
     """A printed strip, shape (height, width, 3): bold words on a plain ground."""
     ground = rng.integers(20, 245, 3)
     ink = np.where(ground.mean() > 128, rng.integers(0, 70, 3), rng.integers(190, 255, 3))

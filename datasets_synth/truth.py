@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from datasets_synth.mesh import Placed, Scene
 from datasets_synth.render import StereoRender, eye_rays
 from datasets_synth.scene_rays import RayTree, world_vertices
+from recon.arrays import FloatArray
 from recon.camera import PinholeCamera
 
 N_VIEW_BINS = 12
@@ -24,14 +25,14 @@ class VisibleObject:
     item: int
     """Index into ``scene.items``; the instance picture holds item + 1."""
     shape_id: str
-    xyxy_px: NDArray[np.float64]
+    xyxy_px: FloatArray
     """Amodal box, shape (4,): extent of the whole projected object, hidden parts too, as pixel edges clipped
     to the picture."""
     visible_share: float
     """Visible pixels / pixels that the object alone would cover inside the picture, in [0, 1]."""
     truncated_share: float
     """Share of the area of the amodal box that lies outside the picture, in [0, 1]."""
-    position_cam_m: NDArray[np.float64]
+    position_cam_m: FloatArray
     """Origin of the object (on the ground, under its middle) in the left camera frame, shape (3,)."""
     yaw_rad: float
     """Heading of the nose, counter-clockwise seen from above, from the camera's right; in (-pi, pi]."""
@@ -71,7 +72,7 @@ def visible_objects(render: StereoRender, scene: Scene, kind: str = "car") -> tu
     return tuple(found)
 
 
-def azimuth_deg(cam_from_object: NDArray[np.float64]) -> float:
+def azimuth_deg(cam_from_object: FloatArray) -> float:
     """Direction of the camera seen from an object with pose (4, 4), in degrees, [0, 360).
 
     0 when the camera stands before the nose, 90 when it sees the left side.
@@ -86,7 +87,7 @@ def view_bin(azimuth: float) -> int:
     return int(np.floor(azimuth / width + 0.5)) % N_VIEW_BINS
 
 
-def yaw_rad(cam_from_object: NDArray[np.float64]) -> float:
+def yaw_rad(cam_from_object: FloatArray) -> float:
     """Heading of the nose of an object with pose (4, 4) about its own up, from the camera's right."""
     axes = cam_from_object[:3, :3] / np.linalg.norm(cam_from_object[:3, 0])
     nose, up = axes[:, 0], axes[:, 2]
@@ -95,7 +96,7 @@ def yaw_rad(cam_from_object: NDArray[np.float64]) -> float:
     return float(np.arctan2(nose @ away, nose @ right))
 
 
-def projected_box(placed: Placed, scene: Scene) -> NDArray[np.float64] | None:
+def projected_box(placed: Placed, scene: Scene) -> FloatArray | None:
     """Pixel edges (4,) of the extent of a projected mesh, not clipped; None behind the camera."""
     pose = scene.left_from_world
     xyz = world_vertices(placed) @ pose[:3, :3].T + pose[:3, 3]
@@ -109,29 +110,29 @@ def projected_box(placed: Placed, scene: Scene) -> NDArray[np.float64] | None:
     return np.concatenate([edge.min(axis=0), edge.max(axis=0)])
 
 
-def _near_crossings(xyz: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+def _near_crossings(xyz: FloatArray, faces: NDArray[np.int32]) -> FloatArray:
     """Points (n, 3) where edges of faces cross the near plane."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     a, b = xyz[edges[:, 0]], xyz[edges[:, 1]]
     crosses = (a[:, 2] >= NEAR_M) != (b[:, 2] >= NEAR_M)
     a, b = a[crosses], b[crosses]
     share = (NEAR_M - a[:, 2]) / (b[:, 2] - a[:, 2])
-    points: NDArray[np.float64] = a + share[:, None] * (b - a)
+    points: FloatArray = a + share[:, None] * (b - a)
     return points
 
 
-def _clip(edges_px: NDArray[np.float64], camera: PinholeCamera) -> NDArray[np.float64] | None:
+def _clip(edges_px: FloatArray, camera: PinholeCamera) -> FloatArray | None:
     size = np.array([camera.width_px, camera.height_px], float)
     low = np.clip(edges_px[:2], 0, size)
     high = np.clip(edges_px[2:], 0, size)
     return np.concatenate([low, high]) if (high > low).all() else None
 
 
-def _area(edges_px: NDArray[np.float64]) -> float:
+def _area(edges_px: FloatArray) -> float:
     return float(np.prod(edges_px[2:] - edges_px[:2]))
 
 
-def _visible_share(render: StereoRender, scene: Scene, index: int, clipped_px: NDArray[np.float64]) -> float:
+def _visible_share(render: StereoRender, scene: Scene, index: int, clipped_px: FloatArray) -> float:
     """Visible pixels / pixels hit when only this item is cast at; 0 where it is thinner than a pixel."""
     placed = scene.items[index]
     x0, y0 = np.floor(clipped_px[:2]).astype(int)

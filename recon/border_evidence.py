@@ -10,13 +10,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray
 from recon.gradients import smooth_gradient
 from recon.outlines import resample
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 
 _ROUNDING = 0.02
 """Gradients below this, in units of Lab a pixel, come from rounding; a blank window must have no edges."""

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray
 from recon.errors import RescoreError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -67,13 +66,13 @@ class StereoCamera:
                 "left and right may be swapped"
             )
 
-    def depth_m(self, disparity_px: NDArray[np.floating]) -> NDArray[np.float32]:
+    def depth_m(self, disparity_px: NDArray[np.floating]) -> Float32Array:
         """Depth in metres; NaN where the disparity is NaN or not positive."""
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = self.left.fx_px * self.baseline_m / disparity_px
         return np.where(disparity_px > 0, depth, np.nan).astype(np.float32)
 
-    def disparity_px(self, depth_m: NDArray[np.floating]) -> NDArray[np.float32]:
+    def disparity_px(self, depth_m: NDArray[np.floating]) -> Float32Array:
         """Disparity in pixels; NaN where the depth is NaN or not positive."""
         with np.errstate(divide="ignore", invalid="ignore"):
             disparity = self.left.fx_px * self.baseline_m / depth_m

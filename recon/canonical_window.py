@@ -4,14 +4,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.outcome import Failure, Reason
 from recon.outlines import largest_outline
 from recon.part_registration import CanonicalGrid
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 
 _PIECE = 0.1
 """Share of the object's area above which a separate region is a piece of it."""
@@ -37,7 +34,7 @@ def grid_to_image(grid: CanonicalGrid, box_px: FloatArray) -> GridToImage:
     return GridToImage(scale[0], shift[0])
 
 
-def canonical_windows(rgb: NDArray[np.uint8], xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
+def canonical_windows(rgb: UInt8Array, xyxy_px: FloatArray, grid: CanonicalGrid) -> Float32Array:
     """Each box with its margin on the canonical grid in CIE Lab, shape (n, h, w, 3), borders repeated."""
     scales, shifts = grid.image_from_grid(xyxy_px)
     out = np.empty((len(xyxy_px), grid.height_px, grid.width_px, 3), np.float32)
@@ -85,7 +82,7 @@ def zero_level(phi: Float32Array, start: Float32Array, min_iou: float) -> FloatA
     return outline
 
 
-def _in_one_piece(mask: NDArray[np.bool_], start: Float32Array) -> NDArray[np.bool_]:
+def _in_one_piece(mask: BoolArray, start: Float32Array) -> BoolArray:
     """The mask (4 h, 4 w) with its larger regions joined where a thin limb was pinched off.
 
     What joins them lies inside the start (h, w); nothing is added where one region has nearly all.

@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.outlines import fill_rings, mask_rings
 from recon.part_views import PartView
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 FORMAT = "class-model 1"
 

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from recon.arrays import FloatArray
 from recon.primitives import PrimitiveLibrary
 from recon.projective import affine_transform, apply_projective, nearest_on_outline
 from recon.shape_context import ShapeContextConfig, match, shape_contexts
-
-FloatArray = NDArray[np.float64]
 
 MIN_FACING = 0.07
 """A plane turned to a view by a smaller cosine is seen edge-on, and explains no boundary there."""

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from recon.arrays import Float32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -12,7 +13,7 @@ class DepthMap:
 
     x0_px: int
     y0_px: int
-    depth: NDArray[np.float32]
+    depth: Float32Array
     """Shape (h, w). Metres when the camera and ground were known, else in units of the default camera."""
 
     def __post_init__(self) -> None:

@@ -7,7 +7,8 @@ High-Resolution Stereo Datasets with Subpixel-Accurate Ground Truth, GCPR 2014.
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
+
+from recon.arrays import BoolArray, Float32Array, FloatArray
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class WrongRule:
     relative: float = 0.0
     """Share of the true disparity."""
 
-    def wrong(self, error_px: NDArray[np.float64], truth_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def wrong(self, error_px: FloatArray, truth_px: FloatArray) -> BoolArray:
         """Whether errors (n,) in pixels of true disparities (n,) are wrong; NaN is not."""
         return (error_px > self.absolute_px) & (error_px > self.relative * truth_px)
 
@@ -79,7 +80,7 @@ def _share(part: float, whole: int) -> float:
     return part / whole if whole else float("nan")
 
 
-def fill_holes(disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
+def fill_holes(disparity_px: Float32Array) -> Float32Array:
     """Disparity (h, w) without holes: KITTI's background interpolation.
 
     Each hole takes the smaller disparity (the farther surface) of its two measured neighbours in the row; at
@@ -94,18 +95,18 @@ def fill_holes(disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(np.isnan(above), below, above)
 
 
-def _last_measured(disparity_px: NDArray[np.float32]) -> NDArray[np.float32]:
+def _last_measured(disparity_px: Float32Array) -> Float32Array:
     """The last measured value at or before each column of its row; NaN before the first."""
     column = np.where(np.isnan(disparity_px), 0, np.arange(disparity_px.shape[1]))
     return np.take_along_axis(disparity_px, np.maximum.accumulate(column, axis=1), axis=1)
 
 
 def disparity_error(
-    measured_px: NDArray[np.float32],
-    truth_px: NDArray[np.float32],
-    mask: NDArray[np.bool_],
+    measured_px: Float32Array,
+    truth_px: Float32Array,
+    mask: BoolArray,
     rule: WrongRule = D1,
-    filled_px: NDArray[np.float32] | None = None,
+    filled_px: Float32Array | None = None,
 ) -> DisparityError:
     """Density, end-point error and wrong pixels of a map, all of shape (h, w).
 

@@ -12,15 +12,13 @@ from pathlib import Path
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.outlines import fill_polygon, largest_outline, resample
 from recon.primitives import PrimitiveLibrary, plane_axes, primitive_normals
 from recon.projective import apply_projective, nearest_on_outline, projective_transform
 from recon.shape_context import ShapeContextConfig, match, shape_contexts
 from recon.view_bins import ViewBins, rotation
-
-FloatArray = NDArray[np.float64]
 
 SHAPES: tuple[FloatArray, ...] = (
     np.array([[-1.2, -0.8], [1.2, -0.8], [1.2, 0.1], [0.3, 0.1], [0.3, 0.9], [-1.2, 0.9]]),

@@ -2,9 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Float32Array = NDArray[np.float32]
+from recon.arrays import Float32Array
 
 
 def smooth_gradient(window: Float32Array, sigma_px: float) -> tuple[Float32Array, Float32Array]:

@@ -7,11 +7,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
-from recon.ground_region import MIN_GROUND, Float32Array, ground_below, reach_px
+from recon.ground_region import MIN_GROUND, ground_below, reach_px
 from recon.outcome import Failure, Reason
-
-FloatArray = NDArray[np.float64]
 
 _MIN_FACING = float(np.sin(np.deg2rad(8.0)))
 """A side of the footprint turned to the camera by less than this sine is seen end-on."""
@@ -43,7 +42,7 @@ class GroundLine:
 
 
 def ground_line(
-    labels: NDArray[np.uint8],
+    labels: UInt8Array,
     x0_px: int,
     y0_px: int,
     feet_cam: Mapping[int, FloatArray],
@@ -206,7 +205,7 @@ def _second_line(
 
 
 def _contacts(
-    labels: NDArray[np.uint8], x0_px: int, y0_px: int, ground_labels: Sequence[int], config: GroundLineConfig
+    labels: UInt8Array, x0_px: int, y0_px: int, ground_labels: Sequence[int], config: GroundLineConfig
 ) -> dict[int, FloatArray]:
     """For each ground part the lowest pixels (n, 2) of the columns that touch, image coordinates."""
     rows = np.nonzero(labels.any(axis=1))[0]
@@ -256,7 +255,7 @@ def _view_slope(
     return float(dv / du) if abs(du) > abs(dv) else None
 
 
-def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, NDArray[np.bool_]]:
+def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, BoolArray]:
     """Slope and offset of v = slope u + offset, and which contacts (n, 2) it is fitted to.
 
     The line is the one that most contacts agree with, the longer where several do; steep lines are no ground

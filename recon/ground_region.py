@@ -14,12 +14,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.camera import FloatArray
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.errors import RescoreError
-
-Float32Array = NDArray[np.float32]
 
 FORMAT = "ground-pixels 1"
 WORK_HEIGHT_PX = 240
@@ -111,7 +108,7 @@ def packaged_ground_pixels() -> GroundPixels:
 
 
 def ground_probability(
-    rgb: NDArray[np.uint8], horizon_row_px: float | None = None, classifier: GroundPixels | None = None
+    rgb: UInt8Array, horizon_row_px: float | None = None, classifier: GroundPixels | None = None
 ) -> Float32Array:
     """Probability that each pixel shows ground, shape (h, w), in [0, 1].
 
@@ -129,7 +126,7 @@ def ground_probability(
     return np.asarray(smooth, np.float32)
 
 
-def ground_features(rgb: NDArray[np.uint8], horizon_row_px: float | None = None) -> Float32Array:
+def ground_features(rgb: UInt8Array, horizon_row_px: float | None = None) -> Float32Array:
     """Features of each cell of a picture (h, w, 3), shape (120, columns, F)."""
     height, width = rgb.shape[:2]
     horizon = (height - 1) / 2 if horizon_row_px is None else horizon_row_px

@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import GroundPlane, PinholeCamera
-from recon.shape_space import Float32Array
 from recon.standing_box import StandingBox, cam_from_ground, turn
-
-FloatArray = NDArray[np.float64]
 
 _MOST = 6.0
 """Redness of one pixel beside the unit, at most: a lamp must not stand for all of its cell."""
@@ -81,7 +79,7 @@ def learn_heading(readings: Sequence[FloatArray], config: HeadingConfig) -> Head
 
 
 def read_surface(
-    light: NDArray[np.float32],
+    light: Float32Array,
     shape: Posed,
     camera: PinholeCamera,
     ground: GroundPlane,
@@ -158,7 +156,7 @@ def _surface(shape: Posed, side: float, config: HeadingConfig) -> tuple[FloatArr
     return np.concatenate(points), np.concatenate(cells)
 
 
-def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: float) -> NDArray[np.bool_]:
+def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: float) -> BoolArray:
     """Which points (n, 3) of the surface the eye sees past the rest of the object."""
     toward = (eye_unit - unit) / np.abs(eye_unit - unit).max(axis=1, keepdims=True)
     hidden = np.zeros(len(unit), bool)
@@ -175,7 +173,7 @@ def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: flo
     return ~hidden
 
 
-def _redness_at(light: NDArray[np.float32], uv_px: FloatArray, config: HeadingConfig) -> FloatArray:
+def _redness_at(light: Float32Array, uv_px: FloatArray, config: HeadingConfig) -> FloatArray:
     """a of CIE Lab (n,) at pixels (n, 2)."""
     low = np.maximum(np.floor(uv_px.min(axis=0)).astype(int) - 4, 0)
     high = np.ceil(uv_px.max(axis=0)).astype(int) + 5

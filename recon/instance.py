@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
@@ -14,8 +14,6 @@ from recon.outcome import Failure
 from recon.outlines import largest_outline, resample
 from recon.part_registration import RegistrationConfig, prepare_view
 from recon.reconstruct import Reconstruction
-
-FloatArray = NDArray[np.float64]
 
 NEAR_M = 0.05
 """Surfaces nearer to a camera than this are cut off."""
@@ -170,7 +168,7 @@ def build_instance(
     ground: GroundPlane,
     registration: RegistrationConfig | None = None,
     transform: TransformConfig | None = None,
-    occluded: NDArray[np.bool_] | None = None,
+    occluded: BoolArray | None = None,
 ) -> Instance3D | Failure:
     """The 3D instance of a reconstruction, completed by the class model; or why it cannot be completed.
 
@@ -262,7 +260,7 @@ def _absent(
     seen: list[InstancePart],
     predicted: list[InstancePart],
     camera: PinholeCamera,
-    occluded: NDArray[np.bool_] | None = None,
+    occluded: BoolArray | None = None,
 ) -> dict[int, str]:
     """Why predicted parts are left out that the picture would show but does not, by label."""
     shown = np.full((camera.height_px, camera.width_px), -np.inf)

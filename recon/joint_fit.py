@@ -8,15 +8,13 @@ Levenberg's damping find x, y, yaw, the logarithms of the size and the coefficie
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outline_edges import OutlinePoints
-from recon.shape_space import Float32Array, ShapeSpace, sample_hull
+from recon.shape_space import ShapeSpace, sample_hull
 from recon.standing_box import StandingBox, angle_between, cam_from_ground, turn
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 _MAX_LOG_REST = 0.8
 """No object is more than about twice as large as its shape says, or less than half."""

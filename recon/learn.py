@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from recon.class_model import ClassModel, ClassPart
 from recon.class_phase import BoundaryPair, best_primitive, fitted_normal, heaviest, primitive_costs
 from recon.errors import RescoreError
@@ -17,8 +17,6 @@ from recon.primitives import PrimitiveLibrary, lift
 from recon.shape_context import ShapeContextConfig
 from recon.structure import Structure, solve_structure
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -252,7 +250,7 @@ def _canonical_views(views: Sequence[PartView]) -> tuple[PartView, ...]:
     return tuple(chosen)
 
 
-def _box_mask(view: PartView) -> NDArray[np.bool_]:
+def _box_mask(view: PartView) -> BoolArray:
     """The object's mask with its box stretched to 64 x 64."""
     ring = largest_outline(view.labels > 0)
     if ring is None:

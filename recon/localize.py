@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.heading import Heading, Posed, read_surface
@@ -24,8 +24,6 @@ from recon.shape_space import ShapeSpace
 from recon.standing_box import StandingBox, angle_between, cam_from_ground
 from recon.view_bins import ViewBins
 from recon.view_selection import ViewSelectionConfig, best_view_bin
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ class PartsLocalization:
 
 
 def localize_by_parts(
-    rgb: NDArray[np.uint8],
+    rgb: UInt8Array,
     ring_px: FloatArray,
     model: ClassModel,
     camera: PinholeCamera,
@@ -215,8 +213,8 @@ class FitLocalization:
 
 
 def localize_by_fit(
-    light: NDArray[np.float32],
-    background: NDArray[np.float32],
+    light: Float32Array,
+    background: Float32Array,
     ring_px: FloatArray,
     space: ShapeSpace,
     camera: PinholeCamera,
@@ -267,7 +265,7 @@ def localize_by_fit(
 
 
 def _nose_log_odds(
-    light: NDArray[np.float32],
+    light: Float32Array,
     fit: FittedInstance,
     space: ShapeSpace,
     camera: PinholeCamera,

@@ -2,13 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.primitive_selection import PrimitiveSelection
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

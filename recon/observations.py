@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.outlines import largest_outline, resample
 from recon.part_views import PartView
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 MIN_BOUNDARY_PX = 12
 """A region with a shorter border says nothing of how its part is turned."""

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from recon.arrays import FloatArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outcome import Failure, Reason
@@ -14,8 +14,6 @@ from recon.part_registration import PreparedView
 from recon.placing import feet
 from recon.primitives import lift
 from recon.reconstruct import Reconstruction
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

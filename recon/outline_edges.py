@@ -8,12 +8,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.outlines import resample
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 
 _DOWN = 0.3
 """Sine of the angle below the level from which on an outward normal faces down."""
@@ -131,8 +128,8 @@ def _slopes(light: Float32Array, at_px: Float32Array, config: OutlineEdgeConfig)
 
 
 def _outermost_peak(
-    slope: FloatArray, offsets: FloatArray, allowed: NDArray[np.bool_], least: FloatArray, step_px: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+    slope: FloatArray, offsets: FloatArray, allowed: BoolArray, least: FloatArray, step_px: float
+) -> tuple[FloatArray, BoolArray]:
     """Offset (n,) of the last local maximum of each row that is strong enough, and whether there is one."""
     middle = slope[:, 1:-1]
     peak = (middle >= slope[:, :-2]) & (middle > slope[:, 2:]) & (middle >= least[:, None]) & allowed[:, 1:-1]

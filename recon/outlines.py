@@ -6,17 +6,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from recon.arrays import BoolArray, FloatArray
+
 IntArray = NDArray[np.int32]
 
 
-def mask_rings(mask: NDArray[np.bool_]) -> tuple[IntArray, ...]:
+def mask_rings(mask: BoolArray) -> tuple[IntArray, ...]:
     """Rings (m, 2) of pixel centres around every region and hole of a mask; ``fill_rings`` undoes it."""
     rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     return tuple(np.asarray(r, np.int32).reshape(-1, 2) for r in rings)
 
 
-def fill_rings(rings: Sequence[IntArray], height_px: int, width_px: int) -> NDArray[np.bool_]:
+def fill_rings(rings: Sequence[IntArray], height_px: int, width_px: int) -> BoolArray:
     """The mask (h, w) inside rings by the even-odd rule; the rings' own pixels belong to it."""
     image = np.zeros((height_px, width_px), np.uint8)
     if rings:
@@ -24,14 +25,14 @@ def fill_rings(rings: Sequence[IntArray], height_px: int, width_px: int) -> NDAr
     return image.astype(bool)
 
 
-def fill_polygon(polygon_px: FloatArray, height_px: int, width_px: int) -> NDArray[np.bool_]:
+def fill_polygon(polygon_px: FloatArray, height_px: int, width_px: int) -> BoolArray:
     """The mask (h, w) of pixels inside a closed polygon (m, 2) in pixel-centre coordinates, to 1/16 pixel."""
     image = np.zeros((height_px, width_px), np.uint8)
     cv2.fillPoly(image, [np.round(polygon_px * 16).astype(np.int32)], 1, shift=4)
     return image.astype(bool)
 
 
-def largest_outline(mask: NDArray[np.bool_]) -> FloatArray | None:
+def largest_outline(mask: BoolArray) -> FloatArray | None:
     """The outer ring (m, 2) of the largest connected region, pixel centres; None for an empty mask."""
     rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not rings:

@@ -9,17 +9,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.outcome import Failure, Reason
 from recon.outlines import fill_polygon, largest_outline, mask_rings, resample
-from recon.segment import Float32Array, signed_distance
+from recon.segment import signed_distance
 from recon.shape_context import ShapeContextConfig, match, shape_contexts
 from recon.thin_plate import thin_plate_operator
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -127,7 +125,7 @@ def _grown_half_pixel(ring: FloatArray) -> FloatArray:
     return np.asarray(middle + (ring - middle) * (half + 0.5) / half)
 
 
-def _region_rings(labels: NDArray[np.uint8]) -> tuple[tuple[tuple[int, slice], ...], FloatArray]:
+def _region_rings(labels: UInt8Array) -> tuple[tuple[tuple[int, slice], ...], FloatArray]:
     """Outer rings of all regions with their labels, larger first, and their points (p, 2)."""
     found: list[tuple[float, int, FloatArray]] = []
     for label in (int(x) for x in np.unique(labels) if x):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import UInt8Array
 from recon.errors import RescoreError
 from recon.view_bins import ViewBins
 
@@ -21,7 +21,7 @@ class PartView:
     """A part-labelled image of one instance, seen from one view bin."""
 
     view_bin: int
-    labels: NDArray[np.uint8]
+    labels: UInt8Array
     """Shape (h, w): 0 for none, i for part ``part_names[i - 1]``."""
     instance_id: str
     """Views with the same id show the same object."""

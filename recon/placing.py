@@ -4,14 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
 from recon.ground_line import GroundLine
 from recon.predict_depth import PlacedParts, PlacingConfig, place_parts
-
-FloatArray = NDArray[np.float64]
 
 
 def feet(model: ClassModel) -> dict[int, FloatArray]:
@@ -22,7 +20,7 @@ def feet(model: ClassModel) -> dict[int, FloatArray]:
 
 
 def place_instance(
-    labels: NDArray[np.uint8],
+    labels: UInt8Array,
     x0_px: int,
     y0_px: int,
     line: GroundLine,
@@ -55,7 +53,7 @@ def place_instance(
 
 
 def _stand_in(
-    labels: NDArray[np.uint8],
+    labels: UInt8Array,
     rays: FloatArray,
     normals: Mapping[int, FloatArray],
     points_m: Mapping[int, FloatArray],
@@ -84,7 +82,7 @@ def _stand_in(
 
 
 def _metres_per_unit(
-    labels: NDArray[np.uint8],
+    labels: UInt8Array,
     depth_m: float,
     cam_from_object: FloatArray,
     model: ClassModel,

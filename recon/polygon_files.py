@@ -18,8 +18,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from recon.polygon_views import FloatArray, LabelledImage, LabelledViews, PartPolygon, views_of_polygons
+from recon.polygon_views import LabelledImage, LabelledViews, PartPolygon, views_of_polygons
 from recon.view_bins import ViewBins
 
 LABELS_TXT = "labels.txt"

@@ -5,14 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.errors import RescoreError
 from recon.part_views import PartView, PartViews
 from recon.polygons import polygon_mask, polygon_problem
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 MAX_PARTS = 255
 """Labels are 8-bit."""
@@ -95,7 +93,7 @@ def _refuse_same_bin(images: Sequence[LabelledImage], bins: ViewBins) -> None:
             )
 
 
-def _paint(image: LabelledImage, part_names: Sequence[str]) -> NDArray[np.uint8]:
+def _paint(image: LabelledImage, part_names: Sequence[str]) -> UInt8Array:
     """Part labels (h, w) of a picture, the painter's way."""
     labels = np.zeros((image.height_px, image.width_px), np.uint8)
     label_of = {name: i + 1 for i, name in enumerate(part_names)}

@@ -1,11 +1,9 @@
 """Polygons drawn by hand: what is wrong with one, and the pixels inside it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from recon.outlines import fill_polygon
-
-FloatArray = NDArray[np.float64]
 
 BORDER_TOLERANCE_PX = 1.0
 """Labelling tools round, and differ by half a pixel in where a picture ends."""
@@ -66,7 +64,7 @@ def first_crossing(ring: FloatArray) -> tuple[int, int] | None:
     return None
 
 
-def _straddles(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, slack: float) -> NDArray[np.bool_]:
+def _straddles(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, slack: float) -> BoolArray:
     """Whether c and d (n, 2) lie strictly on both sides of the line through a and b (n, 2), shape (n,)."""
     along = b - a
     side_c = along[:, 0] * (c - a)[:, 1] - along[:, 1] * (c - a)[:, 0]
@@ -75,7 +73,7 @@ def _straddles(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, slack
     return np.asarray(strictly, dtype=bool)
 
 
-def polygon_mask(points: FloatArray, height_px: int, width_px: int) -> NDArray[np.bool_]:
+def polygon_mask(points: FloatArray, height_px: int, width_px: int) -> BoolArray:
     """The mask (h, w) inside a polygon (m, 2) in pixel edges."""
     return fill_polygon(points - 0.5, height_px, width_px)
 

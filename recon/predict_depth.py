@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class PlacedParts:
 
 
 def place_parts(
-    labels: NDArray[np.uint8],
+    labels: UInt8Array,
     rays: FloatArray,
     normals: Mapping[int, FloatArray],
     ground_points_m: Mapping[int, FloatArray],
@@ -88,7 +87,7 @@ class _Placing:
 
     def __init__(
         self,
-        labels: NDArray[np.uint8],
+        labels: UInt8Array,
         rays: FloatArray,
         normals: Mapping[int, FloatArray],
         depth_limits_m: tuple[float, float],
@@ -137,7 +136,7 @@ class _Placing:
         return np.asarray(self.depth[flat, None] * self.rays[flat])
 
 
-def _borders(labels: NDArray[np.uint8]) -> NDArray[np.intp]:
+def _borders(labels: UInt8Array) -> NDArray[np.intp]:
     """Flat indices (2, m) of 4-neighbours with different labels, both not 0; each pair in both orders."""
     index = np.arange(labels.size).reshape(labels.shape)
     a = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])

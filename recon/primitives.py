@@ -5,13 +5,11 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.projective import apply_projective
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 FORMAT = "primitives 1"
 

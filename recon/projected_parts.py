@@ -5,11 +5,9 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.border_evidence import BorderEvidenceConfig, agreement, border_channels, edge_channels
-
-FloatArray = NDArray[np.float64]
 
 _MARGIN_PX = 2
 
@@ -28,7 +26,7 @@ class EdgeWindow:
 
     def __init__(
         self,
-        picture: NDArray[np.uint8] | NDArray[np.float32],
+        picture: UInt8Array | Float32Array,
         ring_px: FloatArray,
         config: EdgeWindowConfig,
     ) -> None:

@@ -1,9 +1,8 @@
 """Projective transforms of the image plane by linear regression."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 
 def projective_transform(

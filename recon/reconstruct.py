@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.canonical_window import GridToImage, canonical_windows, grid_to_image, zero_level
 from recon.class_model import ClassModel
@@ -25,9 +25,7 @@ from recon.part_registration import (
 )
 from recon.placing import feet, place_instance
 from recon.predict_depth import PlacingConfig
-from recon.segment import Float32Array, SegmentConfig, colour_evidence, edge_indicator, evolve
-
-FloatArray = NDArray[np.float64]
+from recon.segment import SegmentConfig, colour_evidence, edge_indicator, evolve
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ class Reconstruction:
     """Image column of the first column of part_labels and depth."""
     y0_px: int
     """Image row of their first row."""
-    part_labels: NDArray[np.uint8]
+    part_labels: UInt8Array
     """Registered parts, shape (h, w): 0 for none."""
     part_planes: dict[int, FloatArray]
     """Plane (a, b, c, d) of each placed part by label, camera frame, metres; in the order of placing."""
@@ -88,7 +86,7 @@ class Reconstruction:
 
 
 def reconstruct(
-    rgb: NDArray[np.uint8],
+    rgb: UInt8Array,
     xyxy_px: FloatArray,
     view_bin: int,
     model: ClassModel,
@@ -183,7 +181,7 @@ def reconstruct_outline(
 
 
 def segment(
-    rgb: NDArray[np.uint8], xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
+    rgb: UInt8Array, xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
 ) -> tuple[FloatArray | Failure, ...]:
     """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
     if not len(xyxy_px):
@@ -330,7 +328,7 @@ def check_extent(box_px: FloatArray, picture_px: tuple[int, int], min_inside: fl
 
 def _part_labels(
     parts: RegisteredParts, outline_px: FloatArray, to_image: GridToImage, camera: PinholeCamera
-) -> tuple[NDArray[np.uint8], int, int]:
+) -> tuple[UInt8Array, int, int]:
     """Labels of the pixels inside the outline, in the outline's window, and the window's place (x0, y0)."""
     size = np.array([camera.width_px, camera.height_px])
     low = np.clip(np.floor(outline_px.min(axis=0)), 0, size - 1).astype(int)
@@ -344,7 +342,7 @@ def _part_labels(
     return fill_gaps(labels, inside), int(low[0]), int(low[1])
 
 
-def fill_gaps(labels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def fill_gaps(labels: UInt8Array, inside: BoolArray) -> UInt8Array:
     """Labels inside the outline; pixels that no region covers get the nearest region's label."""
     known = (labels > 0) & inside
     if not known.any():

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.gradients import smooth_gradient
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 
 _COLOURS = 16
 """Cells of the colour histograms along each axis of CIE Lab."""
@@ -55,12 +53,12 @@ class SegmentConfig:
             raise ValueError(f"time_step * distance_weight must be in (0, 0.25), got {self}")
 
 
-def signed_distance(mask: NDArray[np.bool_]) -> Float32Array:
+def signed_distance(mask: BoolArray) -> Float32Array:
     """Distance to the border of a mask (h, w) in pixels, negative inside, half a pixel off on either side."""
     return np.where(mask, 0.5 - _distance(mask), _distance(~mask) - 0.5).astype(np.float32)
 
 
-def _distance(mask: NDArray[np.bool_]) -> Float32Array:
+def _distance(mask: BoolArray) -> Float32Array:
     """Distance of the pixels of a mask (h, w) to the nearest pixel outside of it, 0 there."""
     found = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # on one thread the last bits of OpenCV depend on where the arrays lie in memory, on more they are others;

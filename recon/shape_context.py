@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
+from recon.arrays import Float32Array, FloatArray
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model
 from recon.outlines import canonical_ring
@@ -24,9 +24,6 @@ from recon.primitives import PrimitiveLibrary
 from recon.segment import signed_distance
 from recon.silhouette_scales import ScaledViews, scale_views
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -241,7 +238,7 @@ def grid_points(config: ShapeSpaceConfig) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _padded_distance(mask: NDArray[np.bool_]) -> tuple[Float32Array, int]:
+def _padded_distance(mask: BoolArray) -> tuple[Float32Array, int]:
     """Signed distance to a mask in pixels with a margin, and the margin."""
     pad = max(mask.shape) // 2
     return signed_distance(np.pad(mask, pad)), pad

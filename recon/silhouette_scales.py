@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
 from recon.outlines import largest_outline
 from recon.part_views import PartView
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +57,7 @@ class ScaledViews:
         return np.asarray(np.mean(found, axis=0))
 
 
-def outer_ring(mask: NDArray[np.bool_]) -> FloatArray:
+def outer_ring(mask: BoolArray) -> FloatArray:
     """Corners of the border pixels of a mask (h, w), shape (4 m, 2): extremes are those of the region."""
     ring = largest_outline(mask)
     if ring is None:

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outcome import Failure, Reason
 from recon.outlines import fill_polygon
 from recon.standing_box import cam_from_ground
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,7 @@ class UprightSurface:
     """Direction of its ground line, in [-pi/2, pi/2)."""
 
 
-def lower_edge(mask: NDArray[np.bool_]) -> FloatArray | Failure:
+def lower_edge(mask: BoolArray) -> FloatArray | Failure:
     """The ground line (2, 2) of a region (h, w), pixel centres, fitted to each column's lowest pixel.
 
     It ends in the first and last column of the region.
@@ -96,7 +94,7 @@ def single_plane(
     return SinglePlane(plane, outline, centroid, (yaw + np.pi / 2) % np.pi - np.pi / 2)
 
 
-def _inside(outline_px: FloatArray) -> NDArray[np.bool_]:
+def _inside(outline_px: FloatArray) -> BoolArray:
     low = np.floor(outline_px.min(axis=0))
     width, height = (np.ceil(outline_px.max(axis=0)) - low + 1).astype(int).tolist()
     return fill_polygon(outline_px - low, height, width)

@@ -6,11 +6,9 @@ The ground frame has its origin on the ground below the camera: x right, y away 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.camera import GroundPlane
-
-FloatArray = NDArray[np.float64]
 
 
 def cam_from_ground(ground: GroundPlane) -> FloatArray:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from recon.arrays import Float32Array, UInt8Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
 
@@ -88,9 +88,7 @@ def disparities_beyond(largest_px: float) -> int:
     return 16 * (int(largest_px) // 16 + 1)
 
 
-def compute_disparity(
-    left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8], config: SgbmConfig
-) -> NDArray[np.float32]:
+def compute_disparity(left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmConfig) -> Float32Array:
     """Left disparity in pixels, shape (h, w), steps of 1/16; NaN where there is no measurement.
 
     StereoSGBM leaves the first ``num_disparities`` columns empty, because some of the searched matches fall
@@ -145,7 +143,7 @@ def _matcher(config: SgbmConfig) -> cv2.StereoSGBM:
     )
 
 
-def _check_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> None:
+def _check_pair(left_rgb: UInt8Array, right_rgb: UInt8Array) -> None:
     for eye, rgb in (("left", left_rgb), ("right", right_rgb)):
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
             raise RescoreError(
@@ -159,7 +157,7 @@ def _check_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> No
         )
 
 
-def read_disparity(path: Path, width_px: int, height_px: int) -> NDArray[np.float32]:
+def read_disparity(path: Path, width_px: int, height_px: int) -> Float32Array:
     """Disparity in pixels from a 16-bit PNG, value = 256 x pixels, 0 = none; NaN where there is none.
 
     Args:
@@ -175,7 +173,7 @@ def read_disparity(path: Path, width_px: int, height_px: int) -> NDArray[np.floa
     return disparity_px
 
 
-def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: float) -> NDArray[np.float32]:
+def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: float) -> Float32Array:
     """Value / factor of a 16-bit grey PNG, shape (h, w); what 0 means is for the caller to say.
 
     ``what`` is "disparity" or "depth", for the errors.
@@ -208,7 +206,7 @@ def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: flo
     return np.asarray(value.astype(np.float32) / np.float32(factor))
 
 
-def write_disparity(path: Path, disparity_px: NDArray[np.float32]) -> None:
+def write_disparity(path: Path, disparity_px: Float32Array) -> None:
     """Write disparity as a 16-bit PNG (KITTI's convention), beside its place and then moved into it.
 
     NaN is written as 0, no measurement; so is a disparity below 1/512 pixel.

@@ -13,10 +13,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import GroundPlane, StereoCamera
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ class GroundEstimate:
 
 
 def estimate_ground(
-    disparity_px: NDArray[np.float32],
+    disparity_px: Float32Array,
     camera: StereoCamera,
     rng: np.random.Generator,
     config: GroundFitConfig | None = None,
@@ -154,7 +152,7 @@ class _Points:
     width_px: int
 
     @staticmethod
-    def of(disparity_px: NDArray[np.float32], camera: StereoCamera, config: GroundFitConfig) -> "_Points":
+    def of(disparity_px: Float32Array, camera: StereoCamera, config: GroundFitConfig) -> "_Points":
         """The measurements within range."""
         h, w = disparity_px.shape
         step = max(1, round(float(np.sqrt(h * w / config.n_points))))

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +35,7 @@ def solve_structure(uv: FloatArray, rotation: FloatArray, weight: FloatArray | N
         RescoreError: the views do not determine the structure.
     """
     views, count, _ = uv.shape
-    seen: NDArray[np.bool_] = np.asarray(np.isfinite(uv).all(axis=2))
+    seen: BoolArray = np.asarray(np.isfinite(uv).all(axis=2))
     solved = np.nonzero(_has_depth(seen, rotation))[0]
     used = np.nonzero(seen[:, solved].any(axis=1))[0]
     if len(solved) < 2 or len(used) < 2:
@@ -77,7 +75,7 @@ def solve_structure(uv: FloatArray, rotation: FloatArray, weight: FloatArray | N
     return Structure(points, scale, shift)
 
 
-def _has_depth(seen: NDArray[np.bool_], rotation: FloatArray) -> NDArray[np.bool_]:
+def _has_depth(seen: BoolArray, rotation: FloatArray) -> BoolArray:
     """Whether views that differ in direction show each point, shape (n,).
 
     The smallest eigenvalue of the sum of R^T R (two rows each) is 1 - |cos| of the angle between two views:
@@ -88,7 +86,7 @@ def _has_depth(seen: NDArray[np.bool_], rotation: FloatArray) -> NDArray[np.bool
     return np.asarray(np.linalg.eigvalsh(known)[:, 0] > 1 - np.cos(np.deg2rad(5)))
 
 
-def _system(uv: FloatArray, seen: NDArray[np.bool_], rotation: FloatArray, factor: FloatArray) -> FloatArray:
+def _system(uv: FloatArray, seen: BoolArray, rotation: FloatArray, factor: FloatArray) -> FloatArray:
     """Rows of factor_vj (R_v S_j + shift_v - scale_v u_vj); columns are points, scales, shifts."""
     views, count, _ = uv.shape
     v, j = np.nonzero(seen)

@@ -5,9 +5,8 @@ Belongie et al. 2002.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 
 def thin_plate_operator(controls: FloatArray, points: FloatArray, regularisation: float) -> FloatArray:

@@ -9,11 +9,9 @@ nose to the left of the picture.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
-
-FloatArray = NDArray[np.float64]
 
 ELEVATION_RAD = float(np.deg2rad(5.0))
 """Elevation at which views are labelled: low, as in a street, but roof and hood can be seen."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.border_evidence import BorderEvidenceConfig, agreement, border_channels, edge_channels
 from recon.canonical_window import canonical_windows, zero_level
 from recon.class_model import ClassModel
@@ -18,8 +19,6 @@ from recon.outcome import Failure, Reason
 from recon.part_registration import PreparedView, canonical_grid, prepare_view, register_parts
 from recon.reconstruct import ReconstructConfig, check_box
 from recon.segment import edge_indicator, evolve
-
-FloatArray = NDArray[np.float64]
 
 COST_TERMS = ("aspect", "borders", "registration")
 """Columns of ``ViewChoice.terms``."""
@@ -84,7 +83,7 @@ class ViewChoice:
 
 
 def best_view_bin(
-    rgb: NDArray[np.uint8],
+    rgb: UInt8Array,
     xyxy_px: FloatArray,
     model: ClassModel,
     config: ViewSelectionConfig | None = None,
@@ -131,7 +130,7 @@ def best_view_bin(
 
 
 def _views_for_box(
-    rgb: NDArray[np.uint8], box_px: FloatArray, model: ClassModel, config: ReconstructConfig
+    rgb: UInt8Array, box_px: FloatArray, model: ClassModel, config: ReconstructConfig
 ) -> tuple[dict[int, PreparedView], dict[int, Failure]]:
     """The prepared view of each bin that may be in a box, and why the other bins may not."""
     have = {v.view_bin for v in model.views}
@@ -153,7 +152,7 @@ def _views_for_box(
 
 
 def _segment_views(
-    rgb: NDArray[np.uint8], box_px: FloatArray, views: dict[int, PreparedView], config: ReconstructConfig
+    rgb: UInt8Array, box_px: FloatArray, views: dict[int, PreparedView], config: ReconstructConfig
 ) -> dict[int, FloatArray | Failure]:
     """The outline in the box from the labelled outline of each view; views of one grid evolve together."""
     groups: dict[tuple[int, int], list[int]] = {}
@@ -171,7 +170,7 @@ def _segment_views(
 
 
 def _border_agreement(
-    rgb: NDArray[np.uint8], box_px: FloatArray, views: list[PreparedView], config: ViewSelectionConfig
+    rgb: UInt8Array, box_px: FloatArray, views: list[PreparedView], config: ViewSelectionConfig
 ) -> FloatArray:
     """Correlation of the box's edges with the labelled borders of each view stretched to it, shape (n,)."""
     # no margin beyond the least: edges outside of the box belong to other things

@@ -9,14 +9,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.depth_map import DepthMap
 from recon.instance import NEAR_M, Instance3D
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _STEPS = 96
 """Places along a ray that are tried, over the diagonal of the object's box."""
@@ -46,7 +43,7 @@ class BackSide:
     """Vertex indices (m, 3)."""
     uv_px: FloatArray
     """Where the colour of each vertex is in the picture, (n, 2), pixel centres."""
-    depth_m: NDArray[np.float32]
+    depth_m: Float32Array
     """Z-depth of the back at the corners of cells, shape (h + 1, w + 1); NaN where the object is no body."""
 
 
@@ -87,7 +84,7 @@ def back_side(
     return BackSide(np.concatenate([back, front]), faces.astype(np.int64), uv, depth)
 
 
-def is_compact(seen: NDArray[np.bool_]) -> bool:
+def is_compact(seen: BoolArray) -> bool:
     """Whether the outline of a region (h, w) fills most of its convex hull.
 
     The back of a car may be had by symmetry; that of a chair would fill the space between its legs.
@@ -98,11 +95,11 @@ def is_compact(seen: NDArray[np.bool_]) -> bool:
     return bool(seen.sum() > _COMPACT * area)
 
 
-def _body(thick: NDArray[np.bool_], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _body(thick: BoolArray, seen: BoolArray) -> BoolArray:
     """Where an object (h, w) is thick, without thin limbs, and with gaps in its body closed."""
     across = float(np.sqrt(seen.sum()))
 
-    def disc(share: float) -> NDArray[np.uint8]:
+    def disc(share: float) -> UInt8Array:
         size = 2 * max(1, round(share * across)) + 1
         return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
 
@@ -142,7 +139,7 @@ def _thickness(
     return out
 
 
-def _in_box(points_m: FloatArray, instance: Instance3D, slack_m: float) -> NDArray[np.bool_]:
+def _in_box(points_m: FloatArray, instance: Instance3D, slack_m: float) -> BoolArray:
     """Whether points (n, 3) lie above the ground and in the object's box, or beside it by a slack."""
     back = np.linalg.inv(instance.cam_from_object)
     own = points_m @ back[:3, :3].T + back[:3, 3]
@@ -151,9 +148,7 @@ def _in_box(points_m: FloatArray, instance: Instance3D, slack_m: float) -> NDArr
     return np.asarray((beside < slack_m).all(axis=1) & (own[:, 2] > 0) & (own[:, 2] < height + slack_m))
 
 
-def _is_behind(
-    points_m: FloatArray, shown: DepthMap, camera: PinholeCamera, slack_m: float
-) -> NDArray[np.bool_]:
+def _is_behind(points_m: FloatArray, shown: DepthMap, camera: PinholeCamera, slack_m: float) -> BoolArray:
     """Whether the picture shows the object before points (n, 3), or no farther behind them than a slack."""
     height, width = shown.depth.shape
     before = points_m[:, 2] > NEAR_M

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from reports.palette import detector_name, mode_name
 from reports.run_folder import Run
 from rescore import candidate_columns
 from rescore.candidate_columns import score_column
 from rescore.matching import MatchTable
 from rescore.metrics import Curve, candidate_roc, recall_curve
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

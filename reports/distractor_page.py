@@ -9,14 +9,12 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from reports.palette import GREEN, GREY, VERMILION, mode_name, rgb
 from reports.roc import STYLE
 from reports.tables import Table
 from rescore.store import atomic_path
-
-Rgb = NDArray[np.uint8]
 
 _TILE = (250, 120)
 """Width and height in pixels of the picture and of the disparity of an example."""
@@ -31,9 +29,9 @@ class Example:
 
     title: str
     caption: str
-    left_rgb: Rgb
-    disparity_px: NDArray[np.float32]
-    xyxy_px: NDArray[np.float64]
+    left_rgb: UInt8Array
+    disparity_px: Float32Array
+    xyxy_px: FloatArray
 
 
 def distractor_text(value: Mapping[str, Any]) -> str:
@@ -118,7 +116,7 @@ def draw_examples(path: Path, examples: Sequence[Example], columns: int = 3) -> 
         beside.write_bytes(data.tobytes())
 
 
-def _tile(example: Example) -> Rgb:
+def _tile(example: Example) -> UInt8Array:
     height, width = example.disparity_px.shape
     x0, y0, x1, y1 = example.xyxy_px
     half_w = (0.5 + _MARGIN) * (x1 - x0)
@@ -146,7 +144,7 @@ def _tile(example: Example) -> Rgb:
     return tile
 
 
-def _coloured(disparity_px: NDArray[np.float32]) -> Rgb:
+def _coloured(disparity_px: Float32Array) -> UInt8Array:
     """Disparity as colours between its quantiles; holes are dark grey."""
     known = np.isfinite(disparity_px)
     if not known.any():

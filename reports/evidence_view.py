@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
 from recon.depth_map import DepthMap
 from recon.outcome import Failure
@@ -21,8 +21,6 @@ from rescore.evidence_files import Predicted, evidence_path, read_evidence
 from rescore.formats.open import read_dataset
 from rescore.frames import DataSet, FrameRecord, Truth, load_frame, read_rgb
 from rescore.predicted import BoxPrediction
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +51,7 @@ class CandidateView:
     """The 3D instance before registration; None where there is none, or another system predicts depth."""
     predicted: DepthMap | None
     """Depth before registration, of the instance or of another system; None where there is none."""
-    registered: NDArray[np.float32] | None
+    registered: Float32Array | None
     """Predicted depth of the window after the registration of the mode shown, in the unit of the measured
     depth; None where there is no registration."""
     cues: FloatArray
@@ -65,8 +63,8 @@ class FrameView:
     """One frame with the candidates of every detector."""
 
     image_id: int
-    rgb: NDArray[np.uint8]
-    measured: NDArray[np.float32]
+    rgb: UInt8Array
+    measured: Float32Array
     """Metres where the camera is known, else 1 / disparity; NaN in holes."""
     metric: bool
     """Whether ``measured`` is in metres."""
@@ -77,7 +75,7 @@ class FrameView:
     """By detector, best detector score first, in the mode shown."""
     file: str
     """Path of the left picture in the data set."""
-    right_rgb: NDArray[np.uint8] | None
+    right_rgb: UInt8Array | None
     """None where the data set has no right picture."""
     baseline: float
     """Distance of the two eyes, metres; 0 where it is not known."""
@@ -97,7 +95,7 @@ def run_data(run: Run) -> DataSet:
 
 
 def frame_views(
-    run: Run, mode: str, image_ids: NDArray[np.int64] | None = None, others: Sequence[str] = ()
+    run: Run, mode: str, image_ids: IntArray | None = None, others: Sequence[str] = ()
 ) -> Iterator[FrameView]:
     """The frames of a run one after another.
 
@@ -153,7 +151,7 @@ class FrameReader:
         )
 
 
-def _right_picture(record: FrameRecord) -> NDArray[np.uint8] | None:
+def _right_picture(record: FrameRecord) -> UInt8Array | None:
     if record.right_path is None or not record.right_path.is_file():
         return None
     return read_rgb(record.right_path, record.width_px, record.height_px)
@@ -176,7 +174,7 @@ class _Table:
         self._folder = run.root / "evidence" if with_instances else None
         self._detector = detector
 
-    def frame(self, image_id: int, measured: NDArray[np.float32]) -> tuple[CandidateView, ...]:
+    def frame(self, image_id: int, measured: Float32Array) -> tuple[CandidateView, ...]:
         """The candidates of one frame, best detector score first."""
         rows = self._rows
         index = np.flatnonzero(rows["image_id"] == image_id)
@@ -198,7 +196,7 @@ class _Table:
         i: int,
         new_rank: int,
         found: Reconstruction | BoxPrediction | None,
-        measured: NDArray[np.float32],
+        measured: Float32Array,
     ) -> CandidateView:
         rows = self._rows
         box = boxes_px({k: rows[k][i : i + 1] for k in ("x0", "y0", "x1", "y1")})[0]
@@ -223,8 +221,8 @@ class _Table:
         )
 
     def _registered(
-        self, i: int, found: Reconstruction | BoxPrediction, box: FloatArray, measured: NDArray[np.float32]
-    ) -> NDArray[np.float32] | None:
+        self, i: int, found: Reconstruction | BoxPrediction, box: FloatArray, measured: Float32Array
+    ) -> Float32Array | None:
         if self._of_relief:
             scale = float(np.exp(self._cues[i, CUES.index("relief_scale")]))
             return registered_relief(found.depth, measured, box, scale) if np.isfinite(scale) else None

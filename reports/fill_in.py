@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
+
 Shift = tuple[int, int]
 
 _MOST_PX = 640
@@ -35,7 +33,9 @@ _SEAM_PX = 1.5
 """Width of the seams between regions of different shifts."""
 
 
-def filled_from_beside(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> tuple[Picture, Mask]:
+def filled_from_beside(
+    rgb: UInt8Array, hidden: BoolArray, seen: BoolArray, known: BoolArray
+) -> tuple[UInt8Array, BoolArray]:
     """A picture (h, w, 3) with hidden pixels filled in, and those which could not be, (h, w).
 
     Args:
@@ -53,7 +53,7 @@ def filled_from_beside(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> t
         return _filled(rgb, hidden, seen, known)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
 
-    def share(mask: Mask) -> Float32Array:
+    def share(mask: BoolArray) -> Float32Array:
         return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA))
 
     small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -66,7 +66,9 @@ def filled_from_beside(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> t
     return np.where((hidden & ~left)[..., None], back, rgb).astype(np.uint8), np.asarray(left)
 
 
-def _filled(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> tuple[Picture, Mask]:
+def _filled(
+    rgb: UInt8Array, hidden: BoolArray, seen: BoolArray, known: BoolArray
+) -> tuple[UInt8Array, BoolArray]:
     border = seen & _grown(hidden, _BORDER_PX)
     if not hidden.any() or not border.any():
         return rgb, hidden
@@ -85,12 +87,12 @@ def _filled(rgb: Picture, hidden: Mask, seen: Mask, known: Mask) -> tuple[Pictur
     return out, hidden & ~filled
 
 
-def _grown(mask: Mask, by_px: int) -> Mask:
+def _grown(mask: BoolArray, by_px: int) -> BoolArray:
     size = 2 * by_px + 1
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
 
-def _good_shifts(light: Float32Array, border: Mask, known: Mask, hidden: Mask) -> list[Shift]:
+def _good_shifts(light: Float32Array, border: BoolArray, known: BoolArray, hidden: BoolArray) -> list[Shift]:
     """Shifts (rows, columns) of least mean squared difference over the border, best first."""
     height, width = known.shape
     shape = (next_fast_len(2 * height), next_fast_len(2 * width))
@@ -160,8 +162,8 @@ def _blurred(values: Float32Array, sigma_px: float) -> Float32Array:
 
 
 def _chosen(
-    light: Float32Array, border: Mask, known: Mask, shifts: list[Shift], sigma_px: float
-) -> NDArray[np.int64]:
+    light: Float32Array, border: BoolArray, known: BoolArray, shifts: list[Shift], sigma_px: float
+) -> IntArray:
     """Index (h, w) of the shift that suits the border around each place; -1 where none has a source."""
     cost = np.full((len(shifts), *known.shape), np.inf, np.float32)
     for i, shift in enumerate(shifts):
@@ -175,9 +177,7 @@ def _chosen(
     return np.where(np.isfinite(cost).any(axis=0), np.argmin(cost, axis=0), -1)
 
 
-def _composed(
-    light: Float32Array, chosen: NDArray[np.int64], known: Mask, shifts: list[Shift]
-) -> Float32Array:
+def _composed(light: Float32Array, chosen: IntArray, known: BoolArray, shifts: list[Shift]) -> Float32Array:
     """The picture (h, w, 3) that the chosen shifts give, with soft seams."""
     total = np.zeros_like(light)
     weight = np.full(known.shape, 1e-6, np.float32)
@@ -188,7 +188,7 @@ def _composed(
     return np.asarray(total / weight[..., None], np.float32)
 
 
-def _spread(values: Float32Array, where: Mask, sigma_px: float) -> Float32Array:
+def _spread(values: Float32Array, where: BoolArray, sigma_px: float) -> Float32Array:
     """Values (h, w, 3) known in some places, spread smoothly, and fading out far from them."""
     weight = _blurred(where.astype(np.float32), sigma_px)
     return _blurred(values.astype(np.float32), sigma_px) / (weight[..., None] + np.float32(0.02))

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reports.evidence_view import CandidateView, FrameView, frame_views
 from reports.palette import OUTCOME_NAME
@@ -16,7 +15,6 @@ from rescore.changes import CHANGED, Group
 from rescore.inspection import Inspection
 from rescore.matching import FALSE_ALARM, HIT
 
-IntArray = NDArray[np.int64]
 Key = tuple[str, int, int]
 """Detector, image id and rank of a candidate."""
 

@@ -2,22 +2,20 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.instance import NEAR_M, Instance3D
 from recon.reconstruct import Reconstruction
 from reports import palette
-
-FloatArray = NDArray[np.float64]
 
 _EDGES = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
 """Corners of a box that an edge joins: their numbers differ in one bit."""
 
 
 def instance_overlay(
-    rgb: NDArray[np.uint8], found: Reconstruction, instance: Instance3D, camera: PinholeCamera
-) -> NDArray[np.uint8]:
+    rgb: UInt8Array, found: Reconstruction, instance: Instance3D, camera: PinholeCamera
+) -> UInt8Array:
     """The picture (h, w, 3) with part regions tinted, outline, ground line and box drawn."""
     out = rgb.copy()
     window = out[found.depth.window]
@@ -38,7 +36,7 @@ def instance_overlay(
 
 
 def _lines(
-    picture: NDArray[np.uint8],
+    picture: UInt8Array,
     lines_px: list[FloatArray],
     closed: bool,
     colour: tuple[int, int, int],

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.instance import NEAR_M, Instance3D
 from recon.reconstruct import Reconstruction
-
-FloatArray = NDArray[np.float64]
 
 _MAX_APART = 0.08
 """Parts whose polygons come nearer to each other than this share of the box's diagonal adjoin in 3D; where
@@ -108,7 +107,7 @@ def _rays(at: tuple[NDArray[np.intp], ...], found: Reconstruction, camera: Pinho
     return camera.rays(np.stack([at[1] + found.x0_px, at[0] + found.y0_px], axis=1).astype(float))
 
 
-def _border(labels: NDArray[np.uint8], a: int, b: int) -> tuple[NDArray[np.intp], ...]:
+def _border(labels: UInt8Array, a: int, b: int) -> tuple[NDArray[np.intp], ...]:
     """Rows and columns of the pixels of part a that touch part b."""
     other = np.pad(labels == b, 1)
     touched = other[:-2, 1:-1] | other[2:, 1:-1] | other[1:-1, :-2] | other[1:-1, 2:]

@@ -12,16 +12,13 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
     Line3DCollection,
     Poly3DCollection,
 )
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outlines import fill_polygon
 from recon.standing_box import StandingBox, cam_from_ground
 from reports.palette import part_colour, rgb
 from rescore.store import atomic_path
-
-FloatArray = NDArray[np.float64]
-Rgb = NDArray[np.uint8]
 
 TRUTH_RGB, ESTIMATE_RGB = (0, 200, 120), (255, 140, 0)
 _EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
@@ -65,18 +62,18 @@ class TableCamera:
         return bool(normal @ (eye - outline_m.mean(axis=0)) > 0)
 
 
-def brightened(picture: Rgb) -> Rgb:
+def brightened(picture: UInt8Array) -> UInt8Array:
     """A picture (h, w, 3) of the dark table, to be looked at."""
     return np.asarray(np.clip(picture.astype(np.float32) * _GAIN, 0, 255), np.uint8)
 
 
 def draw(
-    picture: Rgb,
+    picture: UInt8Array,
     crop_xy_px: tuple[int, int],
     views: Sequence[Instance3DView],
     camera: TableCamera,
     zoom: float,
-) -> Rgb:
+) -> UInt8Array:
     """The picture (h, w, 3) enlarged and brighter, with the parts that face the camera and the boxes."""
     bright = brightened(picture)
     out = np.asarray(cv2.resize(bright, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC), np.uint8)
@@ -86,7 +83,7 @@ def draw(
 
 
 def _draw_instance(
-    out: Rgb, crop_xy_px: tuple[int, int], view: Instance3DView, camera: TableCamera, zoom: float
+    out: UInt8Array, crop_xy_px: tuple[int, int], view: Instance3DView, camera: TableCamera, zoom: float
 ) -> None:
 
     def lines(points_m: FloatArray, colour: tuple[int, int, int], width: int) -> None:
@@ -115,7 +112,7 @@ def _share_inside(uv_px: FloatArray, ring_px: FloatArray | None) -> float:
     return float((part & inside).sum() / max(part.sum(), 1))
 
 
-def titled(picture: Rgb, title: str) -> Rgb:
+def titled(picture: UInt8Array, title: str) -> UInt8Array:
     """A picture below a line that says what it shows and what the colours mean."""
     band = np.full((_TITLE_PX, picture.shape[1], 3), 25, np.uint8)
     x = 12
@@ -125,7 +122,9 @@ def titled(picture: Rgb, title: str) -> Rgb:
     return np.concatenate([band, picture], axis=0)
 
 
-def tile(picture: Rgb, crop_xy_px: tuple[int, int], view: Instance3DView, camera: TableCamera) -> Rgb:
+def tile(
+    picture: UInt8Array, crop_xy_px: tuple[int, int], view: Instance3DView, camera: TableCamera
+) -> UInt8Array:
     """A picture of fixed size with a caption."""
     width, height = TILE_PX
     zoom = min(width / picture.shape[1], (height - 22) / picture.shape[0])
@@ -138,7 +137,7 @@ def tile(picture: Rgb, crop_xy_px: tuple[int, int], view: Instance3DView, camera
     return out
 
 
-def sheet(tiles: Sequence[Rgb], columns: int) -> Rgb:
+def sheet(tiles: Sequence[UInt8Array], columns: int) -> UInt8Array:
     """Tiles of one size in rows."""
     blank = np.full_like(tiles[0], 25)
     padded = [*tiles, *[blank] * (-len(tiles) % columns)]
@@ -146,14 +145,14 @@ def sheet(tiles: Sequence[Rgb], columns: int) -> Rgb:
     return np.concatenate(rows, axis=0)
 
 
-def save_png(path: Path, picture: Rgb) -> None:
+def save_png(path: Path, picture: UInt8Array) -> None:
     """Write a picture (h, w, 3)."""
     _, png = cv2.imencode(".png", picture[..., ::-1])
     with atomic_path(path) as beside:
         beside.write_bytes(png.tobytes())
 
 
-def save_reconstruction(path: Path, picture: Rgb, view: Instance3DView) -> None:
+def save_reconstruction(path: Path, picture: UInt8Array, view: Instance3DView) -> None:
     """One reconstruction in 3D beside its picture, as in figure 7 of the report."""
     with mpl.rc_context({"font.size": 9}):
         figure = Figure(figsize=(11, 4.6), dpi=120)

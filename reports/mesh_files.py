@@ -6,16 +6,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundPlane
 from recon.instance import Instance3D
 from reports.object_mesh import PictureMesh
 from rescore.store import atomic_path
-
-FloatArray = NDArray[np.float64]
 
 
 def gltf_from_object(instance: Instance3D) -> FloatArray:
@@ -43,7 +41,7 @@ def gltf_from_camera(ground: GroundPlane) -> FloatArray:
     return out
 
 
-def write_glb(path: Path, layers: Sequence[tuple[str, PictureMesh, NDArray[np.uint8]]]) -> None:
+def write_glb(path: Path, layers: Sequence[tuple[str, PictureMesh, UInt8Array]]) -> None:
     """Write named meshes, each with the photograph (h, w, 3) that its texture coordinates refer to.
 
     The part of a photograph that a mesh uses is stored with it. Materials are rough and have two sides.
@@ -55,7 +53,7 @@ def write_glb(path: Path, layers: Sequence[tuple[str, PictureMesh, NDArray[np.ui
         beside.write_bytes(scene.export(file_type="glb"))
 
 
-def write_ply(path: Path, meshes: Sequence[PictureMesh], rgb: NDArray[np.uint8]) -> None:
+def write_ply(path: Path, meshes: Sequence[PictureMesh], rgb: UInt8Array) -> None:
     """Write meshes as one, binary PLY with a colour for each vertex."""
     first = np.cumsum([0, *(len(m.xyz_m) for m in meshes)])
     whole = trimesh.Trimesh(
@@ -68,14 +66,14 @@ def write_ply(path: Path, meshes: Sequence[PictureMesh], rgb: NDArray[np.uint8])
         beside.write_bytes(whole.export(file_type="ply"))
 
 
-def vertex_colours(mesh: PictureMesh, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def vertex_colours(mesh: PictureMesh, rgb: UInt8Array) -> UInt8Array:
     """Colour (n, 3) of each vertex."""
     if mesh.uv_px is None:
         return np.tile(np.array(mesh.rgb, np.uint8), (len(mesh.xyz_m), 1))
     return sample(rgb, mesh.uv_px)
 
 
-def sample(rgb: NDArray[np.uint8], uv_px: FloatArray) -> NDArray[np.uint8]:
+def sample(rgb: UInt8Array, uv_px: FloatArray) -> UInt8Array:
     """Colours (n, 3) of a picture at pixel coordinates (n, 2), bilinear, the border repeated."""
     if not len(uv_px):
         return np.zeros((0, 3), np.uint8)
@@ -88,7 +86,7 @@ def sample(rgb: NDArray[np.uint8], uv_px: FloatArray) -> NDArray[np.uint8]:
     return np.asarray(out, np.uint8).reshape(-1, 3)[: len(uv_px)]
 
 
-def _geometry(name: str, mesh: PictureMesh, rgb: NDArray[np.uint8]) -> trimesh.Trimesh:
+def _geometry(name: str, mesh: PictureMesh, rgb: UInt8Array) -> trimesh.Trimesh:
     rough = {"name": name, "metallicFactor": 0.0, "roughnessFactor": 1.0, "doubleSided": True}
     if mesh.uv_px is None:
         material = PBRMaterial(baseColorFactor=[*mesh.rgb, 255], **rough)

@@ -6,11 +6,10 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from reports.mesh_files import sample
 from reports.object_mesh import PictureMesh
-
-FloatArray = NDArray[np.float64]
 
 BACKGROUND = (236, 238, 241)
 
@@ -18,7 +17,7 @@ BACKGROUND = (236, 238, 241)
 class MeshView:
     """Meshes ready to be looked at, each with the photograph that its texture coordinates refer to."""
 
-    def __init__(self, layers: Sequence[tuple[PictureMesh, NDArray[np.uint8]]]) -> None:
+    def __init__(self, layers: Sequence[tuple[PictureMesh, UInt8Array]]) -> None:
         self._layers = layers
         self._scene = o3d.t.geometry.RaycastingScene()
         for mesh, _ in layers:
@@ -32,7 +31,7 @@ class MeshView:
         camera: PinholeCamera,
         cam_from_mesh: FloatArray,
         background: tuple[int, int, int] = BACKGROUND,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    ) -> tuple[UInt8Array, BoolArray]:
         """What a camera sees, (h, w, 3), and which pixels see a mesh, (h, w).
 
         Args:
@@ -61,7 +60,7 @@ class MeshView:
         return out, which != o3d.t.geometry.RaycastingScene.INVALID_ID
 
 
-def _shaded(mesh: PictureMesh, face: NDArray[np.integer], directions: FloatArray) -> NDArray[np.uint8]:
+def _shaded(mesh: PictureMesh, face: NDArray[np.integer], directions: FloatArray) -> UInt8Array:
     """The plain colour, darker where the surface turns away, so that edges can be seen."""
     a, b, c = np.moveaxis(mesh.xyz_m[mesh.faces[face]], 1, 0)
     normal = np.cross(b - a, c - a)

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.model_quality import AccuracyRow, ModelStudy, SelectionStudy
 from recon.primitives import plane_axes
@@ -17,8 +17,6 @@ from recon.view_bins import rotation
 from reports.palette import BLUE, GREY, part_colour
 from reports.tables import Table
 from rescore.store import atomic_path, write_json
-
-FloatArray = NDArray[np.float64]
 
 SHOWN_PRIMITIVES = 4
 """As many as the report found to suffice."""

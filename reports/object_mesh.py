@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.depth_map import DepthMap
 from recon.instance import NEAR_M, Instance3D, InstancePart
@@ -15,9 +15,6 @@ from recon.outlines import fill_polygon
 from recon.reconstruct import Reconstruction, fill_gaps
 from reports.back_side import back_side, is_compact, mirror
 from reports.joined_planes import JoinedPlanes, joined_planes
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _MAX_CELLS = 60_000
 """Cells of the picture that an object is cut into at most; one cell a pixel where it has fewer."""
@@ -58,11 +55,11 @@ class PictureMesh:
 
 
 def object_meshes(
-    rgb: NDArray[np.uint8],
+    rgb: UInt8Array,
     found: Reconstruction,
     instance: Instance3D,
     camera: PinholeCamera,
-    occluded: NDArray[np.bool_] | None = None,
+    occluded: BoolArray | None = None,
 ) -> tuple[PictureMesh, ...]:
     """Meshes of an object in the camera frame: what the picture shows, and what it hides.
 
@@ -98,7 +95,7 @@ def object_meshes(
     return tuple(m for m in meshes if len(m.faces))
 
 
-def _with_body(depth: DepthMap, back_m: NDArray[np.float32]) -> DepthMap:
+def _with_body(depth: DepthMap, back_m: Float32Array) -> DepthMap:
     """The depth of the back of an object's body, given at corners of cells, and of the front elsewhere."""
     height, width = depth.depth.shape
     body = cv2.resize(back_m, (width, height), interpolation=cv2.INTER_NEAREST)
@@ -131,7 +128,7 @@ def _shown_depth(found: Reconstruction, planes: JoinedPlanes, camera: PinholeCam
 
 
 def _out_of_sight(
-    mesh: PictureMesh, depth: DepthMap, camera: PinholeCamera, occluded: NDArray[np.bool_] | None
+    mesh: PictureMesh, depth: DepthMap, camera: PinholeCamera, occluded: BoolArray | None
 ) -> PictureMesh:
     """A mesh without the triangles that the camera of the picture would see: it does not see them."""
     # nothing hides what lies where the picture shows no object
@@ -151,7 +148,7 @@ def _out_of_sight(
 class _Cells:
     """Part labels of square cells of the picture."""
 
-    label: NDArray[np.uint8]
+    label: UInt8Array
     """Shape (h, w); 0 for none."""
     x0_px: float
     """Left edge of the first column of cells, pixel-centre coordinates."""
@@ -203,7 +200,7 @@ def picture_mesh(
     return PictureMesh(rays * depth[:, None], faces, uv)
 
 
-def _are_joined(a: IntArray, b: IntArray, planes: JoinedPlanes) -> NDArray[np.bool_]:
+def _are_joined(a: IntArray, b: IntArray, planes: JoinedPlanes) -> BoolArray:
     """Whether parts (n,) and (n,) adjoin in 3D."""
     table = np.zeros((256, 256), bool)
     for pair in planes.adjoining:
@@ -211,7 +208,7 @@ def _are_joined(a: IntArray, b: IntArray, planes: JoinedPlanes) -> NDArray[np.bo
     return np.asarray(table[a, b])
 
 
-def _border_strips(label: NDArray[np.uint8], corner: IntArray) -> list[IntArray]:
+def _border_strips(label: UInt8Array, corner: IntArray) -> list[IntArray]:
     """Keys (m, 4) of squares between the two planes along each edge between cells of different parts."""
     strips = []
     pairs = (
@@ -248,7 +245,7 @@ def _polygon(part: InstancePart, inner: int) -> tuple[FloatArray, IntArray]:
     low, size = flat.min(axis=0), max(float(np.ptp(flat, axis=0).max()), 1e-9)
     filled = fill_polygon((flat - low) / size * 255, 256, 256)
 
-    def inside(points: FloatArray) -> NDArray[np.bool_]:
+    def inside(points: FloatArray) -> BoolArray:
         cols, rows = np.clip(np.round((points - low) / size * 255), 0, 255).astype(int).T
         return np.asarray(filled[rows, cols])
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.depth_map import DepthMap
 from rescore.align_depth import DepthAlignment, predicted_region
-
-FloatArray = NDArray[np.float64]
 
 _MAX_TEAR = 0.08
 """A mesh is torn where neighbouring depths differ by more than this share of the depth."""
@@ -26,7 +25,7 @@ class PartMesh:
     """Vertices (n, 3)."""
     triangles: NDArray[np.uint32]
     """Vertex indices (m, 3)."""
-    label: NDArray[np.uint8]
+    label: UInt8Array
     """Part label of each vertex, shape (n,)."""
 
 
@@ -46,9 +45,7 @@ def apply_transform(transform: FloatArray, xyz: FloatArray) -> FloatArray:
     return xyz @ transform[:3, :3].T + transform[:3, 3]
 
 
-def registered_depth(
-    predicted: DepthMap, alignment: DepthAlignment, inverse: bool = False
-) -> NDArray[np.float32]:
+def registered_depth(predicted: DepthMap, alignment: DepthAlignment, inverse: bool = False) -> Float32Array:
     """Predicted depth (h, w) in the unit of the measured one: a1 and a2 of eq. 6, normalisation undone.
 
     ``inverse``: eq. 6 was solved in inverse depth; what it puts beyond infinity becomes NaN.
@@ -61,8 +58,8 @@ def registered_depth(
 
 
 def registered_relief(
-    predicted: DepthMap, measured: NDArray[np.float32], xyxy_px: FloatArray, scale: float
-) -> NDArray[np.float32] | None:
+    predicted: DepthMap, measured: Float32Array, xyxy_px: FloatArray, scale: float
+) -> Float32Array | None:
     """Predicted depth (h, w) in the unit of the measured one, by the fit of ``rescore.guarded``.
 
     The predicted relief of inverse depth, times the scale, is laid on the measured one of the whole picture
@@ -92,7 +89,7 @@ def points_of_depth(
 
 def part_mesh(
     depth: NDArray[np.floating],
-    labels: NDArray[np.uint8],
+    labels: UInt8Array,
     camera: PinholeCamera,
     corner_px: tuple[int, int] = (0, 0),
     max_vertices: int = 600,
@@ -138,12 +135,12 @@ def merge_meshes(meshes: list[PartMesh]) -> PartMesh:
 
 def stereo_points(
     depth_m: NDArray[np.floating],
-    rgb: NDArray[np.uint8],
+    rgb: UInt8Array,
     camera: PinholeCamera,
     xyxy_px: FloatArray,
     max_points: int = 20_000,
     max_depth_m: float = 60.0,
-) -> tuple[FloatArray, NDArray[np.uint8]]:
+) -> tuple[FloatArray, UInt8Array]:
     """Measured points (n, 3) in the camera frame and their colours (n, 3), thinned on a pixel grid.
 
     Half of them come from boxes (k, 4), which are looked at closely, and half from the whole picture.

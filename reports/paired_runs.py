@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import IntArray
 from recon.errors import RescoreError
 from reports.certainty_tables import difference, factor
 from reports.curves import match_table
@@ -20,8 +20,6 @@ from rescore.curve_bands import CurveBands, curve_bands
 from rescore.frames import DataSet
 from rescore.matching import MatchTable, TruthTable
 from rescore.store import digest_of
-
-IntArray = NDArray[np.int64]
 
 MIN_SHARED = 2
 """Fewer frames give no interval."""

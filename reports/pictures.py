@@ -7,12 +7,10 @@ from functools import cache
 import cv2
 import matplotlib as mpl
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from reports.evidence_view import CandidateView, FrameView
 from reports.palette import OUTCOME_COLOUR, part_colour, rgb
-
-Rgb = NDArray[np.uint8]
 
 PICTURE_WIDTH_PX = 480
 """Width of the enlarged left picture."""
@@ -85,7 +83,7 @@ def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
     )
 
 
-def colourise(values: NDArray[np.float32], low: float, high: float, colormap: str = DEPTH_COLOURS) -> Rgb:
+def colourise(values: Float32Array, low: float, high: float, colormap: str = DEPTH_COLOURS) -> UInt8Array:
     """Values (h, w) as colours (h, w, 3) from ``low`` to ``high``; NaN is grey."""
     span = high - low if high > low else 1.0
     unit = np.clip((np.nan_to_num(values, nan=low) - low) / span, 0, 1)
@@ -96,7 +94,7 @@ def colourise(values: NDArray[np.float32], low: float, high: float, colormap: st
 
 
 @cache
-def _colour_table(colormap: str) -> Rgb:
+def _colour_table(colormap: str) -> UInt8Array:
     """The colours (256, 3) of a map: looked up by hand, as matplotlib converts every pixel in floats."""
     colours = mpl.colormaps[colormap](np.arange(_STEPS))[:, :3]
     return np.asarray((colours * 255).round(), np.uint8)
@@ -108,7 +106,7 @@ def colour_stops(colormap: str, count: int = 9) -> str:
     return ", ".join("rgb({}, {}, {})".format(*c) for c in colours.tolist())
 
 
-def as_webp(picture: Rgb, quality: int = _QUALITY) -> Picture:
+def as_webp(picture: UInt8Array, quality: int = _QUALITY) -> Picture:
     """A picture as WebP."""
     _, data = cv2.imencode(".webp", picture[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
     uri = "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode()
@@ -131,7 +129,7 @@ def _within(middle: float, length: float, size: int) -> slice:
     return slice(first, first + count)
 
 
-def _depth_range(c: CandidateView, view: FrameView, predicted: NDArray[np.float32]) -> tuple[float, float]:
+def _depth_range(c: CandidateView, view: FrameView, predicted: Float32Array) -> tuple[float, float]:
     """The measured depths of the predicted region, or of the box, widened a little."""
     x0, y0, x1, y1 = np.round(c.xyxy_px).astype(int)
     values = view.measured[max(y0, 0) : y1, max(x0, 0) : x1]
@@ -142,7 +140,7 @@ def _depth_range(c: CandidateView, view: FrameView, predicted: NDArray[np.float3
     return float(low), float(max(high, low + 0.05 * abs(low) + 1e-6))
 
 
-def _tint_parts(view: FrameView, c: CandidateView) -> Rgb:
+def _tint_parts(view: FrameView, c: CandidateView) -> UInt8Array:
     """The left picture with the registered parts tinted."""
     rgb_image = view.rgb.copy()
     if c.instance is not None:
@@ -155,7 +153,7 @@ def _tint_parts(view: FrameView, c: CandidateView) -> Rgb:
     return rgb_image
 
 
-def _draw_outline(picture: Rgb, c: CandidateView, rows: slice, columns: slice) -> Rgb:
+def _draw_outline(picture: UInt8Array, c: CandidateView, rows: slice, columns: slice) -> UInt8Array:
     """The enlarged crop with box and outline, drawn after enlarging so that their lines stay thin."""
     zoom = picture.shape[1] / (columns.stop - columns.start)
     corner = np.array([columns.start, rows.start])
@@ -168,7 +166,7 @@ def _draw_outline(picture: Rgb, c: CandidateView, rows: slice, columns: slice) -
     return picture
 
 
-def _with_box(picture: Rgb, c: CandidateView) -> Rgb:
+def _with_box(picture: UInt8Array, c: CandidateView) -> UInt8Array:
     """The picture with the box of a candidate, white around its colour so that it is seen on anything."""
     drawn = picture.copy()
     at = np.round(_corners(c)).astype(np.int32)
@@ -177,12 +175,12 @@ def _with_box(picture: Rgb, c: CandidateView) -> Rgb:
     return drawn
 
 
-def _corners(c: CandidateView) -> NDArray[np.float64]:
+def _corners(c: CandidateView) -> FloatArray:
     x0, y0, x1, y1 = c.xyxy_px
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
-def _widened(picture: NDArray[np.uint8]) -> Rgb:
+def _widened(picture: UInt8Array) -> UInt8Array:
     """The picture at the common width, smooth."""
     h, w = picture.shape[:2]
     height = max(1, round(h * PICTURE_WIDTH_PX / w))
@@ -190,7 +188,7 @@ def _widened(picture: NDArray[np.uint8]) -> Rgb:
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def _enlarged(picture: Rgb) -> Rgb:
+def _enlarged(picture: UInt8Array) -> UInt8Array:
     """The picture with each pixel as a square of pixels, where it is narrow."""
     times = -(-_DEPTH_WIDTH_PX // picture.shape[1])
     return np.asarray(picture.repeat(times, axis=0).repeat(times, axis=1), np.uint8)

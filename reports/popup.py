@@ -6,9 +6,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.outlines import fill_polygon
 from reports.fill_in import filled_from_beside
@@ -19,8 +19,7 @@ from reports.ssim import structural_similarity
 from rescore.single_picture import FoundObject, Photo
 from rescore.store import atomic_path
 
-FloatArray = NDArray[np.float64]
-Layer = tuple[str, PictureMesh, NDArray[np.uint8]]
+Layer = tuple[str, PictureMesh, UInt8Array]
 
 _ROW_STEP_PX = 2.0
 _COLUMN_STEP_PX = 16.0
@@ -63,7 +62,7 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
     return layers
 
 
-def without_objects(photo: Photo, objects: Sequence[FoundObject], far_m: float) -> NDArray[np.uint8]:
+def without_objects(photo: Photo, objects: Sequence[FoundObject], far_m: float) -> UInt8Array:
     """The picture (h, w, 3) with the pixels of objects, and of what hides them, filled in from beside them.
 
     The ground up to ``far_m`` is filled in as seen from above, the backdrop as seen from the camera. Nothing
@@ -86,9 +85,7 @@ def without_objects(photo: Photo, objects: Sequence[FoundObject], far_m: float) 
     return _filled_in(out, left) if left.any() else out
 
 
-def _hidden(
-    shape: tuple[int, int], objects: Sequence[FoundObject]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _hidden(shape: tuple[int, int], objects: Sequence[FoundObject]) -> tuple[BoolArray, BoolArray]:
     """Pixels (h, w) of objects and what hides them, and their boxes (h, w), both with a margin."""
     hidden, boxes = np.zeros(shape, bool), np.zeros(shape, bool)
     for one in objects:
@@ -116,11 +113,11 @@ class GroundPlan:
     size_px: tuple[int, int]
     """Width and height."""
 
-    def warp(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def warp(self, picture: UInt8Array) -> UInt8Array:
         """A picture (h, w) or (h, w, 3) seen from above; 0 beyond its border."""
         return np.asarray(cv2.warpPerspective(picture, self.plan_from_picture, self.size_px), np.uint8)
 
-    def unwarp(self, plan: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uint8]:
+    def unwarp(self, plan: UInt8Array, shape: tuple[int, int]) -> UInt8Array:
         """What a camera sees of a plan, in a picture of a shape (h, w)."""
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         picture = cv2.warpPerspective(
@@ -148,7 +145,7 @@ def ground_plan(camera: PinholeCamera, ground: GroundPlane, fold: int, far_m: fl
     return GroundPlan(np.asarray(above, float), (width, height))
 
 
-def object_texture(rgb: NDArray[np.uint8], one: FoundObject) -> NDArray[np.uint8]:
+def object_texture(rgb: UInt8Array, one: FoundObject) -> UInt8Array:
     """The picture (h, w, 3) that an object carries: what hides it is filled in from around.
 
     Outside the outline, and in the rim which the blur of the camera mixes with the background, it has the
@@ -169,7 +166,7 @@ def object_texture(rgb: NDArray[np.uint8], one: FoundObject) -> NDArray[np.uint8
     return np.where(good[..., None], rgb, colour[nearest])
 
 
-def _filled_in(rgb: NDArray[np.uint8], hidden: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _filled_in(rgb: UInt8Array, hidden: BoolArray) -> UInt8Array:
     # a smooth fill needs no detail, and costs much on large pictures
     height, width = rgb.shape[:2]
     scale = min(1.0, 400 / max(height, width))
@@ -219,7 +216,7 @@ def _fold_row(camera: PinholeCamera, ground: GroundPlane, far_m: float) -> float
     return float(camera.project(point)[1]) if point[2] > 0 else -0.5
 
 
-def _grid(camera: PinholeCamera, top: float, bottom: float) -> tuple[FloatArray, NDArray[np.int64]]:
+def _grid(camera: PinholeCamera, top: float, bottom: float) -> tuple[FloatArray, IntArray]:
     """Pixels (n, 2) of a grid over rows of the picture and its triangles (m, 3)."""
     rows = np.linspace(top, bottom, max(2, int((bottom - top) / _ROW_STEP_PX) + 1))
     columns = np.linspace(-0.5, camera.width_px - 0.5, int(camera.width_px / _COLUMN_STEP_PX) + 2)
@@ -254,7 +251,7 @@ def source_similarity(photo: Photo, objects: Sequence[FoundObject], layers: Sequ
 
 def turntable(
     photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer], angles_rad: FloatArray
-) -> list[NDArray[np.uint8]]:
+) -> list[UInt8Array]:
     """What a camera sees that walks around the objects, one picture (h, w, 3) an angle; 0 is the photograph.
 
     Positive angles show more of what is on the left in the picture.
@@ -301,7 +298,7 @@ def write_turntable(
         frames[0].save(beside, save_all=True, append_images=frames[1:], duration=80, loop=0)
 
 
-def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
+def write_png(path: Path, rgb: UInt8Array) -> None:
     """Write a picture (h, w, 3) as PNG."""
     with atomic_path(path) as beside:
         Image.fromarray(rgb).save(beside)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from recon.arrays import UInt8Array
 from recon.camera import PinholeCamera
 from recon.outcome import Failure
 from reports import palette
@@ -18,9 +18,6 @@ from reports.popup import close_camera, object_texture, scene_layers, source_sim
 from rescore.instance_accuracy import InstanceErrors
 from rescore.single_picture import FoundObject, Photo
 from rescore.store import atomic_path
-
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 _PANEL_PX = (240, 180)
 """Width and height of one picture of a sheet."""
@@ -54,7 +51,7 @@ class Exhibit:
         return source_similarity(self.photo, [self.found], scene_layers(self.photo, [self.found]))
 
 
-def steps_strip(exhibit: Exhibit) -> Picture | None:
+def steps_strip(exhibit: Exhibit) -> UInt8Array | None:
     """Photograph, outline, parts, the object from another side, as in figure 5; None for a failure."""
     if isinstance(exhibit.found, Failure):
         return None
@@ -71,7 +68,7 @@ def steps_strip(exhibit: Exhibit) -> Picture | None:
     return _sheet([[_small(p) for p in panels]])
 
 
-def popup_sheet(exhibits: Sequence[Exhibit]) -> Picture | None:
+def popup_sheet(exhibits: Sequence[Exhibit]) -> UInt8Array | None:
     """A column an object: photograph, then two views of its pop-up turned to either side; as in figure 12.
 
     Failures are left out; None where all failed.
@@ -90,7 +87,7 @@ def popup_sheet(exhibits: Sequence[Exhibit]) -> Picture | None:
     return _sheet([list(row) for row in zip(*columns, strict=True)]) if columns else None
 
 
-def write_small_png(path: Path, rgb: Picture) -> None:
+def write_small_png(path: Path, rgb: UInt8Array) -> None:
     """Write a picture (h, w, 3) as PNG with a palette, a third of the size of one with full colours."""
     image = Image.fromarray(rgb).quantize(_COLOURS, dither=Image.Dither.NONE)
     with atomic_path(path) as beside:
@@ -136,11 +133,11 @@ def _fine() -> tuple[int, int]:
     return 2 * _PANEL_PX[0], 2 * _PANEL_PX[1]
 
 
-def _small(rgb: Picture) -> Picture:
+def _small(rgb: UInt8Array) -> UInt8Array:
     return np.asarray(cv2.resize(rgb, _PANEL_PX, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _cut(rgb: Picture, camera: PinholeCamera, to: PinholeCamera) -> Picture:
+def _cut(rgb: UInt8Array, camera: PinholeCamera, to: PinholeCamera) -> UInt8Array:
     """The picture as another camera at the same place with the same axes sees it; plain beyond its border."""
     v, u = np.mgrid[: to.height_px, : to.width_px].astype(float)
     at = camera.project(to.rays(np.stack([u, v], axis=-1))).astype(np.float32)
@@ -148,14 +145,14 @@ def _cut(rgb: Picture, camera: PinholeCamera, to: PinholeCamera) -> Picture:
     return np.asarray(out, np.uint8)
 
 
-def _outlined(rgb: Picture, one: FoundObject) -> Picture:
+def _outlined(rgb: UInt8Array, one: FoundObject) -> UInt8Array:
     out = rgb.copy()
     points = np.round(one.picture.outline_px * 16).astype(np.int32).reshape(-1, 1, 2)
     cv2.polylines(out, [points], True, palette.rgb(palette.VERMILION), 2, cv2.LINE_AA, shift=4)
     return out
 
 
-def _tinted(rgb: Picture, one: FoundObject) -> Picture:
+def _tinted(rgb: UInt8Array, one: FoundObject) -> UInt8Array:
     """The parts in their colours on a pale picture."""
     out = (0.5 * rgb + 0.5 * 255).astype(np.uint8)
     window = out[one.picture.depth.window]
@@ -172,7 +169,7 @@ def _nose_right(one: FoundObject) -> float:
     return float(-nose[0] * nose[2]) or 1.0
 
 
-def _sheet(rows: Sequence[Sequence[Picture]]) -> Picture:
+def _sheet(rows: Sequence[Sequence[UInt8Array]]) -> UInt8Array:
     """Panels in rows with white gaps."""
     width, height = _PANEL_PX
     across, down = len(rows[0]), len(rows)

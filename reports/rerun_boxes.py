@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from reports.evidence_view import CandidateView, FrameView
 from reports.palette import OUTCOME_NAME
 from reports.rerun_names import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
@@ -27,9 +27,9 @@ class Shown:
     """The candidates of one detector and mode in one frame, with what is accepted of them."""
 
     candidates: tuple[CandidateView, ...]
-    accepted: NDArray[np.bool_]
+    accepted: BoolArray
     """Shape (n,)."""
-    labelled: NDArray[np.bool_]
+    labelled: BoolArray
     """Whose label is shown, shape (n,); the others have theirs where the pointer is."""
     alone: bool
     """Whether this is the detector alone."""
@@ -62,7 +62,7 @@ def shown(story: Story, view: FrameView, detector: str, mode: str, least_score: 
     return Shown(some, accepted, labelled(story, view, detector), mode == ALONE)
 
 
-def labelled(story: Story, view: FrameView, detector: str) -> NDArray[np.bool_]:
+def labelled(story: Story, view: FrameView, detector: str) -> BoolArray:
     """Which candidates of a frame have their label shown, the same before and after: the foremost."""
     before = story.accepted(detector, ALONE)
     after = story.accepted(detector, story.mode_of(detector))
@@ -117,9 +117,7 @@ def frame_table(story: Story, view: FrameView, detector: str) -> str:
     return "".join(lines)
 
 
-def label_spots(
-    xyxy_px: NDArray[np.float64], width_px: int, height_px: int, share: float = 0.38
-) -> NDArray[np.float64]:
+def label_spots(xyxy_px: FloatArray, width_px: int, height_px: int, share: float = 0.38) -> FloatArray:
     """Where labels (n, 2) stand: under their boxes, moved down where they would lie on an earlier label.
 
     The size of a label in picture pixels depends on the zoom; assumed is a picture as wide as its view, of
@@ -136,7 +134,7 @@ def label_spots(
     return np.array(spots).reshape(-1, 2)
 
 
-def _log_rectangles(rec: Recorder, path: str, what: Shown, use: NDArray[np.bool_]) -> None:
+def _log_rectangles(rec: Recorder, path: str, what: Shown, use: BoolArray) -> None:
     some = [c for c, u in zip(what.candidates, use, strict=True) if u]
     bright = path.endswith("accepted")
     rec.log(

@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from recon.arrays import Float32Array, FloatArray
 from recon.class_model import ClassModel
 from reports.evidence_view import CandidateView, FrameView
 from reports.overlay import (
@@ -66,18 +67,18 @@ class Crop:
     zoom: float
 
     @classmethod
-    def around(cls, xyxy_px: NDArray[np.float64]) -> "Crop":
+    def around(cls, xyxy_px: FloatArray) -> "Crop":
         """The crop of a box."""
         x0, y0, x1, y1 = xyxy_px
         width = _AROUND * max(x1 - x0, (y1 - y0) * CROP_WIDTH_PX / CROP_HEIGHT_PX, 8.0)
         height = width * CROP_HEIGHT_PX / CROP_WIDTH_PX
         return cls((x0 + x1 - width) / 2, (y0 + y1 - height) / 2, CROP_WIDTH_PX / width)
 
-    def points(self, edges_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def points(self, edges_px: FloatArray) -> FloatArray:
         """Pixel edges (..., 2) of the picture as those of the crop."""
         return (edges_px - [self.left, self.top]) * self.zoom
 
-    def matrix(self, camera_matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    def matrix(self, camera_matrix: FloatArray) -> FloatArray:
         """The camera matrix (3, 3) of the crop; origin in the middle of the first pixel, as that given."""
         shift = np.array([[0, 0, 0.5 - self.left], [0, 0, 0.5 - self.top], [0, 0, 0]])
         matrix = np.diag([self.zoom, self.zoom, 1.0]) @ (camera_matrix + shift)
@@ -202,7 +203,7 @@ def _log_outline(rec: Recorder, path: str, c: CandidateView, crop: Crop) -> None
     )
 
 
-def _depth_range(measured: NDArray[np.float32], fitted: NDArray[np.float32]) -> tuple[float, float]:
+def _depth_range(measured: Float32Array, fitted: Float32Array) -> tuple[float, float]:
     """Depths of the first and last colour: those of the prediction widened, or around the crop's middle."""
     if not np.isfinite(fitted).any():
         h, w = measured.shape
@@ -214,7 +215,7 @@ def _depth_range(measured: NDArray[np.float32], fitted: NDArray[np.float32]) -> 
     return max(low - 0.6 * wide, 0.0), high + 0.9 * wide
 
 
-def _residual_limit(fitted: NDArray[np.float32]) -> float:
+def _residual_limit(fitted: Float32Array) -> float:
     """Residual of the end colours: a metre, or more where stereo is coarse."""
     if not np.isfinite(fitted).any():
         return RESIDUAL_LIMIT_M

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray
 from reports.certainty_tables import in_interval
 from reports.curves import CurveSet, curve_sets
 from reports.palette import detector_name, mode_colour
@@ -17,8 +17,6 @@ from reports.roc import left_edge
 from reports.tables import number
 from rescore.candidate_columns import ALONE
 from rescore.curve_bands import Band, CurveBands, curve_bands
-
-FloatArray = NDArray[np.float64]
 
 MODE_SHORT = {ALONE: "alone"}
 RIGHT_EDGE_FPPI = 20.0
@@ -136,7 +134,7 @@ def _figure(row: Mapping[str, Any], name: str) -> str:
     return f"{words} {number(row[name])}{interval}"
 
 
-def _cars_of_image(story: Story, detector: str) -> NDArray[np.int64]:
+def _cars_of_image(story: Story, detector: str) -> IntArray:
     """Annotated cars of each image in the order of the match table: those with candidates first, by id."""
     counts = {i: int((~t.ignore).sum()) for i, t in story.data.truth.items()}
     with_some = np.unique(story.run.of(detector)["image_id"]).tolist()

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array
 from recon.camera import GroundPlane
 from reports.evidence_view import FrameView
 from reports.overlay import apply_transform, stereo_points, world_from_camera
@@ -57,7 +57,7 @@ def log_frame(rec: Recorder, view: FrameView, size_px: tuple[int, int]) -> None:
     rec.log(f"{WORLD}/ground", _ground_grid(view.ground))
 
 
-def in_metres(depth: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+def in_metres(depth: Float32Array, view: FrameView) -> Float32Array:
     """Depth for 3D: as it is where it is in metres, else scaled so that the median of the frame is 10 m."""
     if view.metric:
         return depth
@@ -68,7 +68,7 @@ def in_metres(depth: NDArray[np.float32], view: FrameView) -> NDArray[np.float32
 def log_depth(
     rec: Recorder,
     path: str,
-    depth_m: NDArray[np.float32],
+    depth_m: Float32Array,
     range_m: tuple[float, float] = DEPTH_RANGE_M,
 ) -> None:
     """Log depth at ``path/depth``, and above it at ``path/holes`` a mask that shows holes as dark pixels."""
@@ -77,7 +77,7 @@ def log_depth(
     rec.log(f"{path}/holes", rr.SegmentationImage(holes, opacity=1.0, draw_order=5))
 
 
-def depth_picture(depth_m: NDArray[np.float32], range_m: tuple[float, float]) -> rr.EncodedDepthImage:
+def depth_picture(depth_m: Float32Array, range_m: tuple[float, float]) -> rr.EncodedDepthImage:
     """A depth picture of 16 bits, as PNG; holes are 0."""
     steps = np.nan_to_num(depth_m * DEPTH_UNIT, nan=0.0, posinf=0.0, neginf=0.0)
     steps = np.where(steps < np.iinfo(np.uint16).max, np.clip(np.rint(steps), 0, None), 0).astype(np.uint16)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from recon.arrays import IntArray
 from recon.class_model import ClassModel
 from reports.evidence_view import FrameReader, FrameView
 from reports.palette import mode_name
@@ -90,7 +90,7 @@ class _Writer:
         """Steps of the candidates' timeline from one frame to the next: a power of ten, so that the last
         digits are the place and the others the frame."""
 
-    def write(self, path: Path, chosen: NDArray[np.int64], show: bool) -> None:
+    def write(self, path: Path, chosen: IntArray, show: bool) -> None:
         """Log everything."""
         rec, story = self.rec, self.story
         records = {f.image_id: f for f in story.data.frames}

@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, PART_COLOURS, on_dark, part_colour, rgb
 from reports.rerun_plot import BACKGROUND
 
@@ -124,13 +125,13 @@ def padded(image: NDArray[Any], size_px: tuple[int, int], fill: float) -> NDArra
     return np.pad(image, room, constant_values=fill)
 
 
-def picture(rgb_image: NDArray[np.uint8], quality: int = JPEG_QUALITY) -> rr.EncodedImage:
+def picture(rgb_image: UInt8Array, quality: int = JPEG_QUALITY) -> rr.EncodedImage:
     """A picture for the recording, as JPEG."""
     _, data = cv2.imencode(".jpg", rgb_image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg")
 
 
-def pinhole(matrix: NDArray[np.float64], width_px: int, height_px: int, **look: Any) -> rr.Pinhole:
+def pinhole(matrix: FloatArray, width_px: int, height_px: int, **look: Any) -> rr.Pinhole:
     """A pinhole for the recording of a camera matrix whose origin is the middle of the first pixel."""
     # Rerun's has its origin at the corner of that pixel
     corner = matrix + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])

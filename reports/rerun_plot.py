@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from reports.palette import on_dark, rgb
 from rescore.curve_bands import Band
 
@@ -39,7 +39,7 @@ class Axis:
     ticks: tuple[float, ...]
     log: bool = False
 
-    def unit(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    def unit(self, value: FloatArray) -> FloatArray:
         """Values mapped to [0, 1] along the axis; values beyond its ends are held at the ends."""
         low, high = (np.log10(self.low), np.log10(self.high)) if self.log else (self.low, self.high)
         at = np.log10(np.maximum(value, self.low)) if self.log else value
@@ -52,14 +52,14 @@ class Line:
 
     name: str
     legend: str
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: FloatArray
+    y: FloatArray
     colour: str
     dashed: bool = False
     steps: bool = False
     band: Band | None = None
     """Where the curve may lie."""
-    thick: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    thick: tuple[FloatArray, FloatArray] | None = None
     """A piece of the curve that is drawn broad, as x and y."""
 
 
@@ -67,8 +67,8 @@ class Line:
 class Marks:
     """Points on the curves of a plot."""
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: FloatArray
+    y: FloatArray
     colours: tuple[str, ...]
     labels: tuple[str, ...]
     """One a point; an empty one shows nothing."""
@@ -86,7 +86,7 @@ class Plot:
     hidden_bands: tuple[str, ...] = ()
     """Names of the curves whose bands are hidden at first, for too many bands hide each other."""
 
-    def place(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def place(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """View coordinates (n, 2) of data points."""
         return np.stack([self.x.unit(x) * WIDTH, (1 - self.y.unit(y)) * HEIGHT], axis=-1)
 
@@ -203,7 +203,7 @@ class Plot:
         )
 
 
-def dashes(points: NDArray[np.float64], length: float) -> list[NDArray[np.float64]]:
+def dashes(points: FloatArray, length: float) -> list[FloatArray]:
     """A poly-line (n, 2) cut into dashes: pieces of ``length`` with gaps as long."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     at = np.concatenate([[0.0], np.cumsum(steps)])

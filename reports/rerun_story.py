@@ -6,8 +6,8 @@ from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.errors import RescoreError
 from reports.curves import match_table, scores
 from reports.evidence_view import CandidateView, run_data
@@ -19,9 +19,6 @@ from rescore.evidence_model import EvidenceModel
 from rescore.explain import Explanation, explain
 from rescore.frames import DataSet
 from rescore.matching import HIT, IGNORED, MatchTable
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 
 _DISAGREEING = 0.2
 
@@ -163,9 +160,7 @@ class Story:
         return place, c.registered is not None, float(self.moved(detector)[c.row])
 
 
-def choose_frames(
-    story: Story, which: Frames = Frames.ALL, max_frames: int | None = None
-) -> NDArray[np.int64]:
+def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | None = None) -> IntArray:
     """Ids of the images to show, the most telling first.
 
     Those come first where a car is found and the score of a candidate of the kind moved most.
@@ -200,7 +195,7 @@ def count_flips(story: Story) -> int:
     return int((np.max(most, axis=0) > 0).sum())
 
 
-def _most_moved(story: Story, detector: str, which: Frames, ids: NDArray[np.int64]) -> FloatArray:
+def _most_moved(story: Story, detector: str, which: Frames, ids: IntArray) -> FloatArray:
     """How much a candidate of the wanted kind moved at most in each image; 0 where none is."""
     wanted = (Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM) if which is Frames.WORST else CHANGED
     of_kind = np.isin(story.changes[detector, story.mode_of(detector)].group, wanted)
@@ -210,7 +205,7 @@ def _most_moved(story: Story, detector: str, which: Frames, ids: NDArray[np.int6
     return np.array([moved[image_id == i].max(initial=0.0) for i in ids])
 
 
-def _keeps_a_car(story: Story, detector: str, ids: NDArray[np.int64]) -> BoolArray:
+def _keeps_a_car(story: Story, detector: str, ids: IntArray) -> BoolArray:
     """In which images a car is found after rescoring, shape of ``ids``."""
     found = story.changes[detector, story.mode_of(detector)].after.found
     return np.isin(ids, story.run.of(detector)["image_id"][found])

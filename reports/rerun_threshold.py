@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray, UInt8Array
 from reports.curves import scores
 from reports.evidence_view import FrameView
 from reports.palette import mode_colour, mode_name
@@ -50,7 +50,7 @@ class CurvePlots:
 class Tile:
     """One frame of the sheet: a small picture, and its candidates by detector and mode."""
 
-    picture: NDArray[np.uint8]
+    picture: UInt8Array
     zoom: float
     shown: dict[str, Shown]
     """By detector, in the mode that is explained."""
@@ -78,7 +78,7 @@ def points_path(detector: str) -> str:
     return f"threshold/{part(detector)}/points"
 
 
-def threshold_steps(story: Story) -> NDArray[np.int64]:
+def threshold_steps(story: Story) -> IntArray:
     """The times of the threshold's timeline, rising from 0: scores at which something changes.
 
     Thinned to so many that each step accepts about as many candidates less; most candidates have low scores.
@@ -140,7 +140,7 @@ def log_points(
     colours = tuple(mode_colour(m) for m in modes)
     main = story.mode_of(detector)
 
-    def named(form: str, y: NDArray[np.float64]) -> tuple[str, ...]:
+    def named(form: str, y: FloatArray) -> tuple[str, ...]:
         return tuple(form.format(v) if m == main else "" for m, v in zip(modes, y, strict=True))
 
     plots.cars.log_marks(rec, Marks(fppi, recall, colours, named("{:.2f} FP/image", fppi)))
@@ -230,7 +230,7 @@ def threshold_tab(detector: str, plots: CurvePlots, sheet_px: tuple[int, int], t
     return rrb.Horizontal(left, sheet, column_shares=[2, 3], name=title)
 
 
-def _points_table(story: Story, detector: str, rates: NDArray[np.float64], least_score: float | None) -> str:
+def _points_table(story: Story, detector: str, rates: FloatArray, least_score: float | None) -> str:
     modes = story.modes_of(detector)
     if least_score is None:
         point = story.points[detector].text
@@ -259,7 +259,7 @@ def _columns(tile_px: tuple[int, int], n: int) -> int:
     return min(most, n)
 
 
-def _corner(i: int, tiles: Sequence[Tile]) -> NDArray[np.float64]:
+def _corner(i: int, tiles: Sequence[Tile]) -> FloatArray:
     """Left and top of a tile in the sheet."""
     height = tiles[0].picture.shape[0]
     row, column = divmod(i, _columns((_TILE_WIDTH_PX, height), len(tiles)))

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.candidate_columns import Columns
 from rescore.store import read_candidates, read_json
@@ -132,7 +132,7 @@ def load_run(run_dir: Path) -> Run:
     return Run(root, _read_object(root / "config.json"), metrics, columns)
 
 
-def boxes_px(rows: Columns) -> NDArray[np.float64]:
+def boxes_px(rows: Columns) -> FloatArray:
     """Boxes (n, 4) of table rows: left, top, right, bottom pixel edges."""
     return np.stack([rows[k] for k in ("x0", "y0", "x1", "y1")], axis=1).astype(float)
 

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from recon.arrays import IntArray
 from recon.errors import RescoreError
 from reports.palette import detector_name
 from reports.run_folder import Run
@@ -172,7 +172,7 @@ def note(inspection: Inspection) -> str | None:
     return None
 
 
-def terminal_table(inspection: Inspection, rows: NDArray[np.int64], width: int) -> Table:
+def terminal_table(inspection: Inspection, rows: IntArray, width: int) -> Table:
     """The listed candidates for a terminal of this many columns."""
     columns = inspection.columns()
     wide = width >= WIDE
@@ -200,7 +200,7 @@ def terminal_table(inspection: Inspection, rows: NDArray[np.int64], width: int) 
     return table
 
 
-def plain_lines(inspection: Inspection, rows: NDArray[np.int64]) -> Iterator[str]:
+def plain_lines(inspection: Inspection, rows: IntArray) -> Iterator[str]:
     """A header and a line a candidate, separated by tabs; columns ``PLAIN_COLUMNS``."""
     columns = inspection.columns()
     yield "\t".join(PLAIN_COLUMNS)

@@ -6,14 +6,15 @@ visibility to structural similarity", IEEE Trans. Image Processing 13(4), 2004, 
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from recon.arrays import FloatArray, UInt8Array
 
 
-def structural_similarity(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
+def structural_similarity(a: UInt8Array, b: UInt8Array) -> FloatArray:
     """SSIM (h, w), in [-1, 1], of two grey pictures (h, w); Gaussian windows of sigma 1.5 pixels."""
     x, y = a.astype(float), b.astype(float)
 
-    def mean(picture: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mean(picture: FloatArray) -> FloatArray:
         return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
 
     c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2

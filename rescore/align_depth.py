@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from recon.outcome import Failure, Reason
-
-FloatArray = NDArray[np.float64]
 
 
 class Normalisation(StrEnum):
@@ -73,7 +71,7 @@ class DepthAlignment:
     """Measured depth from 0 to 1: ``(scale * Zi + offset) * span + low`` is Zi as measured depth."""
 
 
-def measured_depth(disparity_px: NDArray[np.float32], camera: StereoCamera | None) -> NDArray[np.float32]:
+def measured_depth(disparity_px: Float32Array, camera: StereoCamera | None) -> Float32Array:
     """Measured depth Zs (h, w), NaN where there is none: metres, or ``1 / disparity`` without a camera.
 
     Depth is ``fx * baseline / disparity``, so without calibration it is known up to one factor, and eq. 6
@@ -87,7 +85,7 @@ def measured_depth(disparity_px: NDArray[np.float32], camera: StereoCamera | Non
 
 def align_depth(
     predicted: DepthMap,
-    measured: NDArray[np.float32],
+    measured: Float32Array,
     xyxy_px: FloatArray,
     config: AlignConfig,
     image_range: tuple[float, float] | None = None,
@@ -134,7 +132,7 @@ def fit_scale_offset(z_i: FloatArray, z_s: FloatArray) -> tuple[float, float, fl
     return scale, float(mean_s - scale * mean_i), float(np.sqrt(residual @ residual / len(z_i)))
 
 
-def depth_range(measured: NDArray[np.float32], percentiles: tuple[float, float]) -> tuple[float, float]:
+def depth_range(measured: Float32Array, percentiles: tuple[float, float]) -> tuple[float, float]:
     """Low and high percentile of the measured depths of a picture; (0, 0) where nothing was measured."""
     values = measured[np.isfinite(measured)]
     if not len(values):
@@ -143,19 +141,19 @@ def depth_range(measured: NDArray[np.float32], percentiles: tuple[float, float])
     return float(low), float(high)
 
 
-def predicted_region(predicted: DepthMap, xyxy_px: FloatArray) -> NDArray[np.bool_]:
+def predicted_region(predicted: DepthMap, xyxy_px: FloatArray) -> BoolArray:
     """Pixels of the window that have a predicted depth and whose middle lies in the box, shape (h, w)."""
     rows, columns = predicted.window
     x = np.arange(columns.start, columns.stop) + 0.5
     y = np.arange(rows.start, rows.stop) + 0.5
     x0, y0, x1, y1 = xyxy_px
-    inside: NDArray[np.bool_] = ((y >= y0) & (y < y1))[:, None] & ((x >= x0) & (x < x1))[None, :]
+    inside: BoolArray = ((y >= y0) & (y < y1))[:, None] & ((x >= x0) & (x < x1))[None, :]
     return inside & np.isfinite(predicted.depth)
 
 
 def _range(
-    values: NDArray[np.float32],
-    measured: NDArray[np.float32],
+    values: Float32Array,
+    measured: Float32Array,
     config: AlignConfig,
     image_range: tuple[float, float] | None,
 ) -> tuple[float, float]:

@@ -36,14 +36,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
 from rescore.matching import MatchTable
-from rescore.weighted import IntArray, Levels, Weights, weighted_figures
-
-FloatArray = NDArray[np.float64]
+from rescore.weighted import Levels, Weights, weighted_figures
 
 
 @dataclass(frozen=True)

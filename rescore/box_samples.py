@@ -1,9 +1,8 @@
 """A picture sampled on one grid of places in and around each box, so that all boxes are one array."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from recon.arrays import Float32Array, FloatArray
 
 SAMPLES_U = (np.arange(56) + 0.5) / 56 * 1.6 - 0.3
 """Columns of the grid as fractions of the box's width from its left edge, (56,): 0.3 beyond each end."""
@@ -11,7 +10,7 @@ SAMPLES_V = (np.arange(44) + 0.5) / 44 * 1.6 - 0.35
 """Rows as fractions of the box's height from its top edge, shape (44,): 0.35 above, 0.25 below."""
 
 
-def sample_boxes(picture: NDArray[np.float32], xyxy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+def sample_boxes(picture: Float32Array, xyxy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The values at the grid of each box, shape (n, 44, 56), NaN outside the picture; and their rows (n, 44).
 
     The nearest pixel is taken: values across a depth edge must not be mixed.

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 
 def xyxy_from_xywh(xywh_px: FloatArray) -> FloatArray:

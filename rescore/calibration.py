@@ -3,18 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.frozen import FrozenEstimator
 
+from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
 from rescore.boxes import iou_matrix, paired_overlap
 from rescore.detectors.base import Detections
 from rescore.frames import Truth
-
-FloatArray = NDArray[np.float64]
 
 MIN_IOU = 0.5
 """Overlap from which a detection is the car."""
@@ -42,18 +40,18 @@ class PlattScaling:
 class _ScoreItself(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """A classifier whose decision value is its input, so that scikit-learn calibrates given scores."""
 
-    def fit(self, score: FloatArray, is_car: NDArray[np.bool_]) -> "_ScoreItself":
+    def fit(self, score: FloatArray, is_car: BoolArray) -> "_ScoreItself":
         self.classes_ = np.unique(is_car)
         return self
 
-    def predict(self, score: FloatArray) -> NDArray[np.bool_]:
+    def predict(self, score: FloatArray) -> BoolArray:
         return np.asarray(score[:, 0] > 0)
 
     def decision_function(self, score: FloatArray) -> FloatArray:
         return score[:, 0]
 
 
-def fit_platt(score: FloatArray, is_car: NDArray[np.bool_]) -> PlattScaling:
+def fit_platt(score: FloatArray, is_car: BoolArray) -> PlattScaling:
     """The scaling fitted to labelled scores (n,), with Platt's smoothed targets.
 
     scikit-learn fits it: maximum likelihood for targets (n+ + 1)/(n+ + 2) and 1/(n- + 2) (Platt 1999).
@@ -84,7 +82,7 @@ def fit_platt(score: FloatArray, is_car: NDArray[np.bool_]) -> PlattScaling:
     return PlattScaling(float(sigmoid.a_), float(sigmoid.b_))
 
 
-def label_candidates(found: Detections, truth: Truth) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def label_candidates(found: Detections, truth: Truth) -> tuple[BoolArray, BoolArray]:
     """For each detection (n,): is it a car, and does it count for calibration.
 
     A detection is a car when it overlaps an annotated car by an IoU of at least 0.5, whether or not another

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
 from rescore.matching import OUTCOMES, MatchTable, ranking_of
 
-FloatArray = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
 """A table as arrays of one length, by column name."""
 
@@ -79,7 +79,7 @@ def match_table(rows: Columns, mode: str, n_images: int, n_cars: int) -> MatchTa
     )
 
 
-def places(ranking: FloatArray) -> NDArray[np.int64]:
+def places(ranking: FloatArray) -> IntArray:
     """Place of each candidate (n,), 1 is best; candidates of equal ranking in the order given."""
     place = np.empty(len(ranking), np.int64)
     place[np.argsort(-ranking, kind="stable")] = np.arange(1, len(ranking) + 1)

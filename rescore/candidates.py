@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 
 
@@ -13,13 +13,13 @@ class Candidates:
     """At most 15 detections of one image, best detector score first."""
 
     image_id: int
-    xyxy_px: NDArray[np.float64]
+    xyxy_px: FloatArray
     """Boxes b_i, shape (n, 4), pixel edges."""
-    score: NDArray[np.float64]
+    score: FloatArray
     """Raw detector score, shape (n,); any range."""
-    likelihood: NDArray[np.float64]
+    likelihood: FloatArray
     """l_i in [0, 1], shape (n,): the score after Platt scaling."""
-    azimuth_deg: NDArray[np.float64] | None = None
+    azimuth_deg: FloatArray | None = None
     """From where the detector says that the object is seen (see ``rescore.frames.Truth``), shape (n,), NaN
     where unknown; None where it never says."""
 

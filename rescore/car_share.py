@@ -10,15 +10,13 @@ so a shift of the log odds, the same for all, turns one share into another. The 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import expit, logit
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.evidence import CandidateTable
 from rescore.evidence_model import EvidenceModel
-
-FloatArray = NDArray[np.float64]
 
 LIMIT = 30.0
 """No shift is larger, in log odds either way: a factor of 1e13."""

@@ -17,13 +17,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, IntArray
 from recon.errors import RescoreError
 from rescore.candidate_columns import places
 from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
 from rescore.metrics import index_at_fppi, index_at_recall, recall_ceiling, recall_curve
-
-IntArray = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 DEFAULT_RECALL = 0.7
 DEFAULT_FALSE_POSITIVES = 1.0
@@ -139,17 +137,17 @@ class Side:
     and after."""
 
     @property
-    def accepted(self) -> Mask:
+    def accepted(self) -> BoolArray:
         """Shape (n,)."""
         return np.asarray(self.match.ranking >= self.threshold)
 
     @property
-    def found(self) -> Mask:
+    def found(self) -> BoolArray:
         """Accepted candidates that find a car, shape (n,): the true positives."""
         return np.asarray(self.accepted & (self.match.outcome == HIT))
 
     @property
-    def false(self) -> Mask:
+    def false(self) -> BoolArray:
         """Accepted false alarms and second boxes, shape (n,): the false positives."""
         return np.asarray(self.accepted & np.isin(self.match.outcome, (FALSE_ALARM, DUPLICATE)))
 
@@ -232,7 +230,7 @@ class Changes:
         return np.where(hit, -self.delta, np.where(ignored, 0, self.delta))
 
     @property
-    def rose(self) -> Mask:
+    def rose(self) -> BoolArray:
         """Candidates that are accepted now and were not, or where that is as before stand higher, (n,)."""
         switched = self.after.accepted != self.before.accepted
         return np.where(switched, self.after.accepted, self.delta > 0)
@@ -266,7 +264,7 @@ def _groups(before: Side, after: Side) -> NDArray[np.object_]:
     ignored = [side.match.outcome == IGNORED for side in (before, after)]
     counted = [side.accepted & ~of for side, of in zip((before, after), ignored, strict=True)]
     # the first that holds
-    rules: list[tuple[Group, Mask]] = [
+    rules: list[tuple[Group, BoolArray]] = [
         (Group.SWAPPED_CAR, lost & gained),
         (Group.LOST_CAR, lost),
         (Group.GAINED_CAR, gained),

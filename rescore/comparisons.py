@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, IntArray
 from rescore.bootstrap import Bootstrap, BootstrapConfig, Comparison, FigureIntervals, Interval, bootstrap
 from rescore.delong import compare_areas
 from rescore.kinds import PICTURE_KINDS, UNKNOWN
 from rescore.matching import FALSE_ALARM, MatchTable
 
-IntArray = NDArray[np.int64]
 Kinds = NDArray[np.object_]
 
 _NO_PICTURES = " without pictures"
@@ -68,7 +68,7 @@ def certainty(
     )
 
 
-def on_pictures(match: MatchTable, kind: Kinds) -> NDArray[np.bool_]:
+def on_pictures(match: MatchTable, kind: Kinds) -> BoolArray:
     """Which false alarms (n,) are on pictures of cars; hits and duplicates are on cars, whatever hides it."""
     shows_one = np.isin(kind.astype(str), sorted(PICTURE_KINDS))
     return np.asarray((match.outcome == FALSE_ALARM) & shows_one)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import IntArray
 from recon.errors import RescoreError
 from recon.outcome import Failure
 from rescore.store import read_json, write_json
@@ -19,7 +19,7 @@ FORMAT = "view-confusion 1"
 class Confusion:
     """Which bins were chosen for which."""
 
-    counts: NDArray[np.int64]
+    counts: IntArray
     """Shape (k, k): photographs by true bin (row) and chosen bin (column)."""
     failures: dict[str, int]
     """Photographs without a choice by reason."""

@@ -4,11 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rescore.cues import CUES
-
-FloatArray = NDArray[np.float64]
 
 STATUS_TEXT = {
     "ok": "depth compared",

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from recon.errors import RescoreError
@@ -15,8 +15,6 @@ from rescore.frames import Frame
 from rescore.guarded import GUARDED, GuardedConfig, guarded_alignment
 from rescore.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
-
-FloatArray = NDArray[np.float64]
 
 _METRIC = (*GUARDED, *SURROUNDINGS, "depth_ratio")
 CUES = (*_METRIC, *CHECKS)
@@ -119,7 +117,7 @@ def frame_cues(
 
 def _depth_ratio(
     predicted: DepthMap,
-    disparity_px: NDArray[np.float32],
+    disparity_px: Float32Array,
     box_px: FloatArray,
     camera: StereoCamera,
 ) -> float:

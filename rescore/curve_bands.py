@@ -9,11 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray, IntArray
 from rescore.bootstrap import KINDS, draw_images, interval
 from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 N_RESAMPLES = 500
 N_POINTS = 60
@@ -83,7 +81,7 @@ def _running(match: MatchTable, weight: NDArray[np.int32]) -> tuple[IntArray, In
     of_candidate = weight[:, match.image[order]]
     none = np.zeros((len(weight), 1), np.int64)
 
-    def running(counted: NDArray[np.bool_]) -> IntArray:
+    def running(counted: BoolArray) -> IntArray:
         total = np.cumsum(of_candidate * counted[order], axis=1, dtype=np.int64)[:, last_of_tie]
         return np.concatenate([none, total], axis=1)
 

@@ -13,12 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, UInt8Array
 from recon.camera import GroundPlane, StereoCamera
 from recon.errors import RescoreError
 
-Picture = NDArray[np.uint8]
-Disparity = NDArray[np.float32]
-Pair = tuple[Picture, Picture]
+Pair = tuple[UInt8Array, UInt8Array]
 Calibration = tuple[StereoCamera | None, GroundPlane | None]
 Rng = np.random.Generator
 
@@ -41,7 +40,7 @@ class Dial:
     """Levels of a sweep, without 0."""
     pictures: Callable[[Pair, float, Rng], Pair] | None = None
     """Changes what the matcher sees."""
-    disparity: Callable[[Disparity, float, Rng], Disparity] | None = None
+    disparity: Callable[[Float32Array, float, Rng], Float32Array] | None = None
     """Changes the measured disparity; NaN are holes."""
     calibration: Callable[[Calibration, float], Calibration] | None = None
     """Changes what is believed of camera and ground, not what they are."""
@@ -72,23 +71,23 @@ def _blur(pair: Pair, sigma_px: float, rng: Rng) -> Pair:
 
 
 def _dark(pair: Pair, stops: float, rng: Rng) -> Pair:
-    def darkened(p: Picture) -> Picture:
+    def darkened(p: UInt8Array) -> UInt8Array:
         signal = _decode(p) * 2.0**-stops
         return _bytes(255 * _encode(signal + READ_NOISE * rng.standard_normal(p.shape, np.float32)))
 
     return darkened(pair[0]), darkened(pair[1])
 
 
-def _holes(disparity: Disparity, share: float, rng: Rng) -> Disparity:
+def _holes(disparity: Float32Array, share: float, rng: Rng) -> Float32Array:
     return np.where(_blobs(disparity.shape, share, rng), np.float32(np.nan), disparity)
 
 
-def _bias(disparity: Disparity, offset_px: float, rng: Rng) -> Disparity:
+def _bias(disparity: Float32Array, offset_px: float, rng: Rng) -> Float32Array:
     moved = disparity + np.float32(offset_px)
     return np.where(moved > 0, moved, np.float32(np.nan))
 
 
-def _streaks(disparity: Disparity, sigma_px: float, rng: Rng) -> Disparity:
+def _streaks(disparity: Float32Array, sigma_px: float, rng: Rng) -> Float32Array:
     # bands of 4 rows, as scanline matchers leave them
     rows = disparity.shape[0]
     offset = np.repeat(rng.standard_normal(-(-rows // 4), np.float32), 4)[:rows, None]
@@ -96,12 +95,12 @@ def _streaks(disparity: Disparity, sigma_px: float, rng: Rng) -> Disparity:
     return np.where(moved > 0, moved, np.float32(np.nan))
 
 
-def _noise_for_depth(disparity: Disparity, share: float, rng: Rng) -> Disparity:
+def _noise_for_depth(disparity: Float32Array, share: float, rng: Rng) -> Float32Array:
     noise = rng.uniform(1, _largest(disparity), disparity.shape).astype(np.float32)
     return np.where(_blobs(disparity.shape, share, rng) & np.isfinite(disparity), noise, disparity)
 
 
-def _exchanged(disparity: Disparity, share: float, rng: Rng) -> Disparity:
+def _exchanged(disparity: Float32Array, share: float, rng: Rng) -> Float32Array:
     h, w = disparity.shape
     corners = np.array(
         [(y, x) for y in range(0, h - BLOCK_PX + 1, BLOCK_PX) for x in range(0, w - BLOCK_PX + 1, BLOCK_PX)]
@@ -114,7 +113,7 @@ def _exchanged(disparity: Disparity, share: float, rng: Rng) -> Disparity:
     return out
 
 
-def _constant(disparity: Disparity, share: float, rng: Rng) -> Disparity:
+def _constant(disparity: Float32Array, share: float, rng: Rng) -> Float32Array:
     """Each blob takes one random disparity: smooth, as a matcher delivers, and wrong."""
     value = rng.uniform(1, _largest(disparity), disparity.shape).astype(np.float32)
     cells = cv2.resize(
@@ -216,7 +215,7 @@ def _numbers(levels: str) -> tuple[float, ...]:
     return found
 
 
-def _blobs(shape: tuple[int, ...], share: float, rng: Rng) -> NDArray[np.bool_]:
+def _blobs(shape: tuple[int, ...], share: float, rng: Rng) -> BoolArray:
     """Blobs that cover a share of the picture, shape (h, w); those of a smaller share lie within them."""
     if share >= 1:
         return np.ones(shape, np.bool_)
@@ -224,12 +223,12 @@ def _blobs(shape: tuple[int, ...], share: float, rng: Rng) -> NDArray[np.bool_]:
     return np.asarray(field < np.quantile(field, share))
 
 
-def _largest(disparity: Disparity) -> float:
+def _largest(disparity: Float32Array) -> float:
     known = disparity[np.isfinite(disparity)]
     return float(known.max()) if len(known) else 2.0
 
 
-def _moved(picture: Picture, matrix: NDArray[Any]) -> Picture:
+def _moved(picture: UInt8Array, matrix: NDArray[Any]) -> UInt8Array:
     h, w = picture.shape[:2]
     moved = cv2.warpAffine(
         picture, matrix.astype(float), (w, h), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
@@ -237,14 +236,14 @@ def _moved(picture: Picture, matrix: NDArray[Any]) -> Picture:
     return np.asarray(moved, np.uint8)
 
 
-def _decode(picture: Picture) -> NDArray[np.float32]:
+def _decode(picture: UInt8Array) -> Float32Array:
     """Linear light in [0, 1], by a gamma of 2.2."""
     return np.asarray((picture.astype(np.float32) / 255) ** 2.2, np.float32)
 
 
-def _encode(light: NDArray[np.float32]) -> NDArray[np.float32]:
+def _encode(light: Float32Array) -> Float32Array:
     return np.asarray(np.clip(light, 0, 1) ** (1 / 2.2), np.float32)
 
 
-def _bytes(values: NDArray[np.float32]) -> Picture:
+def _bytes(values: Float32Array) -> UInt8Array:
     return np.asarray(np.clip(np.rint(values), 0, 255), np.uint8)

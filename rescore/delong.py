@@ -13,13 +13,10 @@ candidates, the better ranked one is the hit. Only the images must be the same.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
+from recon.arrays import BoolArray, FloatArray, IntArray
 from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +35,7 @@ class AreaTest:
     """Two-sided."""
 
 
-def delong_test(ranking: FloatArray, is_hit: NDArray[np.bool_]) -> AreaTest:
+def delong_test(ranking: FloatArray, is_hit: BoolArray) -> AreaTest:
     """DeLong's test: the same independent candidates ranked twice.
 
     Args:
@@ -80,9 +77,7 @@ def _of_table(match: MatchTable) -> _Placements:
     return _placements(match.ranking[counts], is_hit[counts], match.image[counts], match.n_images)
 
 
-def _placements(
-    ranking: FloatArray, is_hit: NDArray[np.bool_], cluster: IntArray, n_clusters: int
-) -> _Placements:
+def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clusters: int) -> _Placements:
     """A hit beats as many false positives as its rank among all is higher than that among hits."""
     of_hits, of_false = cluster[is_hit], cluster[~is_hit]
     with_hits, with_false = len(np.unique(of_hits)), len(np.unique(of_false))

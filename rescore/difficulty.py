@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray
 from rescore.detectors.base import Detections
 from rescore.frames import DataSet, Truth
 from rescore.kinds import kinds_of_candidates
@@ -71,7 +71,7 @@ def _hide(truth: Truth, min_visibility: float) -> Truth:
 
 
 def _share_by_kind(
-    data: DataSet, image_id: NDArray[np.int64], boxes: NDArray[np.float64], match: MatchTable
+    data: DataSet, image_id: IntArray, boxes: FloatArray, match: MatchTable
 ) -> dict[str, float]:
     curve = recall_curve(match)
     reached = np.flatnonzero(curve.y >= CAR_LEVEL - 1e-12)

@@ -27,7 +27,6 @@ from rescore.store import read_json, write_candidates, write_json
 from rescore.tune import Tuning
 from rescore.weight_interval import uncertainty_as_json
 
-FloatArray = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 DETECTOR_MODE = "detector"

@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray
 from recon.outcome import Failure
 from rescore.align_depth import DepthAlignment
 from rescore.candidates import Candidates
 from rescore.cues import CUES
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 OK = "ok"
 """Status of a candidate with depth evidence; else the status is a ``recon.outcome.Reason``."""

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
+from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
 from recon.outcome import Reason
 from rescore.cues import CLASS_MODEL, CUES, LEARNED, Registration
@@ -23,8 +23,6 @@ from rescore.evidence import OK, CandidateTable
 from rescore.frames import FittingSet
 from rescore.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
 from rescore.store import read_json, write_json
-
-FloatArray = NDArray[np.float64]
 
 FORMAT = "depth evidence 2"
 
@@ -94,12 +92,12 @@ class EvidenceModel:
         d = expit(-(self.bias + self.contributions(cues).sum(axis=1)))
         return np.where(self.complete(cues) & self.believable(cues), d, np.nan)
 
-    def complete(self, cues: FloatArray) -> NDArray[np.bool_]:
+    def complete(self, cues: FloatArray) -> BoolArray:
         """Which candidates (n, k) have enough of the cues, shape (n,)."""
         own = cues[:, [CUES.index(name) for name in self.knots]]
         return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
 
-    def believable(self, cues: FloatArray) -> NDArray[np.bool_]:
+    def believable(self, cues: FloatArray) -> BoolArray:
         """Which candidates (n, k) pass all checks, shape (n,)."""
         passed = np.ones(len(cues), np.bool_)
         for name, floor in self.floors.items():
@@ -109,7 +107,7 @@ class EvidenceModel:
 
 def fit_evidence(
     cues: FloatArray,
-    is_car: NDArray[np.bool_],
+    is_car: BoolArray,
     registration: Registration,
     config: EvidenceConfig,
     without: Sequence[str] = (),
@@ -169,7 +167,7 @@ def fit_evidence(
 
 def labelled_cues(
     table: CandidateTable, fitting: FittingSet, min_iou: float = 0.5
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Cues (n, k) of the candidates on the fitting set that count, and whether each is a car (n,).
 
     A candidate is a car where it is the detector's best box of an annotated one; other boxes on a car are

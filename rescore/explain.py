@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
 from recon.outcome import Reason
 from rescore.candidate_columns import Columns, difference, status
@@ -14,9 +14,6 @@ from rescore.evidence import NOT_RESCORED, OK
 from rescore.evidence_model import EvidenceModel
 from rescore.guarded import GuardedConfig
 from rescore.surroundings import SurroundingsConfig
-
-FloatArray = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TOLD = 3
 """So many cues at most are told of a candidate."""
@@ -60,7 +57,7 @@ class Explanation:
 def explain(
     rows: Columns,
     mode: str,
-    rose: Mask,
+    rose: BoolArray,
     model: EvidenceModel | None = None,
     config: ExplainConfig | None = None,
 ) -> tuple[Explanation, ...]:
@@ -110,7 +107,7 @@ def cues_of(rows: Columns) -> FloatArray:
     return np.stack([np.asarray(rows.get(f"cue_{name}", nothing), float) for name in CUES], axis=1)
 
 
-def _check_model(model: EvidenceModel, mode: str, cues: FloatArray, d: FloatArray, has: Mask) -> None:
+def _check_model(model: EvidenceModel, mode: str, cues: FloatArray, d: FloatArray, has: BoolArray) -> None:
     """Refuse a model that says something else than the D of the rows: its words would be made up."""
     if model.registration.value != mode:
         raise RescoreError(f"depth evidence: expected the model of mode {mode}, got {model.registration}")

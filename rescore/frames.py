@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
 from recon.camera import GroundPlane, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import PNG_SCALE, SgbmConfig, compute_disparity
@@ -57,22 +58,22 @@ class FrameRecord:
 class Truth:
     """The annotated objects of one image."""
 
-    annotation_id: NDArray[np.int64]
+    annotation_id: IntArray
     """Shape (n,)."""
-    xyxy_px: NDArray[np.float64]
+    xyxy_px: FloatArray
     """Shape (n, 4), pixel edges."""
-    ignore: NDArray[np.bool_]
+    ignore: BoolArray
     """Shape (n,): neither a hit nor a false alarm when found, not missed when not (iscrowd or ignore)."""
-    visibility: NDArray[np.float64]
+    visibility: FloatArray
     """Shape (n,): visible share in [0, 1], NaN where unknown."""
     shape_id: tuple[str, ...]
     """Length n: name of the car shape on rendered scenes, else empty."""
-    azimuth_deg: NDArray[np.float64] | None = None
+    azimuth_deg: FloatArray | None = None
     """Shape (n,), from where the object is seen, counter-clockwise from above: 0 its front, 90 its left side;
     NaN where unknown. None where no object of the image has one."""
-    truncated: NDArray[np.float64] | None = None
+    truncated: FloatArray | None = None
     """Shape (n,), share outside the picture as KITTI gives it, NaN where unknown; None as above."""
-    occluded: NDArray[np.int64] | None = None
+    occluded: IntArray | None = None
     """Shape (n,), KITTI's level: 0 visible, 1 partly, 2 largely occluded, 3 unknown; None as above."""
 
 
@@ -215,9 +216,9 @@ class Frame:
     """One loaded frame."""
 
     image_id: int
-    left_rgb: NDArray[np.uint8]
+    left_rgb: UInt8Array
     """Shape (h, w, 3)."""
-    disparity_px: NDArray[np.float32]
+    disparity_px: Float32Array
     """Measured, shape (h, w); NaN where there is no measurement."""
     camera: StereoCamera | None
     ground: GroundPlane | None
@@ -275,7 +276,7 @@ def _is_whole_png(data: bytes) -> bool:
     return False
 
 
-def read_rgb(path: Path, width_px: int, height_px: int) -> NDArray[np.uint8]:
+def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
     """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
@@ -315,8 +316,8 @@ def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:
 
 
 def _pair_disparity(
-    left: NDArray[np.uint8], right: NDArray[np.uint8], stereo: SgbmConfig, offset_px: float
-) -> NDArray[np.float32]:
+    left: UInt8Array, right: UInt8Array, stereo: SgbmConfig, offset_px: float
+) -> Float32Array:
     """Disparity of a pair plus its offset, (h, w).
 
     The right picture is moved by the whole pixels of the offset before matching: the search begins at

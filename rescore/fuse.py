@@ -1,9 +1,8 @@
 """Eq. 7: the posterior likelihood of a candidate from its detector likelihood and its depth difference."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from recon.arrays import FloatArray
 
 
 def fuse(likelihood: FloatArray, depth_difference: FloatArray, w: float) -> FloatArray:

@@ -7,16 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
+from recon.arrays import FloatArray
 from rescore.evidence import CandidateTable
 from rescore.frames import ValidationSet
 from rescore.fuse import fuse
 from rescore.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
-
-FloatArray = NDArray[np.float64]
 
 SMALLEST = 1e-6
 """What is smaller is taken for this before its logarithm."""

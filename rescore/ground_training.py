@@ -5,17 +5,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 from sklearn.preprocessing import StandardScaler
 
+from recon.arrays import BoolArray, Float32Array, UInt8Array
 from recon.errors import RescoreError
-from recon.ground_region import Float32Array, GroundPixels, ground_features, ground_probability
+from recon.ground_region import GroundPixels, ground_features, ground_probability
 from rescore.frames import DataSet, FrameRecord, read_rgb
 from rescore.kinds import GROUND_KINDS, read_instances
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,7 @@ def score_ground(data: DataSet, classifier: GroundPixels | None, horizon_known: 
     )
 
 
-def _read(record: FrameRecord) -> tuple[NDArray[np.uint8], Mask]:
+def _read(record: FrameRecord) -> tuple[UInt8Array, BoolArray]:
     """The picture of a frame and which of its pixels show ground."""
     instances = read_instances(record)
     if instances is None:
@@ -131,7 +129,7 @@ def _horizon_row(record: FrameRecord) -> float:
 
 def _draw(
     record: FrameRecord, config: GroundTrainingConfig, rng: np.random.Generator
-) -> tuple[Float32Array, Mask]:
+) -> tuple[Float32Array, BoolArray]:
     """Features and truth of cells of one changed copy of a frame."""
     rgb, truth = _read(record)
     rgb, truth, horizon = _cropped(rgb, truth, _horizon_row(record), rng)
@@ -145,8 +143,8 @@ def _draw(
 
 
 def _cropped(
-    rgb: NDArray[np.uint8], truth: Mask, horizon: float, rng: np.random.Generator
-) -> tuple[NDArray[np.uint8], Mask, float]:
+    rgb: UInt8Array, truth: BoolArray, horizon: float, rng: np.random.Generator
+) -> tuple[UInt8Array, BoolArray, float]:
     """A part of the picture, mirrored at random, with the row of its horizon.
 
     Wide and low parts look as the pictures of a car's camera do. The horizon stays near the middle, as level
@@ -162,7 +160,7 @@ def _cropped(
     return np.ascontiguousarray(rgb[part][:, flip]), truth[part][:, flip], horizon - top
 
 
-def _shaded(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def _shaded(rgb: UInt8Array, rng: np.random.Generator) -> UInt8Array:
     """The picture under up to three shadows or patches of sun, as trees and houses make them."""
     height, width = rgb.shape[:2]
     light = np.ones((height, width), np.float32)
@@ -175,7 +173,7 @@ def _shaded(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint
     return np.asarray(np.clip(rgb * soft[..., None], 0, 255), np.uint8)
 
 
-def _recoloured(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def _recoloured(rgb: UInt8Array, rng: np.random.Generator) -> UInt8Array:
     """The picture through another camera: gamma, contrast, gains, colourfulness, sharpness, noise."""
     x = (rgb.astype(np.float32) / np.float32(255)) ** np.float32(np.exp(rng.normal(0, 0.35)))
     grey = x.mean(axis=2, keepdims=True)

@@ -9,12 +9,10 @@ and background in the box count no more than a cap.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray
 from recon.depth_map import DepthMap
 from rescore.align_depth import predicted_region
-
-FloatArray = NDArray[np.float64]
 
 GUARDED = ("relief_scale", "relief_residual", "relief_gain", "roughness")
 """Cues of ``guarded_alignment``."""
@@ -61,7 +59,7 @@ class GuardedAlignment:
 
 
 def guarded_alignment(
-    predicted: DepthMap, disparity_px: NDArray[np.float32], xyxy_px: FloatArray, config: GuardedConfig
+    predicted: DepthMap, disparity_px: Float32Array, xyxy_px: FloatArray, config: GuardedConfig
 ) -> GuardedAlignment | None:
     """The fit of a candidate's predicted depth to the measured disparity; None with too few measurements.
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import SgbmConfig, compute_disparity
@@ -16,7 +17,6 @@ from rescore.formats.calibration_files import DEPTH_CAMERA_BASELINE_M
 from rescore.frames import Frame
 from rescore.steps import stereo_for
 
-Rgb = NDArray[np.uint8]
 Float = NDArray[np.floating]
 Number = NDArray[np.floating] | NDArray[np.integer]
 
@@ -58,13 +58,13 @@ class StereoFrame:
         RescoreError: none or several of these, another shape or type, or a camera that does not go with them.
     """
 
-    left_rgb: Rgb
+    left_rgb: UInt8Array
     """Shape (h, w, 3), red first, rectified."""
     disparity_px: Float | None = None
     """Shape (h, w), column in the left less column in the right picture; NaN, infinity, 0 and less: none."""
     depth_m: Float | None = None
     """Shape (h, w), z of the left camera; holes as above."""
-    right_rgb: Rgb | None = None
+    right_rgb: UInt8Array | None = None
     """As ``left_rgb``; disparity is then matched."""
     camera: Camera | None = None
     """None: unknown, which ``depth_m`` and mode "metric" cannot do without."""
@@ -190,7 +190,7 @@ class Boxes:
         return Candidates(0, boxes, score, scaling.likelihood(score), azimuth)
 
 
-def _measured(values: Float) -> NDArray[np.float32]:
+def _measured(values: Float) -> Float32Array:
     """As float32, NaN where nothing was measured."""
     known = np.isfinite(values) & (values > 0)
     return np.where(known, values, np.nan).astype(np.float32)

@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, IntArray
 from recon.errors import RescoreError
 from rescore.candidate_columns import (
     ALONE,
@@ -23,8 +24,6 @@ from rescore.cues import CUES
 from rescore.evidence_model import EvidenceModel
 from rescore.explain import ExplainConfig, Explanation, explain
 from rescore.matching import places_in_image
-
-IntArray = NDArray[np.int64]
 
 
 class Only(StrEnum):
@@ -125,7 +124,7 @@ class Inspection:
         order = np.argsort(-np.where(np.isnan(key), -np.inf, key), kind="stable")
         return np.asarray(order[keep[order]])
 
-    def _in_image(self, image_id: int) -> NDArray[np.bool_]:
+    def _in_image(self, image_id: int) -> BoolArray:
         found = np.asarray(self.rows["image_id"] == image_id)
         if not found.any():
             ids = np.unique(self.rows["image_id"])

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.camera import GroundPlane
 from recon.instance import Instance3D
 from recon.single_plane import SinglePlane
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.frames import FrameRecord, decode_picture
 
@@ -47,7 +48,7 @@ def read_instances(record: FrameRecord) -> NDArray[np.uint16] | None:
 
 
 def kinds_in_boxes(
-    instances: NDArray[np.uint16], kind_of: Mapping[int, str], xyxy_px: NDArray[np.float64]
+    instances: NDArray[np.uint16], kind_of: Mapping[int, str], xyxy_px: FloatArray
 ) -> list[str]:
     """The kind that fills most of each box (n, 4), ground and sky left out; "" where nothing else is."""
     names = sorted(set(kind_of.values()) - BACKGROUND_KINDS)
@@ -65,7 +66,7 @@ def kinds_in_boxes(
     return found
 
 
-def kinds_of_candidates(record: FrameRecord, xyxy_px: NDArray[np.float64]) -> list[str]:
+def kinds_of_candidates(record: FrameRecord, xyxy_px: FloatArray) -> list[str]:
     """The kind that fills most of each box (n, 4) of a frame; "" where the data set does not say."""
     instances = read_instances(record)
     if instances is None:

@@ -6,11 +6,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray, IntArray
 from rescore.boxes import paired_overlap
 from rescore.frames import DataSet
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class Outcome(StrEnum):
@@ -43,7 +41,7 @@ class TruthTable:
     """Shape (m,)."""
     xyxy_px: FloatArray
     """Shape (m, 4)."""
-    ignore: NDArray[np.bool_]
+    ignore: BoolArray
     """Shape (m,)."""
 
     @staticmethod

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import read_png16
@@ -49,7 +49,7 @@ class MeasuredFile:
 
 def read_measured(
     file: MeasuredFile, width_px: int, height_px: int, camera: StereoCamera | None
-) -> NDArray[np.float32]:
+) -> Float32Array:
     """Disparity in pixels, shape (h, w); NaN where the file holds 0, less, NaN or infinity.
 
     Depth is turned to the disparity that ``camera`` would measure.
@@ -68,7 +68,7 @@ def read_measured(
     return camera.disparity_px(value)
 
 
-def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int) -> NDArray[np.float32]:
+def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int) -> Float32Array:
     """Value / factor as the file has it, shape (h, w), whatever it is; ``what`` names it in the errors.
 
     Raises:
@@ -94,7 +94,7 @@ def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int
     return value / np.float32(factor)
 
 
-def _read_pfm(path: Path) -> NDArray[np.float32]:
+def _read_pfm(path: Path) -> Float32Array:
     """Grey portable float map, rows from the bottom up; a negative scale means little endian."""
     head = path.read_bytes().split(b"\n", 3)
     try:
@@ -114,7 +114,7 @@ def _read_pfm(path: Path) -> NDArray[np.float32]:
     return np.flipud(values.reshape(height, width)).astype(np.float32)
 
 
-def _read_npy(path: Path) -> NDArray[np.float32]:
+def _read_npy(path: Path) -> Float32Array:
     try:
         value = np.load(path, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -127,7 +127,7 @@ def _read_npy(path: Path) -> NDArray[np.float32]:
     return np.asarray(value, np.float32)
 
 
-def _read_exr(path: Path) -> NDArray[np.float32]:
+def _read_exr(path: Path) -> Float32Array:
     # asked before OpenCV is, which would print lines of its own
     if os.environ.get("OPENCV_IO_ENABLE_OPENEXR", "0") not in ("1", "true", "TRUE", "ON", "on"):
         raise RescoreError(

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
-
-FloatArray = NDArray[np.float64]
 
 RECALL_LEVELS = (0.5, 0.6, 0.7, 0.8)
 """Where false positives per image are read off."""
@@ -142,7 +141,7 @@ def summarise(match: MatchTable) -> Summary:
     )
 
 
-def _kinds(outcome: NDArray[np.int8]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
     """Which rows are hits, and which are false positives."""
     return outcome == HIT, (outcome == FALSE_ALARM) | (outcome == DUPLICATE)
 

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
@@ -35,8 +35,6 @@ from rescore.predicted import BoxPrediction, PredictedDepth, cut_to_boxes
 from rescore.predicted_files import PredictedFile, Predictions
 from rescore.threads import one_thread
 from rescore.views import NO_VIEWS, Views, reconstruct_views, views_of, views_without_model
-
-FloatArray = NDArray[np.float64]
 
 
 class CameraChoice(StrEnum):

@@ -12,12 +12,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
 from recon.camera import GroundPlane, StereoCamera
-
-FloatArray = NDArray[np.float64]
-Disparity = NDArray[np.float32]
 
 CHECKS = ("agreement", "ground_agreement")
 """Columns of ``plausibility``."""
@@ -43,7 +40,7 @@ class PlausibilityConfig:
 
 
 def plausibility(
-    disparity_px: Disparity,
+    disparity_px: Float32Array,
     xyxy_px: FloatArray,
     camera: StereoCamera | None,
     ground: GroundPlane | None,
@@ -60,7 +57,7 @@ def plausibility(
     return np.stack([agree, np.full(len(xyxy_px), on_ground)], axis=1)
 
 
-def _agreement(disparity_px: Disparity, xyxy_px: FloatArray, config: PlausibilityConfig) -> FloatArray:
+def _agreement(disparity_px: Float32Array, xyxy_px: FloatArray, config: PlausibilityConfig) -> FloatArray:
     h, w = disparity_px.shape
     step = config.neighbour_px
     pairs, agreeing = np.zeros((h, w), np.uint8), np.zeros((h, w), np.uint8)
@@ -76,7 +73,7 @@ def _agreement(disparity_px: Disparity, xyxy_px: FloatArray, config: Plausibilit
     return np.where(n >= config.min_pairs, good / np.maximum(n, 1), np.nan)
 
 
-def _sums(values: NDArray[np.uint8], boxes: NDArray[np.int64]) -> FloatArray:
+def _sums(values: UInt8Array, boxes: IntArray) -> FloatArray:
     """Sums over boxes (n, 4) of whole pixels, shape (n,)."""
     total = cv2.integral(values).astype(float)
     x0, y0, x1, y1 = boxes.T
@@ -84,7 +81,7 @@ def _sums(values: NDArray[np.uint8], boxes: NDArray[np.int64]) -> FloatArray:
 
 
 def _on_ground(
-    disparity_px: Disparity, camera: StereoCamera, ground: GroundPlane, config: PlausibilityConfig
+    disparity_px: Float32Array, camera: StereoCamera, ground: GroundPlane, config: PlausibilityConfig
 ) -> float:
     h = disparity_px.shape[0]
     left = camera.left

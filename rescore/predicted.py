@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.depth_map import DepthMap
 from recon.errors import RescoreError
 from recon.outcome import Failure, Reason
@@ -29,8 +30,6 @@ from recon.reconstruct import check_extent
 from rescore.array_checks import kind_of
 from rescore.cues import CUES, LEARNED, Registration
 from rescore.evidence import OK, CandidateTable
-
-FloatArray = NDArray[np.float64]
 
 
 class PredictedAs(StrEnum):
@@ -66,7 +65,7 @@ class PredictedDepth:
     """"depth" or "inverse"."""
     unit: PredictedUnit | str = PredictedUnit.RELATIVE
     """"relative" or "metric"."""
-    mask: NDArray[np.bool_] | NDArray[np.integer] | None = None
+    mask: BoolArray | NDArray[np.integer] | None = None
     """What is an object, shape (h, w): not 0 there. Where it numbers objects, a box is taken to show the one
     that has most pixels in it. None: all of the box counts, with what is behind the object."""
 
@@ -98,7 +97,7 @@ class PredictedDepth:
         """Whether ``depth_values`` are inverse depth up to scale and offset: eq. 6 is solved there."""
         return self.predicted_as == PredictedAs.INVERSE and self.unit == PredictedUnit.RELATIVE
 
-    def depth_values(self) -> NDArray[np.float32]:
+    def depth_values(self) -> Float32Array:
         """Zi of eq. 6, shape (h, w), NaN where there is none: metres where metric, else as predicted."""
         values = np.asarray(self.values, np.float32)
         known = np.isfinite(values)
@@ -149,7 +148,7 @@ def cut_to_boxes(
 
 
 def _cut(
-    predicted: PredictedDepth, values: NDArray[np.float32], box: FloatArray, picture_px: tuple[int, int]
+    predicted: PredictedDepth, values: Float32Array, box: FloatArray, picture_px: tuple[int, int]
 ) -> BoxPrediction | Failure:
     limits = [*picture_px, *picture_px]
     # the pixels whose middle lies in the box, as ``predicted_region`` has it
@@ -164,7 +163,7 @@ def _cut(
     return BoxPrediction(DepthMap(x0, y0, depth), predicted.inverse, predicted.unit == PredictedUnit.METRIC)
 
 
-def _most_frequent_object(numbers: NDArray[Any]) -> NDArray[np.bool_]:
+def _most_frequent_object(numbers: NDArray[Any]) -> BoolArray:
     """Pixels of the object that has most of them; none where there is no object."""
     found, counts = np.unique(numbers[numbers != 0], return_counts=True)
     if not len(found):

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from rescore.calibration import PlattScaling
@@ -24,8 +24,6 @@ from rescore.inputs import Boxes, StereoFrame
 from rescore.pipeline import FrameEvidence, RescoreConfig, compared_with_prediction, depth_evidence
 from rescore.predicted import PredictedDepth, another_system, check_mode
 from rescore.rescorer_files import Parts, parts_of_file, parts_of_run
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Rescored:
     log_odds: FloatArray
     """What each cue added to the log odds of a car, shape (n, k); 0 where there is no evidence, and in mode
     "paper"."""
-    view_bin: NDArray[np.int64]
+    view_bin: IntArray
     """View bin of the class model that each box was reconstructed with, shape (n,); -1 where none will do, or
     another system predicts depth."""
     instances: tuple[Predicted, ...] | None
@@ -59,7 +57,7 @@ class Rescored:
     """Columns of ``cues`` and ``log_odds``."""
 
     @property
-    def has_evidence(self) -> NDArray[np.bool_]:
+    def has_evidence(self) -> BoolArray:
         """Which boxes depth said something of, shape (n,)."""
         return np.array([s == OK for s in self.status], np.bool_)
 

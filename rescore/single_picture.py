@@ -6,8 +6,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
@@ -18,8 +18,6 @@ from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct
 from recon.segment import SegmentConfig
 from rescore.frames import decode_picture
 from rescore.store import read_json
-
-FloatArray = NDArray[np.float64]
 
 _SOLID_CONFIG = ReconstructConfig(
     box_bottom_is_ground=True,
@@ -40,7 +38,7 @@ _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 class Photo:
     """A picture with the camera and the ground that it is seen with."""
 
-    rgb: NDArray[np.uint8]
+    rgb: UInt8Array
     """Shape (h, w, 3)."""
     camera: PinholeCamera
     ground: GroundPlane
@@ -54,11 +52,11 @@ class FoundObject:
     """What the picture gave: outline, parts, ground line, planes."""
     instance: Instance3D
     """The whole object in 3D."""
-    occluded: NDArray[np.bool_] | None = None
+    occluded: BoolArray | None = None
     """Pixels (h, w) where something else hides the object; None for none."""
 
 
-def read_photo(path: Path) -> NDArray[np.uint8]:
+def read_photo(path: Path) -> UInt8Array:
     """The picture (h, w, 3) of a file.
 
     Raises:
@@ -193,7 +191,7 @@ def find_object(
     xyxy_px: FloatArray,
     view_bin: int,
     model: ClassModel,
-    occluded: NDArray[np.bool_] | None = None,
+    occluded: BoolArray | None = None,
 ) -> FoundObject | Failure:
     """The object in a box (4,) in 3D, or why there is none.
 

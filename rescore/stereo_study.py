@@ -10,17 +10,14 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, UInt8Array
 from recon.disparity_error import BAD_1, BAD_2, D1, DisparityError, WrongRule, disparity_error, fill_holes
 from recon.stereo import KITTI_SGBM, SgbmConfig, compute_disparity, disparities_beyond
 from rescore.doctor.pairs import match_pair
 from rescore.formats.stereo_truth import TruePair, TrueScenes
 from rescore.frames import DataSet, read_rgb
 from rescore.steps import automatic_stereo, stereo_for
-
-Rgb = NDArray[np.uint8]
-Disparity = NDArray[np.float32]
 
 RULES: Mapping[str, WrongRule] = {"D1": D1, "bad_2": BAD_2, "bad_1": BAD_1}
 """What is called wrong, by name."""
@@ -37,8 +34,8 @@ class Method(StrEnum):
     """OpenCV on the grey pictures as they are: the first columns have no disparity."""
 
 
-def same_call(left_rgb: Rgb, right_rgb: Rgb, config: SgbmConfig) -> Disparity:
-    """Disparity in pixels (h, w), NaN where there is none, by OpenCV on a pair with a margin on the left.
+def same_call(left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmConfig) -> Float32Array:
+    """Float32Array in pixels (h, w), NaN where there is none, by OpenCV on a pair with a margin on the left.
 
     The margin repeats the first column as often as there are disparities. Matches inside it are dropped.
     """
@@ -49,17 +46,17 @@ def same_call(left_rgb: Rgb, right_rgb: Rgb, config: SgbmConfig) -> Disparity:
     return np.where(outside, np.float32(np.nan), disparity)
 
 
-def bare_call(left_rgb: Rgb, right_rgb: Rgb, config: SgbmConfig) -> Disparity:
-    """Disparity in pixels (h, w), NaN where there is none, by OpenCV on a pair as it is."""
+def bare_call(left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmConfig) -> Float32Array:
+    """Float32Array in pixels (h, w), NaN where there is none, by OpenCV on a pair as it is."""
     return _sgbm(config, *_grey(left_rgb, right_rgb))
 
 
-def _grey(left_rgb: Rgb, right_rgb: Rgb) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def _grey(left_rgb: UInt8Array, right_rgb: UInt8Array) -> tuple[UInt8Array, UInt8Array]:
     left, right = (np.asarray(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY), np.uint8) for p in (left_rgb, right_rgb))
     return left, right
 
 
-def _sgbm(config: SgbmConfig, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Disparity:
+def _sgbm(config: SgbmConfig, left: UInt8Array, right: UInt8Array) -> Float32Array:
     matcher = cv2.StereoSGBM.create(
         0,
         config.num_disparities,
@@ -77,7 +74,7 @@ def _sgbm(config: SgbmConfig, left: NDArray[np.uint8], right: NDArray[np.uint8])
     return np.where(sixteenths > 0, sixteenths / np.float32(16), np.float32(np.nan)).astype(np.float32)
 
 
-METHODS: Mapping[Method, Callable[[Rgb, Rgb, SgbmConfig], Disparity]] = {
+METHODS: Mapping[Method, Callable[[UInt8Array, UInt8Array, SgbmConfig], Float32Array]] = {
     Method.OURS: compute_disparity,
     Method.SAME_CALL: same_call,
     Method.BARE_CALL: bare_call,
@@ -104,13 +101,13 @@ class Accuracy:
     """Of these, pixels that only one of ``rescore`` and OpenCV without the margin measures, or that differ by
     more than a pixel."""
     errors: Errors
-    ours_px: Disparity | None = None
+    ours_px: Float32Array | None = None
     """The disparity of one pair by ``Method.OURS``; None of several."""
-    truth_px: Disparity | None = None
+    truth_px: Float32Array | None = None
     """Its truth."""
 
 
-def regions(pair: TruePair) -> dict[str, NDArray[np.bool_]]:
+def regions(pair: TruePair) -> dict[str, BoolArray]:
     """Masks (h, w) of a pair by name: all pixels, those seen in both pictures; KITTI's also by ground."""
     everywhere = np.ones(pair.truth_px.shape, bool)
     grounds = {"": everywhere}
@@ -178,7 +175,7 @@ def added(name: str, several: Iterable[Accuracy]) -> Accuracy:
     return Accuracy(name, ranges, n_pixels, unlike, n_beyond, beyond_unlike, total)
 
 
-def n_unlike(a: Disparity, b: Disparity, within_px: float = 0.0) -> int:
+def n_unlike(a: Float32Array, b: Float32Array, within_px: float = 0.0) -> int:
     """Pixels on which two maps differ by more than so much; a hole is like another, and nothing else."""
     return int((~((np.abs(a - b) <= within_px) | (np.isnan(a) & np.isnan(b)))).sum())
 
@@ -205,7 +202,7 @@ MAX_ROW_PX = 1.0
 """Features whose rows differ by more are matched wrongly; rows of a rectified pair are equal."""
 
 
-def consistency(name: str, left_rgb: Rgb, right_rgb: Rgb, config: SgbmConfig) -> Consistency:
+def consistency(name: str, left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmConfig) -> Consistency:
     """Density of a pair without truth, and how it agrees with SIFT features that pick each other."""
     ours = compute_disparity(left_rgb, right_rgb, config)
     bare = bare_call(left_rgb, right_rgb, config)
@@ -220,7 +217,9 @@ def consistency(name: str, left_rgb: Rgb, right_rgb: Rgb, config: SgbmConfig) ->
     )
 
 
-def _against_features(disparity_px: Disparity, left_rgb: Rgb, right_rgb: Rgb) -> DisparityError:
+def _against_features(
+    disparity_px: Float32Array, left_rgb: UInt8Array, right_rgb: UInt8Array
+) -> DisparityError:
     """The map (h, w) against matched features on one row, at the pixel nearest to each."""
     matches = match_pair(left_rgb, right_rgb)
     good = (np.abs(matches.row_px) <= MAX_ROW_PX) & (matches.disparity_px > 0)

@@ -9,13 +9,10 @@ whether it stands on the ground. Disparity is looked at in place of depth: its n
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import GroundPlane, StereoCamera
 from rescore.box_samples import SAMPLES_U, SAMPLES_V, sample_boxes
-
-FloatArray = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SURROUNDINGS = (
     "width",
@@ -58,7 +55,7 @@ class SurroundingsConfig:
 
 
 def surroundings(
-    disparity_px: NDArray[np.float32],
+    disparity_px: Float32Array,
     xyxy_px: FloatArray,
     azimuth_rad: FloatArray,
     camera: StereoCamera,
@@ -109,7 +106,7 @@ def expected_size_m(azimuth_rad: FloatArray, size_m: tuple[float, float, float])
     return np.stack([wide, np.full_like(wide, height)])
 
 
-def _region(u: tuple[float, float], v: tuple[float, float]) -> Mask:
+def _region(u: tuple[float, float], v: tuple[float, float]) -> BoolArray:
     """Samples between fractions of the box's width (from its left) and height (from its top), (gh, gw)."""
     in_u = (u[0] < SAMPLES_U) & (u[1] > SAMPLES_U)
     in_v = (v[0] < SAMPLES_V) & (v[1] > SAMPLES_V)
@@ -218,7 +215,7 @@ class _View:
             "ground_below": self._share(on_ground, self.known, _BELOW),
         }
 
-    def _share(self, what: Mask, of: Mask, region: Mask) -> FloatArray:
+    def _share(self, what: BoolArray, of: BoolArray, region: BoolArray) -> FloatArray:
         part, whole = (what & region).sum(axis=(1, 2)), (of & region).sum(axis=(1, 2))
         enough = whole >= self.config.min_samples
         return np.where(enough, part / np.maximum(whole, 1), np.nan)
@@ -231,7 +228,7 @@ def _rise(rows_px: FloatArray, camera: StereoCamera, ground: GroundPlane) -> Flo
     return np.asarray(rays @ ground.up)
 
 
-def _median(samples: FloatArray, use: Mask) -> FloatArray:
+def _median(samples: FloatArray, use: BoolArray) -> FloatArray:
     """Median of the chosen samples of each box (n,); NaN where none is chosen."""
     flat = np.where(use, samples, np.inf).reshape(len(samples), -1)
     flat.sort(axis=1)

@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.outcome import Failure, Reason
-
-Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ _LINEAR = np.where(
 """Linear light in [0, 1] of an sRGB byte (IEC 61966-2-1)."""
 
 
-def linear_from_srgb(rgb: NDArray[np.uint8]) -> Float32Array:
+def linear_from_srgb(rgb: UInt8Array) -> Float32Array:
     """Linear light in [0, 1] of sRGB bytes, same shape."""
     return np.take(_LINEAR, rgb)
 
@@ -62,14 +61,12 @@ class EmptyTable:
 
     light: Float32Array
     """Mean linear light, shape (h, w, 3)."""
-    on_table: NDArray[np.bool_]
+    on_table: BoolArray
     """Where the picture shows the table or its blurred edge, shape (h, w)."""
     config: TableSegmentConfig
 
     @staticmethod
-    def of_pictures(
-        light: Float32Array, on_table: NDArray[np.bool_], config: TableSegmentConfig
-    ) -> "EmptyTable":
+    def of_pictures(light: Float32Array, on_table: BoolArray, config: TableSegmentConfig) -> "EmptyTable":
         """From the mean linear light (h, w, 3) of pictures of the empty table, and where it is (h, w)."""
         edge = np.ones((7, 7), np.uint8)
         return EmptyTable(
@@ -85,13 +82,13 @@ def _smooth(light: Float32Array, config: TableSegmentConfig) -> Float32Array:
 class TableRegion:
     """One thing on the table."""
 
-    mask: NDArray[np.bool_]
+    mask: BoolArray
     """Shape (h, w), holes filled."""
-    ring_px: NDArray[np.float64]
+    ring_px: FloatArray
     """Centres of its border pixels, shape (m, 2)."""
 
 
-def segment_table(rgb: NDArray[np.uint8], table: EmptyTable) -> list[TableRegion] | Failure:
+def segment_table(rgb: UInt8Array, table: EmptyTable) -> list[TableRegion] | Failure:
     """All things on the table in a picture (h, w, 3), the largest first; or that there is none."""
     config = table.config
     light = _smooth(linear_from_srgb(rgb), config)
@@ -107,20 +104,18 @@ def segment_table(rgb: NDArray[np.uint8], table: EmptyTable) -> list[TableRegion
     return _regions(_with_dark_panels(sure, differs, config), config)
 
 
-def _without_specks(car: NDArray[np.bool_], config: TableSegmentConfig) -> NDArray[np.uint8]:
+def _without_specks(car: BoolArray, config: TableSegmentConfig) -> UInt8Array:
     """A mask (h, w) with specks dropped and small gaps closed."""
     speck = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     mask = cv2.morphologyEx(car.astype(np.uint8), cv2.MORPH_OPEN, speck)
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disc(config.close_px)), np.uint8)
 
 
-def _disc(width_px: int) -> NDArray[np.uint8]:
+def _disc(width_px: int) -> UInt8Array:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width_px, width_px)), np.uint8)
 
 
-def _with_dark_panels(
-    sure: NDArray[np.uint8], differs: NDArray[np.bool_], config: TableSegmentConfig
-) -> NDArray[np.uint8]:
+def _with_dark_panels(sure: UInt8Array, differs: BoolArray, config: TableSegmentConfig) -> UInt8Array:
     """A mask (h, w) with what lies between the pieces of a thing, dark as shade and as large as a panel."""
     groups = cv2.morphologyEx(sure, cv2.MORPH_CLOSE, _disc(config.group_px))
     rings, _ = cv2.findContours(groups, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -140,7 +135,7 @@ def _with_dark_panels(
     return np.asarray(cv2.morphologyEx(out, cv2.MORPH_CLOSE, _disc(config.close_px)), np.uint8)
 
 
-def _regions(mask: NDArray[np.uint8], config: TableSegmentConfig) -> list[TableRegion] | Failure:
+def _regions(mask: UInt8Array, config: TableSegmentConfig) -> list[TableRegion] | Failure:
     """Regions of a mask (h, w), holes filled."""
     rings, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     rings = sorted(rings, key=cv2.contourArea, reverse=True)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.bootstrap import draw_images
 from rescore.cues import CLASS_MODEL, Registration
@@ -16,8 +16,6 @@ from rescore.fusion_rules import SMALLEST, LearnedFusion
 from rescore.matching import HIT, IGNORED, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.weight_interval import WeightUncertainty, describe, middle_of_plateau, weight_uncertainty
 from rescore.weighted import Levels, Weights, weighted_figures
-
-FloatArray = NDArray[np.float64]
 
 
 class Objective(StrEnum):

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import RescoreError
-from rescore.boxes import FloatArray
 from rescore.detectors.crop_training import Trained, at_one_size
 from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture
 from rescore.threads import one_thread
@@ -35,14 +34,14 @@ def evaluate_uiuc(detector: Trained, pictures: Sequence[TestPicture], jobs: int)
     return recall_precision(Parallel(n_jobs=jobs)(tasks))
 
 
-def _picture_hits(detector: Trained, picture: TestPicture) -> tuple[FloatArray, NDArray[np.bool_], int]:
+def _picture_hits(detector: Trained, picture: TestPicture) -> tuple[FloatArray, BoolArray, int]:
     with one_thread():
         found = lone(detector.scan(_read(picture)))
     hit = hits(found.xyxy_px[:, :2], found.score, picture.left_top_px, CAR_WIDTH_PX, CAR_HEIGHT_PX)
     return found.score, hit, len(picture.left_top_px)
 
 
-def _read(picture: TestPicture) -> NDArray[np.uint8]:
+def _read(picture: TestPicture) -> UInt8Array:
     gray = cv2.imread(str(picture.path), cv2.IMREAD_GRAYSCALE)
     if gray is None:
         raise RescoreError(f"{picture.path}: expected a picture, could not read it; fetch the set again")

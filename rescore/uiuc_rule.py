@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rescore.boxes import FloatArray, suppress
+from recon.arrays import BoolArray, FloatArray
+from rescore.boxes import suppress
 from rescore.detectors.base import Detections
 
 TOLERANCE = 0.25
@@ -23,7 +23,7 @@ class RecallPrecision:
     n_cars: int
     score: FloatArray
     """Shape (n,), descending."""
-    hit: NDArray[np.bool_]
+    hit: BoolArray
     """Shape (n,): the detection found a car that no better one has found."""
 
     @property
@@ -56,7 +56,7 @@ class RecallPrecision:
 
 def hits(
     found_px: FloatArray, score: FloatArray, cars_px: FloatArray, width_px: float, height_px: float
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """For each detection (n, 2) of a picture: is it the one that found a car (m, 2).
 
     Corners are x, y. A detection is right within the ellipse of ``TOLERANCE``; one hit a car, the best score
@@ -72,7 +72,7 @@ def hits(
     return hit
 
 
-def recall_precision(pictures: Iterable[tuple[FloatArray, NDArray[np.bool_], int]]) -> RecallPrecision:
+def recall_precision(pictures: Iterable[tuple[FloatArray, BoolArray, int]]) -> RecallPrecision:
     """The curve over pictures, each (scores (n,), hits (n,), number of its cars).
 
     At equal scores false alarms come first, so that a tie never flatters.

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outcome import Failure, Reason
@@ -14,9 +14,6 @@ from recon.reconstruct import ReconstructConfig, Reconstruction, reconstruct
 from recon.view_bins import ViewBins
 from recon.view_selection import ViewSelectionConfig, best_view_bin
 from rescore.candidates import Candidates
-
-FloatArray = NDArray[np.float64]
-Rgb = NDArray[np.uint8]
 
 NO_BIN = -1
 """View bin of a candidate that cannot be reconstructed from any."""
@@ -26,7 +23,7 @@ NO_BIN = -1
 class Views:
     """From where the candidates of one frame are taken to be seen."""
 
-    view_bin: NDArray[np.int64]
+    view_bin: IntArray
     """The bin that each is reconstructed with, shape (n,); ``NO_BIN`` where none will do."""
     azimuth_rad: FloatArray
     """Shape (n,): of the detector where it says one, else of the middle of the bin; NaN where neither is."""
@@ -39,7 +36,7 @@ NO_VIEWS = Views(np.zeros(0, np.int64), np.zeros(0), {})
 
 
 def views_of(
-    rgb: Rgb,
+    rgb: UInt8Array,
     candidates: Candidates,
     view_bin: int | Literal["model"],
     model: ClassModel,
@@ -99,7 +96,7 @@ def views_without_model(candidates: Candidates, view_bin: int | Literal["model"]
 
 
 def reconstruct_views(
-    rgb: Rgb,
+    rgb: UInt8Array,
     xyxy_px: FloatArray,
     views: Views,
     model: ClassModel,

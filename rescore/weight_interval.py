@@ -5,12 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, FloatArray
 from rescore.bootstrap import Kind, interval
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 CONFIDENCE = 0.95
 

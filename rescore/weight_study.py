@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.cues import Registration
 from rescore.evidence import CandidateTable
@@ -13,8 +13,6 @@ from rescore.frames import ValidationSet
 from rescore.matching import TruthTable
 from rescore.tune import TuneConfig, objective_on_grid, tune_weight
 from rescore.weight_interval import choices
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray
 from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
 from rescore.metrics import COCO_RECALLS, RECALL_LEVELS
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Weights = NDArray[np.int32]
 
 CELLS = 2_000_000

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from faster_coco_eval import COCO, COCOeval_faster
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray
 from rescore.boxes import xywh_from_xyxy
 from rescore.matching import TruthTable
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +15,7 @@ class Boxes:
     """Detections of a set of images, in the order of the images."""
 
     truth: TruthTable
-    image_id: NDArray[np.int64]
+    image_id: IntArray
     xyxy_px: FloatArray
     score: FloatArray
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.car_models import CarModel, cars_of_splits, part_labelled_cars
 from datasets_synth.mesh import Imaging, Light, Material, Placed, Scene
@@ -15,13 +14,13 @@ from datasets_synth.scene_rays import MISS, RayTree, world_vertices
 from datasets_synth.solids import MeshDraft, pose
 from datasets_synth.street import surface
 from datasets_synth.truth import projected_box
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.class_model import ClassModel
 from recon.learn import LearnConfig, learn_class_model
 from recon.part_views import PartView, PartViews
 from recon.view_bins import ViewBins
 
-FloatArray = NDArray[np.float64]
 BINS = ViewBins()
 
 
@@ -29,15 +28,15 @@ BINS = ViewBins()
 class CarPicture:
     """The picture and what it shows."""
 
-    rgb: NDArray[np.uint8]
+    rgb: UInt8Array
     camera: PinholeCamera
     ground: GroundPlane
     box_px: FloatArray
     """Edges x0, y0, x1, y1."""
-    mask: NDArray[np.bool_]
+    mask: BoolArray
     """Pixels of the car."""
-    depth_m: NDArray[np.float32]
-    part_labels: NDArray[np.uint8]
+    depth_m: Float32Array
+    part_labels: UInt8Array
     cam_from_object: FloatArray
     size_m: tuple[float, float, float]
     placed: Placed

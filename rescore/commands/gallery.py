@@ -1,7 +1,6 @@
 """The command that makes the gallery of reconstructions: gallery."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,9 +11,10 @@ from rescore.commands.base import Seed, app, say
 
 if TYPE_CHECKING:
     from datasets_synth.single_object import ObjectPhoto
+    from recon.arrays import UInt8Array
     from recon.class_model import ClassModel
     from recon.outcome import Failure
-    from reports.reconstruction_gallery import Exhibit, Picture
+    from reports.reconstruction_gallery import Exhibit
     from rescore.instance_accuracy import InstanceErrors
     from rescore.single_picture import FoundObject
 
@@ -84,7 +84,7 @@ def gallery(
             known[name].append(Measured(_errors(shot, found), right, _errors(shot, again)))
     shown: list[tuple[str, str]] = []
 
-    def keep(file: str, picture: "Picture | None", caption: str) -> None:
+    def keep(file: str, picture: "UInt8Array | None", caption: str) -> None:
         if picture is not None:
             write_small_png(out / f"{file}.png", picture)
             shown.append((f"{file}.png", caption))

@@ -1,20 +1,17 @@
 """The command ``inspect``: which candidates of a run rose or fell, and why."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
-
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
+from recon.arrays import IntArray
 from recon.errors import RescoreError
 from rescore.commands.base import app, say
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rescore.changes import OperatingPoint
     from rescore.inspection import Inspection
 
@@ -115,7 +112,7 @@ def _choice(option: str, value: str, of: type[_Choice]) -> _Choice:
     return of(value)
 
 
-def _show(inspection: "Inspection", rows: "NDArray[np.int64]", top: int | None) -> None:
+def _show(inspection: "Inspection", rows: "IntArray", top: int | None) -> None:
     """Print the summary and the candidates: a table in a terminal, plain lines elsewhere."""
     import sys
 
@@ -141,14 +138,14 @@ def _show(inspection: "Inspection", rows: "NDArray[np.int64]", top: int | None) 
         console.print("none of these")
 
 
-def _export(inspection: "Inspection", rows: "NDArray[np.int64]", path: Path) -> None:
+def _export(inspection: "Inspection", rows: "IntArray", path: Path) -> None:
     from rescore.store import write_table
 
     write_table(path, {name: column[rows] for name, column in inspection.columns().items()})
     say(f"{len(rows)} candidates: {path}")
 
 
-def _open(inspection: "Inspection", rows: "NDArray[np.int64]", run: Path, frame: int | None) -> None:
+def _open(inspection: "Inspection", rows: "IntArray", run: Path, frame: int | None) -> None:
     from reports.viewer import open_recording
     from rescore.run_folder import RunFolder
 

@@ -1,7 +1,6 @@
 """The command ``rescore localize``: section 5.1 of the report on rendered model cars."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +15,8 @@ if TYPE_CHECKING:
     from datasets_synth.layout import CarModel
     from datasets_synth.table_class import TableClass
     from datasets_synth.table_trials import Trial, TrialConfig
-    from reports.localization import Instance3DView, Rgb
+    from recon.arrays import UInt8Array
+    from reports.localization import Instance3DView
 
 _SHOWN, _WORST = 40, 12
 """Placements in the pictures of the first and of the worst ones."""
@@ -88,8 +88,8 @@ class _Gallery:
         self.camera = TableCamera(CAMERA, GROUND)
         self.rows: list[dict[str, Any]] = []
         self.scores: dict[str, dict[str, list[Any]]] = {}
-        self.tiles: list[tuple[float, Rgb]] = []
-        self.typical: tuple[float, Rgb, Instance3DView] | None = None
+        self.tiles: list[tuple[float, UInt8Array]] = []
+        self.typical: tuple[float, UInt8Array, Instance3DView] | None = None
 
     def add(self, trial: "Trial") -> None:
         """Take what is kept of a trial."""

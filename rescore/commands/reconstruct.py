@@ -1,7 +1,6 @@
 """The commands that work on one picture and boxes in it: reconstruct, popup."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,9 +10,7 @@ from recon.errors import RescoreError
 from rescore.commands.base import app, say
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from recon.arrays import FloatArray
     from recon.class_model import ClassModel
     from recon.instance import Instance3D
     from rescore.single_picture import FoundObject, Photo
@@ -136,7 +133,7 @@ def _found(photo: "Photo", box: str, view_bin: int | None, model: "ClassModel") 
     return found
 
 
-def _chosen_bin(photo: "Photo", box: str, xyxy_px: "NDArray[np.float64]", model: "ClassModel") -> int:
+def _chosen_bin(photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel") -> int:
     """The view bin that the class model chooses, said aloud; a failure is an error with its reason."""
     from recon.outcome import Failure
     from recon.view_selection import best_view_bin

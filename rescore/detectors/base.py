@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from rescore.boxes import suppress
 from rescore.detectors.windows import clip_boxes
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +45,10 @@ class Detector(Protocol):
     def name(self) -> str:
         """Short name, used in file names and tables."""
 
-    def detect(self, rgb: NDArray[np.uint8]) -> Detections:
+    def detect(self, rgb: UInt8Array) -> Detections:
         """The candidates of an (h, w, 3) uint8 picture after suppression; may be none."""
 
-    def scan(self, rgb: NDArray[np.uint8]) -> Detections:
+    def scan(self, rgb: UInt8Array) -> Detections:
         """All windows above the scan's floor, before suppression and clipping; what mining reads."""
 
     def save(self, path: Path) -> None:

@@ -13,6 +13,7 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.errors import RescoreError
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.boosting import BoostConfig, Stumps, gentle_boost
@@ -25,7 +26,7 @@ from rescore.detectors.fragments import (
     level_features,
 )
 from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, car_crops, hard_crops, street_crops
-from rescore.detectors.windows import FloatArray, GrayImage, WindowGeometry, gray
+from rescore.detectors.windows import WindowGeometry, gray
 from rescore.frames import DataSet
 
 # the pyramid shrinks by area means, which do not alias
@@ -77,11 +78,11 @@ class BoostedDetector:
                 f"boosted: stump of feature {self.stumps.feature.max()} of {len(self.dictionary)}"
             )
 
-    def detect(self, rgb: NDArray[np.uint8]) -> Detections:
+    def detect(self, rgb: UInt8Array) -> Detections:
         """The candidates of an (h, w, 3) uint8 picture after suppression; may be none."""
         return best_candidates(self.scan(rgb), self.config.suppression, rgb.shape[1], rgb.shape[0])
 
-    def scan(self, rgb: NDArray[np.uint8]) -> Detections:
+    def scan(self, rgb: UInt8Array) -> Detections:
         """All windows above the floor, before suppression and clipping."""
         picture = gray(rgb)
         widths = self.config.scan.car_widths_px()
@@ -90,7 +91,7 @@ class BoostedDetector:
             levels = list(pool.map(lambda width: self._scan_level(picture, width), widths))
         return ordered(np.concatenate([b for b, _ in levels]), np.concatenate([s for _, s in levels]))
 
-    def _scan_level(self, picture: GrayImage, car_width_px: float) -> tuple[FloatArray, FloatArray]:
+    def _scan_level(self, picture: UInt8Array, car_width_px: float) -> tuple[FloatArray, FloatArray]:
         config, window = self.config, self.config.window
         scale = car_width_px / window.object_width_px
         size = max(1, round(picture.shape[1] / scale)), max(1, round(picture.shape[0] / scale))
@@ -168,8 +169,8 @@ def train_boosted(
 
 
 def train_boosted_on_crops(
-    cars: NDArray[np.uint8],
-    street: NDArray[np.uint8],
+    cars: UInt8Array,
+    street: UInt8Array,
     config: BoostedConfig,
     rng: np.random.Generator,
     jobs: int = 1,
@@ -192,27 +193,23 @@ class BoostedLearner:
     jobs: int
 
     @staticmethod
-    def of(
-        cars: NDArray[np.uint8], config: BoostedConfig, rng: np.random.Generator, jobs: int
-    ) -> "BoostedLearner":
+    def of(cars: UInt8Array, config: BoostedConfig, rng: np.random.Generator, jobs: int) -> "BoostedLearner":
         """A learner whose fragments are cut from canonical crops (n, height, width) of cars."""
         return BoostedLearner(cut_dictionary(cars, config.window, config.fragments, rng), config, jobs)
 
-    def features(self, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def features(self, crops: UInt8Array) -> Float32Array:
         """Features (n, f) of canonical crops (n, height, width)."""
         return _features(crops, self.dictionary, self.jobs).T
 
-    def fit(
-        self, cars: NDArray[np.float32], street: NDArray[np.float32], rng: np.random.Generator
-    ) -> BoostedDetector:
+    def fit(self, cars: Float32Array, street: Float32Array, rng: np.random.Generator) -> BoostedDetector:
         """A detector that parts the features (n, f) of cars and of street."""
         return _fit(self.dictionary, cars.T, street.T, self.config, rng)
 
 
 def _fit(
     dictionary: Dictionary,
-    cars: NDArray[np.float32],
-    street: NDArray[np.float32],
+    cars: Float32Array,
+    street: Float32Array,
     config: BoostedConfig,
     rng: np.random.Generator,
 ) -> BoostedDetector:
@@ -222,12 +219,12 @@ def _fit(
     return BoostedDetector(dictionary.chosen(used), stumps.renumbered(used), config)
 
 
-def _features(crops: NDArray[np.uint8], dictionary: Dictionary, jobs: int) -> NDArray[np.float32]:
+def _features(crops: UInt8Array, dictionary: Dictionary, jobs: int) -> Float32Array:
     chunks = [crops[i : i + 128] for i in range(0, len(crops), 128)]
     parts = Parallel(n_jobs=jobs)(delayed(_chunk_features)(chunk, dictionary) for chunk in chunks)
     return np.concatenate([np.empty((len(dictionary), 0), np.float32), *parts], axis=1)
 
 
-def _chunk_features(crops: NDArray[np.uint8], dictionary: Dictionary) -> NDArray[np.float32]:
+def _chunk_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
     with _blas().limit(limits=1, user_api="blas"):
         return crop_features(crops, dictionary)

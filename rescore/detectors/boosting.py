@@ -5,22 +5,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from recon.errors import RescoreError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Stumps:
     """Regression stumps; each adds ``above`` where its feature exceeds the threshold, else ``below``."""
 
-    feature: NDArray[np.int64]
+    feature: IntArray
     """Shape (m,): column of the feature matrix."""
-    threshold: NDArray[np.float32]
+    threshold: Float32Array
     """Shape (m,)."""
-    below: NDArray[np.float32]
+    below: Float32Array
     """Shape (m,)."""
-    above: NDArray[np.float32]
+    above: Float32Array
     """Shape (m,)."""
 
     def __post_init__(self) -> None:
@@ -31,18 +30,18 @@ class Stumps:
     def __len__(self) -> int:
         return len(self.feature)
 
-    def score(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
+    def score(self, features: Float32Array) -> Float32Array:
         """Scores of features (f, ...), shape (...); positive where a car is likelier than not."""
         total = np.full(features.shape[1:], self.below.sum(dtype=np.float32), np.float32)
         for k, threshold, step in zip(self.feature, self.threshold, self.above - self.below, strict=True):
             total += step * (features[k] > threshold)
         return total
 
-    def used(self) -> NDArray[np.int64]:
+    def used(self) -> IntArray:
         """The columns that some stump reads, ascending."""
         return np.unique(self.feature)
 
-    def renumbered(self, used: NDArray[np.int64]) -> "Stumps":
+    def renumbered(self, used: IntArray) -> "Stumps":
         """The same stumps on a matrix that holds only the ``used`` columns."""
         return Stumps(np.searchsorted(used, self.feature), self.threshold, self.below, self.above)
 
@@ -63,18 +62,18 @@ class SortedFeatures:
 
     order: NDArray[np.int32]
     """Shape (f, n): samples of each feature, ascending values."""
-    value: NDArray[np.float32]
+    value: Float32Array
     """Shape (f, n): the values in that order."""
 
     @staticmethod
-    def of(features: NDArray[np.float32]) -> "SortedFeatures":
+    def of(features: Float32Array) -> "SortedFeatures":
         """Sort features (f, n)."""
         order = np.argsort(features, axis=1, kind="stable").astype(np.int32)
         return SortedFeatures(order, np.take_along_axis(features, order, axis=1))
 
 
 def fit_stump(
-    sorted_features: SortedFeatures, columns: NDArray[np.int64], target: FloatArray, weight: FloatArray
+    sorted_features: SortedFeatures, columns: IntArray, target: FloatArray, weight: FloatArray
 ) -> tuple[int, float, float, float]:
     """The stump (feature, threshold, below, above) of least weighted squared error among ``columns``.
 
@@ -109,7 +108,7 @@ def _between(low: np.float32, high: np.float32) -> float:
 
 
 def gentle_boost(
-    features: NDArray[np.float32], is_car: NDArray[np.bool_], config: BoostConfig, rng: np.random.Generator
+    features: Float32Array, is_car: BoolArray, config: BoostConfig, rng: np.random.Generator
 ) -> Stumps:
     """Stumps fitted to features (f, n) and labels (n,).
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
+from recon.arrays import UInt8Array
 from recon.errors import RescoreError
 from rescore.calibration import PlattScaling, fit_platt, label_candidates
 from rescore.detectors.base import best_candidates
@@ -19,7 +20,7 @@ from rescore.detectors.boosted import BoostedConfig, BoostedDetector, BoostedLea
 from rescore.detectors.crops import Crops
 from rescore.detectors.hog_svm import HogConfig, HogDetector, HogLearner
 from rescore.detectors.mining import hard_negatives, jittered
-from rescore.detectors.windows import GrayImage, crop_windows
+from rescore.detectors.windows import crop_windows
 from rescore.frames import Truth
 from rescore.threads import one_thread
 from rescore.uiuc_rule import RecallPrecision, hits, lone, recall_precision
@@ -46,7 +47,7 @@ class SceneConfig:
 class Scene:
     """A picture made of crops."""
 
-    picture: GrayImage
+    picture: UInt8Array
     truth: Truth
 
 
@@ -128,7 +129,7 @@ def scenes_of(crops: Crops, config: SceneConfig, rng: np.random.Generator) -> It
         yield Scene(picture, truth)
 
 
-def _turned(crop: GrayImage, config: SceneConfig, rng: np.random.Generator) -> GrayImage:
+def _turned(crop: UInt8Array, config: SceneConfig, rng: np.random.Generator) -> UInt8Array:
     return crop[:, ::-1] if config.mirror and rng.integers(2) else crop
 
 
@@ -141,8 +142,8 @@ def _learner(
 
 
 def _cut(
-    crops: GrayImage, config: Config, scenes: SceneConfig, copies: int, rng: np.random.Generator
-) -> GrayImage:
+    crops: UInt8Array, config: Config, scenes: SceneConfig, copies: int, rng: np.random.Generator
+) -> UInt8Array:
     """Canonical crops, and ``copies`` jittered ones of each; the same number again mirrored."""
     window, interpolation = config.window, config.crop_style.interpolation
     mining = replace(config.mining, jitter_copies=copies)
@@ -155,17 +156,17 @@ def _cut(
     return np.concatenate(cut)
 
 
-def _mine(detector: Trained, scenes: list[Scene], jobs: int) -> GrayImage:
+def _mine(detector: Trained, scenes: list[Scene], jobs: int) -> UInt8Array:
     window, mining = detector.config.window, detector.config.mining
     limit = max(1, mining.max_negatives // (2 * mining.rounds * len(scenes)))
     per_scene = min(mining.hard_per_frame, limit)
     tasks = (delayed(_mined_of)(scene, detector, per_scene) for scene in scenes)
     none = np.empty((0, window.height_px, window.width_px), np.uint8)
-    mined: list[GrayImage] = Parallel(n_jobs=jobs, batch_size=16)(tasks)
+    mined: list[UInt8Array] = Parallel(n_jobs=jobs, batch_size=16)(tasks)
     return np.concatenate([none, *mined])
 
 
-def _mined_of(scene: Scene, detector: Trained, max_count: int) -> GrayImage:
+def _mined_of(scene: Scene, detector: Trained, max_count: int) -> UInt8Array:
     style = detector.config.crop_style
     with one_thread():
         found = detector.scan(scene.picture)

@@ -6,11 +6,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from recon.arrays import UInt8Array
 from recon.errors import RescoreError
 from rescore.detectors.boosted import BoostedConfig
 from rescore.detectors.hog_svm import CELL_PX, HogConfig
 from rescore.detectors.mining import ScanRange
-from rescore.detectors.windows import GrayImage, WindowGeometry
+from rescore.detectors.windows import WindowGeometry
 from rescore.formats.labels import PICTURES
 
 
@@ -18,9 +19,9 @@ from rescore.formats.labels import PICTURES
 class Crops:
     """Crops of cars and of street, each as large as the window of a car."""
 
-    cars: GrayImage
+    cars: UInt8Array
     """Shape (n, height, width)."""
-    street: GrayImage
+    street: UInt8Array
     """Shape (m, height, width)."""
 
     def __post_init__(self) -> None:
@@ -54,7 +55,7 @@ def read_crops(cars: Path, street: Path) -> Crops:
     return Crops(_read_all(cars), _read_all(street))
 
 
-def _read_all(place: Path) -> GrayImage:
+def _read_all(place: Path) -> UInt8Array:
     files = sorted(place.iterdir()) if place.is_dir() else sorted(place.parent.glob(place.name))
     files = [f for f in files if f.suffix.lower() in PICTURES]
     if not files:
@@ -72,7 +73,7 @@ def _read_all(place: Path) -> GrayImage:
     return np.stack(pictures)
 
 
-def _read(file: Path) -> GrayImage:
+def _read(file: Path) -> UInt8Array:
     picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
     if picture is None:
         raise RescoreError(f"{file}: expected a picture, could not read it; mend or remove it")

@@ -12,12 +12,10 @@ from itertools import pairwise
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from recon.arrays import Float32Array, IntArray, UInt8Array
 from recon.errors import RescoreError
-from rescore.detectors.windows import GrayImage, WindowGeometry
-
-FloatImage = NDArray[np.float32]
+from rescore.detectors.windows import WindowGeometry
 
 FILTERS = ("identity", "x_derivative", "y_derivative", "laplacian")
 """The filter bank. The last three are rectified: a dark car on light ground has the edges of a light one."""
@@ -47,11 +45,11 @@ class FragmentConfig:
 class Dictionary:
     """Fragments of one patch size stay apart: ``patches[i]`` holds those of ``config.sizes_px[i]``."""
 
-    patches: tuple[FloatImage, ...]
+    patches: tuple[Float32Array, ...]
     """One (count, size, size) array a size; each patch has mean 0 and norm 1."""
-    filter_index: tuple[NDArray[np.int64], ...]
+    filter_index: tuple[IntArray, ...]
     """One (count,) array a size: which filter the patch was cut from."""
-    place: tuple[NDArray[np.int64], ...]
+    place: tuple[IntArray, ...]
     """One (count, 2) array a size: grid (x, y) of the patch's corner in the window."""
     config: FragmentConfig
 
@@ -73,7 +71,7 @@ class Dictionary:
     def __len__(self) -> int:
         return sum(len(p) for p in self.patches)
 
-    def chosen(self, index: NDArray[np.int64]) -> "Dictionary":
+    def chosen(self, index: IntArray) -> "Dictionary":
         """The fragments of these ascending indices; groups are kept, some may be empty."""
         ends = np.cumsum([0, *(len(p) for p in self.patches)])
         parts = [index[(index >= a) & (index < b)] - a for a, b in pairwise(ends)]
@@ -85,7 +83,7 @@ class Dictionary:
         )
 
 
-def filter_responses(picture: GrayImage) -> FloatImage:
+def filter_responses(picture: UInt8Array) -> Float32Array:
     """Responses (4, h - 2, w - 2) of the filter bank; the border that would need outside pixels is left off.
 
     All kernels are integers, so that responses are exact and a crop has those of the picture it is cut from.
@@ -106,7 +104,7 @@ def grid_size(height_px: int, width_px: int, size_px: int, grid_px: int) -> tupl
 
 
 def cut_dictionary(
-    crops: NDArray[np.uint8], window: WindowGeometry, config: FragmentConfig, rng: np.random.Generator
+    crops: UInt8Array, window: WindowGeometry, config: FragmentConfig, rng: np.random.Generator
 ) -> Dictionary:
     """Fragments cut at random from canonical crops (n, height, width) of cars.
 
@@ -126,13 +124,13 @@ def cut_dictionary(
 
 
 def _cut_group(
-    crops: NDArray[np.uint8],
+    crops: UInt8Array,
     window: WindowGeometry,
     config: FragmentConfig,
     size: int,
     count: int,
     rng: np.random.Generator,
-) -> tuple[FloatImage, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Float32Array, IntArray, IntArray]:
     rows, columns = grid_size(window.height_px, window.width_px, size, config.grid_px)
     r = config.mask_radius
     if rows <= 2 * r or columns <= 2 * r:
@@ -162,8 +160,8 @@ def _cut_group(
 
 
 def correlations(
-    responses: FloatImage, patches: FloatImage, grid_px: int, noise_floor: float
-) -> Iterator[tuple[slice, FloatImage]]:
+    responses: Float32Array, patches: Float32Array, grid_px: int, noise_floor: float
+) -> Iterator[tuple[slice, Float32Array]]:
     """Absolute normalised correlations of patches (k, s, s) with responses (h, w), some grid rows at a time.
 
     Yields (rows, (k, rows, columns)), values in [0, 1]. The norm of a picture patch is raised by that of
@@ -186,8 +184,8 @@ def correlations(
 
 
 def level_features(
-    picture: GrayImage, dictionary: Dictionary, window: WindowGeometry, stride: int
-) -> FloatImage:
+    picture: UInt8Array, dictionary: Dictionary, window: WindowGeometry, stride: int
+) -> Float32Array:
     """Features (f, rows, columns) of all windows of a picture, ``stride`` grid steps apart.
 
     Each fragment is correlated once; its mask is a maximum filter, and the place in the window a shift.
@@ -216,7 +214,7 @@ def level_features(
     return out
 
 
-def _maps(responses: FloatImage, patches: FloatImage, config: FragmentConfig) -> FloatImage:
+def _maps(responses: Float32Array, patches: Float32Array, config: FragmentConfig) -> Float32Array:
     size = patches.shape[1]
     r = FILTER_RADIUS_PX
     rows, columns = grid_size(responses.shape[0] + 2 * r, responses.shape[1] + 2 * r, size, config.grid_px)
@@ -226,7 +224,7 @@ def _maps(responses: FloatImage, patches: FloatImage, config: FragmentConfig) ->
     return maps
 
 
-def crop_features(crops: NDArray[np.uint8], dictionary: Dictionary) -> FloatImage:
+def crop_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
     """Features (f, n) of canonical crops (n, height, width): those that a scan finds in such a window."""
     config = dictionary.config
     r = config.mask_radius

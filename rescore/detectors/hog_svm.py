@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
+from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
@@ -25,11 +26,9 @@ from rescore.detectors.mining import (
     hard_crops,
     street_crops,
 )
-from rescore.detectors.windows import GrayImage, WindowGeometry, gray
+from rescore.detectors.windows import WindowGeometry, gray
 from rescore.frames import DataSet
 from rescore.threads import one_thread
-
-FloatArray = NDArray[np.float64]
 
 CELL_PX = 8
 BLOCK_PX = 16
@@ -75,7 +74,7 @@ class HogDetector:
     """A trained Dalal-Triggs detector: score of a window = weight . descriptor + bias."""
 
     kind: ClassVar[str] = "hog_svm"
-    weight: NDArray[np.float32]
+    weight: Float32Array
     """Shape (descriptor length,)."""
     bias: float
     config: HogConfig
@@ -87,11 +86,11 @@ class HogDetector:
                 f"hog: {self.weight.shape} weights, window needs {descriptor_length(self.config)}"
             )
 
-    def detect(self, rgb: NDArray[np.uint8]) -> Detections:
+    def detect(self, rgb: UInt8Array) -> Detections:
         """The candidates of an (h, w, 3) uint8 picture after suppression; may be none."""
         return best_candidates(self.scan(rgb), self.config.suppression, rgb.shape[1], rgb.shape[0])
 
-    def scan(self, rgb: NDArray[np.uint8]) -> Detections:
+    def scan(self, rgb: UInt8Array) -> Detections:
         """All windows above the floor, before suppression and clipping."""
         window = self.config.window
         picture, zoom = self.zoomed(rgb)
@@ -111,7 +110,7 @@ class HogDetector:
         boxes = window.boxes((corner_size[:, :2] - self.config.padding_px) / zoom, scale / zoom)
         return ordered(boxes, np.asarray(score, dtype=float).ravel())
 
-    def zoomed(self, rgb: NDArray[np.uint8]) -> tuple[GrayImage, float]:
+    def zoomed(self, rgb: UInt8Array) -> tuple[UInt8Array, float]:
         """The grey picture that is scanned, with its border, and its size over that of the given one."""
         zoom = self.config.window.object_width_px / self.config.scan.smallest_car_px
         picture = gray(rgb)
@@ -172,7 +171,7 @@ def descriptor_length(config: HogConfig) -> int:
     return int(hog_descriptor(config).getDescriptorSize())
 
 
-def descriptors(crops: NDArray[np.uint8], config: HogConfig) -> NDArray[np.float32]:
+def descriptors(crops: UInt8Array, config: HogConfig) -> Float32Array:
     """Descriptors (n, length) of canonical crops (n, height, width)."""
     hog = hog_descriptor(config)
     out = np.empty((len(crops), descriptor_length(config)), np.float32)
@@ -199,14 +198,14 @@ def train_hog(data: DataSet, config: HogConfig, rng: np.random.Generator, jobs: 
 
 
 def train_hog_on_crops(
-    cars: NDArray[np.uint8], street: NDArray[np.uint8], config: HogConfig, rng: np.random.Generator
+    cars: UInt8Array, street: UInt8Array, config: HogConfig, rng: np.random.Generator
 ) -> HogDetector:
     """A detector trained on canonical crops (n, height, width) of cars and of street."""
     return train_hog_on_descriptors(descriptors(cars, config), descriptors(street, config), config, rng)
 
 
 def train_hog_on_descriptors(
-    cars: NDArray[np.float32], street: NDArray[np.float32], config: HogConfig, rng: np.random.Generator
+    cars: Float32Array, street: Float32Array, config: HogConfig, rng: np.random.Generator
 ) -> HogDetector:
     """The linear SVM between descriptors (n, length) of cars and of street."""
     if not len(cars) or not len(street):
@@ -225,12 +224,10 @@ class HogLearner:
 
     config: HogConfig
 
-    def features(self, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def features(self, crops: UInt8Array) -> Float32Array:
         """Descriptors (n, length) of canonical crops (n, height, width)."""
         return descriptors(crops, self.config)
 
-    def fit(
-        self, cars: NDArray[np.float32], street: NDArray[np.float32], rng: np.random.Generator
-    ) -> HogDetector:
+    def fit(self, cars: Float32Array, street: Float32Array, rng: np.random.Generator) -> HogDetector:
         """A detector that parts the descriptors (n, length) of cars and of street."""
         return train_hog_on_descriptors(cars, street, self.config, rng)

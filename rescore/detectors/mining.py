@@ -8,10 +8,11 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.errors import RescoreError
 from rescore.boxes import iou_matrix, suppress
 from rescore.detectors.base import Detections, Detector
-from rescore.detectors.windows import FloatArray, GrayImage, WindowGeometry, crop_windows, gray
+from rescore.detectors.windows import WindowGeometry, crop_windows, gray
 from rescore.frames import DataSet, FrameRecord, Truth, read_rgb
 
 
@@ -90,14 +91,14 @@ class _FrameTask:
     style: CropStyle
     rng: np.random.Generator
 
-    def picture(self) -> GrayImage:
+    def picture(self) -> UInt8Array:
         return gray(read_rgb(self.record.left_path, self.record.width_px, self.record.height_px))
 
-    def cut(self, picture: GrayImage, windows_px: FloatArray) -> GrayImage:
+    def cut(self, picture: UInt8Array, windows_px: FloatArray) -> UInt8Array:
         return crop_windows(picture, windows_px, self.style.window, self.style.interpolation)
 
 
-def car_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: int = 1) -> NDArray[np.uint8]:
+def car_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: int = 1) -> UInt8Array:
     """Crops (n, height, width) of the cars that are seen well enough.
 
     Raises:
@@ -112,16 +113,14 @@ def car_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: i
     return found
 
 
-def street_crops(
-    data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: int = 1
-) -> NDArray[np.uint8]:
+def street_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: int = 1) -> UInt8Array:
     """Random crops (n, height, width) without a car, over all sizes of the scan."""
     return _over_frames(_street_crops_of, data, style, rng, jobs)
 
 
 def hard_crops(
     detector: Detector, data: DataSet, style: CropStyle, rng: np.random.Generator, *, jobs: int = 1
-) -> NDArray[np.uint8]:
+) -> UInt8Array:
     """Crops (n, height, width) of the detector's highest-scoring false alarms in each frame."""
     return _over_frames(partial(_hard_crops_of, detector=detector), data, style, rng, jobs)
 
@@ -141,12 +140,12 @@ def _car_overlap(boxes_px: FloatArray, truth: Truth) -> FloatArray:
 
 
 def _over_frames(
-    crops_of: Callable[[_FrameTask], GrayImage],
+    crops_of: Callable[[_FrameTask], UInt8Array],
     data: DataSet,
     style: CropStyle,
     rng: np.random.Generator,
     jobs: int,
-) -> GrayImage:
+) -> UInt8Array:
     # one generator a frame: the crops do not depend on which worker takes which frame
     n_frames = len(data.frames)
     tasks = (
@@ -158,7 +157,7 @@ def _over_frames(
     return np.concatenate([none, *crops])
 
 
-def _car_crops_of(task: _FrameTask) -> GrayImage:
+def _car_crops_of(task: _FrameTask) -> UInt8Array:
     record, truth, style, config = task.record, task.truth, task.style, task.style.mining
     seen = ~truth.ignore & ~(truth.visibility < config.min_visibility)
     boxes = truth.xyxy_px[seen]
@@ -181,7 +180,7 @@ def jittered(windows_px: FloatArray, config: MiningConfig, rng: np.random.Genera
     return np.concatenate([windows_px, np.concatenate([middle - size / 2, middle + size / 2], axis=1)])
 
 
-def _street_crops_of(task: _FrameTask) -> GrayImage:
+def _street_crops_of(task: _FrameTask) -> UInt8Array:
     window, scan, config = task.style.window, task.style.scan, task.style.mining
     picture_px = np.array([task.record.width_px, task.record.height_px], dtype=float)
     window_px = np.array([window.width_px, window.height_px], dtype=float)
@@ -195,7 +194,7 @@ def _street_crops_of(task: _FrameTask) -> GrayImage:
     return task.cut(task.picture(), windows)
 
 
-def _hard_crops_of(task: _FrameTask, detector: Detector) -> GrayImage:
+def _hard_crops_of(task: _FrameTask, detector: Detector) -> UInt8Array:
     config = task.style.mining
     picture = task.picture()
     found = detector.scan(picture)

@@ -4,12 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.errors import RescoreError
-
-FloatArray = NDArray[np.float64]
-GrayImage = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ class WindowGeometry:
         return np.stack([x0, y1 - s * self.height_px, x0 + s * self.width_px, y1], axis=1)
 
 
-def gray(rgb: NDArray[np.uint8]) -> GrayImage:
+def gray(rgb: UInt8Array) -> UInt8Array:
     """The picture (h, w, 3) or (h, w) as (h, w) uint8 luminance."""
     if rgb.dtype != np.uint8 or rgb.ndim not in (2, 3) or (rgb.ndim == 3 and rgb.shape[2] != 3):
         raise RescoreError(
@@ -71,8 +68,8 @@ def gray(rgb: NDArray[np.uint8]) -> GrayImage:
 
 
 def crop_windows(
-    picture: GrayImage, windows_px: FloatArray, geometry: WindowGeometry, interpolation: int
-) -> GrayImage:
+    picture: UInt8Array, windows_px: FloatArray, geometry: WindowGeometry, interpolation: int
+) -> UInt8Array:
     """Canonical crops (n, height, width) of windows (n, 4); outside the picture it is mirrored.
 
     ``interpolation`` is the one by which the scan shrinks its pictures, so that a crop looks as a scanned
@@ -85,7 +82,7 @@ def crop_windows(
     return crops
 
 
-def _cut(picture: GrayImage, window_px: FloatArray) -> GrayImage:
+def _cut(picture: UInt8Array, window_px: FloatArray) -> UInt8Array:
     x0, y0 = np.round(window_px[:2]).astype(int)
     x1, y1 = np.maximum(np.round(window_px[2:]).astype(int), (x0 + 1, y0 + 1))
     height, width = picture.shape

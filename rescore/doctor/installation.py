@@ -7,8 +7,8 @@ from importlib.util import find_spec
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import UInt8Array
 from recon.stereo import SgbmConfig, compute_disparity
 from rescore.doctor.findings import Finding, Level
 
@@ -57,7 +57,7 @@ def _open3d() -> Finding:
     return Finding(Level.OK, "open3d", _version("open3d") or _version("open3d-cpu") or "unknown version")
 
 
-def shifted_pair(rng: np.random.Generator) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def shifted_pair(rng: np.random.Generator) -> tuple[UInt8Array, UInt8Array]:
     """A pair (120, 160, 3) of smoothed noise with disparity ``SHIFT_PX`` everywhere."""
     noise = rng.integers(0, 255, (120, 160 + SHIFT_PX), dtype=np.uint8)
     wide = np.repeat(cv2.GaussianBlur(noise, (0, 0), 1.0)[..., None], 3, axis=2)

@@ -5,16 +5,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.errors import RescoreError
 from recon.stereo import SgbmConfig
 from rescore.doctor.findings import Finding, Level, graded
 from rescore.doctor.ground import examine_ground
 from rescore.frames import DataSet, Frame, FrameRecord, load_frame, read_rgb
 from rescore.steps import automatic_stereo
-
-FloatArray = NDArray[np.float64]
 
 MAX_FEATURES = 1500
 RATIO = 0.75
@@ -36,7 +34,7 @@ class PairMatches:
     """Column and row in the left picture, shape (n, 2)."""
 
 
-def match_pair(left_rgb: NDArray[np.uint8], right_rgb: NDArray[np.uint8]) -> PairMatches:
+def match_pair(left_rgb: UInt8Array, right_rgb: UInt8Array) -> PairMatches:
     """SIFT features that choose each other and pass the ratio test; no use is made of rows being equal."""
     sift = cv2.SIFT.create(MAX_FEATURES)
     (points, own), (others, theirs) = (

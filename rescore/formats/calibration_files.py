@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-
-FloatArray = NDArray[np.float64]
 
 DEPTH_CAMERA_BASELINE_M = 0.1
 """Baseline for cameras that measure depth without a pair: depth is turned to the disparity of a pair, as all

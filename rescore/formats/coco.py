@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, TypeAdapter
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.candidates import Candidates
@@ -17,8 +17,6 @@ from rescore.evidence import NOT_RESCORED, CandidateTable
 from rescore.formats.checked_json import Box, Number, read_checked
 from rescore.frames import DataSet
 from rescore.store import atomic_path
-
-FloatArray = NDArray[np.float64]
 
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""

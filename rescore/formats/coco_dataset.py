@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
 
+from recon.arrays import FloatArray
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.boxes import xyxy_from_xywh
@@ -199,7 +199,7 @@ def _truth(annotations: list[_Annotation]) -> Truth:
     )
 
 
-def _known(values: list[float | None]) -> NDArray[np.float64] | None:
+def _known(values: list[float | None]) -> FloatArray | None:
     """Shape (n,) with NaN for None; None where all are."""
     if all(v is None for v in values):
         return None

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from rescore.boxes import FloatArray
 from rescore.evidence import CandidateTable
 from rescore.formats.calibration_files import read_calibration
 from rescore.formats.folders import Layout, Pictures, data_set, splits_of

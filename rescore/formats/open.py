@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from rescore.boxes import FloatArray, xywh_from_xyxy
+from rescore.boxes import xywh_from_xyxy
 from rescore.formats import coco, coco_dataset
 from rescore.formats.box_files import class_names, is_kitti_text, read_yolo
 from rescore.formats.folders import calibration_notes

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.stereo import PNG_SCALE
@@ -27,14 +27,14 @@ class TruePair:
     """A rectified pair with the true disparity of its left picture."""
 
     name: str
-    left_rgb: NDArray[np.uint8]
+    left_rgb: UInt8Array
     """Shape (h, w, 3), like the right one."""
-    right_rgb: NDArray[np.uint8]
-    truth_px: NDArray[np.float32]
+    right_rgb: UInt8Array
+    truth_px: Float32Array
     """Shape (h, w); NaN where it is not known."""
-    seen_twice: NDArray[np.bool_]
+    seen_twice: BoolArray
     """Shape (h, w): whether a pixel is seen in the right picture too, of those with truth."""
-    foreground: NDArray[np.bool_] | None
+    foreground: BoolArray | None
     """Shape (h, w): KITTI's moving cars; None where the set does not tell foreground from background."""
     camera: StereoCamera | None
 
@@ -75,7 +75,7 @@ class TrueScene:
             camera=camera,
         )
 
-    def _seen_twice(self, truth_px: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def _seen_twice(self, truth_px: Float32Array) -> BoolArray:
         height, width = truth_px.shape
         if self.seen_twice is None:
             return seen_in_right(truth_px)
@@ -146,12 +146,12 @@ def _first(folder: Path, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> P
     return next((p for n in stems for s in suffixes if (p := folder / f"{n}{s}").is_file()), None)
 
 
-def _disparity(path: Path, width: int, height: int) -> NDArray[np.float32]:
+def _disparity(path: Path, width: int, height: int) -> Float32Array:
     factor = PNG_SCALE if path.suffix.lower() == ".png" else 1.0
     return read_measured(MeasuredFile(path, Quantity.DISPARITY, factor), width, height, None)
 
 
-def _map(path: Path, shape: tuple[int, ...]) -> NDArray[np.int64]:
+def _map(path: Path, shape: tuple[int, ...]) -> IntArray:
     """A grey picture of numbers, shape (h, w)."""
     value = decode_picture(path, cv2.IMREAD_UNCHANGED)
     if value is None or value.shape != shape:
@@ -163,7 +163,7 @@ def _map(path: Path, shape: tuple[int, ...]) -> NDArray[np.int64]:
     return np.asarray(value, np.int64)
 
 
-def seen_in_right(truth_px: NDArray[np.float32]) -> NDArray[np.bool_]:
+def seen_in_right(truth_px: Float32Array) -> BoolArray:
     """Whether each pixel (h, w) with truth is seen in the right picture, by the truth alone.
 
     A pixel is hidden where its column in the right picture lies outside, or where another pixel with a

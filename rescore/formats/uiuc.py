@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from rescore.boxes import FloatArray
 
 CAR_WIDTH_PX, CAR_HEIGHT_PX = 100, 40
 """Size of the window of every car."""

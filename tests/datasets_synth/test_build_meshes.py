@@ -9,12 +9,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from rich.console import Console
 
 from datasets_synth.build import build_dataset
 from datasets_synth.car_models import ImportedModel, cars_of_splits, part_labelled_cars
 from datasets_synth.presets import CarConfig, ClutterConfig, LightConfig, SplitSize, synth_preset
+from recon.arrays import BoolArray, UInt8Array
 from recon.part_views import load_part_views
 
 CONFIG = replace(
@@ -75,7 +75,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return root / "data", said.getvalue()
 
 
-def cars_seen(data: Path) -> list[tuple[Any, NDArray[np.uint8], NDArray[np.bool_]]]:
+def cars_seen(data: Path) -> list[tuple[Any, UInt8Array, BoolArray]]:
     """Annotation, left picture (RGB) and mask of each annotated car of the test split."""
     record = json.loads((data / "annotations.json").read_text())
     out = []

@@ -7,12 +7,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from datasets_synth.car_models import cars_of_splits
 from datasets_synth.part_render import render_part_labels
 from datasets_synth.parts import CAR_PARTS
+from recon.arrays import UInt8Array
 from recon.class_model import ClassModel
 from recon.learn import learn_class_model
 from recon.outlines import mask_rings
@@ -34,7 +34,7 @@ def original() -> PartViews:
     )
 
 
-def polygons_of(labels: NDArray[np.uint8]) -> Polygons:
+def polygons_of(labels: UInt8Array) -> Polygons:
     """Polygons in pixel edges that paint a picture of labels: outer rings, large ones first."""
     rings = [(label, r) for label in np.unique(labels[labels > 0]) for r in mask_rings(labels == label)]
     # rings of holes turn the other way; what is in a hole is painted over it; specks are no polygons

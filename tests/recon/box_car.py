@@ -1,13 +1,11 @@
 """A car of planar polygons whose every plane and centroid is known, and its labelled views."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.outlines import fill_polygon
 from recon.part_views import PartView
 from recon.view_bins import ViewBins
-
-FloatArray = NDArray[np.float64]
 
 PART_NAMES = (
     "front",

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from recon.arrays import Float32Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.heading import HeadingConfig, Posed, learn_heading, read_surface
 from recon.outlines import fill_polygon
-from recon.shape_space import Float32Array
 from recon.standing_box import StandingBox, cam_from_ground
 
 CAMERA = PinholeCamera(600.0, 600.0, 399.5, 299.5, 800, 600)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import open3d as o3d
 import pytest
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel, ClassPart
 from recon.depth_map import DepthMap
@@ -56,9 +56,7 @@ def scattered(rng: np.random.Generator) -> tuple[InstancePart, ...]:
 SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
-def cast(
-    parts: tuple[InstancePart, ...], camera: PinholeCamera, transform: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def cast(parts: tuple[InstancePart, ...], camera: PinholeCamera, transform: FloatArray) -> FloatArray:
     """Depth by ray casting; infinite where there is nothing."""
     scene = o3d.t.geometry.RaycastingScene()
     for p in parts:
@@ -119,7 +117,7 @@ def test_depth_along_stays_within_the_outline() -> None:
     np.testing.assert_allclose(floor.depth_along(rays), [5, 4, 6, 6])
 
 
-def reconstruction(labels: NDArray[np.uint8], x0_px: int, y0_px: int) -> Reconstruction:
+def reconstruction(labels: UInt8Array, x0_px: int, y0_px: int) -> Reconstruction:
     """A reconstruction of which only the labels matter."""
     return Reconstruction(
         outline_px=np.zeros((3, 2)),

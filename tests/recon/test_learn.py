@@ -5,7 +5,7 @@ import pytest
 from box_car import PART_NAMES, box_car, centroid_of, labelled_view, normal_of
 from exact_primitives import exact_library
 
-from recon.camera import FloatArray
+from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model, part_costs

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, labelled_view
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
@@ -48,8 +48,8 @@ def placed(
     model: ClassModel,
     view: PreparedView,
     labels: tuple[int, ...] | None = None,
-    scale: NDArray[np.float64] = SCALE,
-) -> tuple[Reconstruction, NDArray[np.float64]]:
+    scale: FloatArray = SCALE,
+) -> tuple[Reconstruction, FloatArray]:
     """An instance made by a known transform, with exact regions and planes; and the shift in metres."""
     low = min(float(p[2]) for p in feet(model).values())
     # the origin 12 m ahead; the feet on the ground at y = 1.6, which is z = -1.6 of the object's axes

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, labelled_view
 from exact_primitives import exact_library
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, default_camera
 from recon.canonical_window import _in_one_piece
 from recon.class_model import ClassModel
@@ -39,7 +39,7 @@ def model() -> ClassModel:
 
 def drawn(
     z_m: float = 12.0, x_m: float = 0.5, azimuth_deg: float = 90.0
-) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[UInt8Array, FloatArray, FloatArray]:
     """A picture of a box car on the ground, its box and its depth; azimuth is that of the ray to it."""
     up = GROUND.up
     forward = np.array([x_m, 0.0, z_m]) - (np.array([x_m, 0.0, z_m]) @ up) * up
@@ -152,7 +152,7 @@ def test_view_frame_is_turned_onto_the_ray(model: ClassModel, centre_px: float) 
 
 
 def reason(
-    model: ClassModel, box: NDArray[np.float64], config: ReconstructConfig, ground: GroundPlane = GROUND
+    model: ClassModel, box: FloatArray, config: ReconstructConfig, ground: GroundPlane = GROUND
 ) -> Reason:
     (result,) = reconstruct(drawn()[0], box[None], 3, model, CAMERA, ground, config)
     assert isinstance(result, Failure)

@@ -5,24 +5,24 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from recon.arrays import BoolArray, Float32Array
 from recon.segment import SegmentConfig, colour_evidence, edge_indicator, evolve, signed_distance
 
 CONFIG = SegmentConfig()
 
 
-def disk(radius: float, centre: tuple[float, float] = (40.0, 40.0), size: int = 80) -> NDArray[np.bool_]:
+def disk(radius: float, centre: tuple[float, float] = (40.0, 40.0), size: int = 80) -> BoolArray:
     y, x = np.mgrid[:size, :size]
     return np.asarray((x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2)
 
 
-def picture(mask: NDArray[np.bool_], low: float = 20.0, high: float = 70.0) -> NDArray[np.float32]:
+def picture(mask: BoolArray, low: float = 20.0, high: float = 70.0) -> Float32Array:
     return np.repeat(np.where(mask, high, low)[..., None], 3, axis=2).astype(np.float32)
 
 
-def iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+def iou(a: BoolArray, b: BoolArray) -> float:
     return float((a & b).sum() / (a | b).sum())
 
 
@@ -115,7 +115,7 @@ def test_unstable_steps_are_refused() -> None:
         SegmentConfig(time_step=10, distance_weight=0.05)
 
 
-def limb(width: int) -> NDArray[np.bool_]:
+def limb(width: int) -> BoolArray:
     """A disk with a leg of a width in pixels."""
     leg = np.zeros((80, 80), bool)
     leg[40:72, 40 - width // 2 : 40 - width // 2 + width] = True

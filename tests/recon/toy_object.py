@@ -1,15 +1,14 @@
 """An object of three blocks that looks different from every side, its labelled views and painted pictures."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.class_model import ClassModel
 from recon.outlines import fill_polygon
 from recon.part_views import PartView
 from recon.view_bins import ViewBins
 
-FloatArray = NDArray[np.float64]
 BINS = ViewBins()
 PART_NAMES = ("base", "tower", "wing")
 # low and high corner of each block: x forward, y left, z up
@@ -24,7 +23,7 @@ COLOURS = np.array([(90, 100, 90), (180, 60, 50), (230, 210, 90), (50, 70, 170)]
 """Of the background and of the parts."""
 
 
-def view_labels(view_bin: int, width_px: int = 240) -> NDArray[np.uint8]:
+def view_labels(view_bin: int, width_px: int = 240) -> UInt8Array:
     """Part labels under scaled orthography, far blocks first, without a margin."""
     rotation = BINS.view_from_object(view_bin)
     corners = [
@@ -49,9 +48,7 @@ def toy_model(view_bins: tuple[int, ...] = tuple(range(12))) -> ClassModel:
     return ClassModel("toy", PART_NAMES, BINS, (), views)
 
 
-def paint(
-    labels: NDArray[np.uint8], seed: int = 0, margin_px: int = 30
-) -> tuple[NDArray[np.uint8], FloatArray]:
+def paint(labels: UInt8Array, seed: int = 0, margin_px: int = 30) -> tuple[UInt8Array, FloatArray]:
     """A noisy picture (h, w, 3) of labels, each in a colour of its own, and the box (4,) of the object."""
     padded = np.pad(labels, margin_px)
     noise = np.random.default_rng(seed).normal(0, 6, (*padded.shape, 3))

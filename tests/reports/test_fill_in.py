@@ -3,21 +3,19 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from recon.arrays import BoolArray, UInt8Array
 from reports.fill_in import filled_from_beside
 
-Mask = NDArray[np.bool_]
 
-
-def striped(period_px: int) -> NDArray[np.uint8]:
+def striped(period_px: int) -> UInt8Array:
     """A picture (80, 240, 3) of columns that repeat, each row with a light of its own."""
     rng = np.random.default_rng(0)
     tile = rng.integers(40, 160, (80, period_px, 3))
     return np.tile(tile, (1, 240 // period_px + 1, 1))[:, :240].astype(np.uint8)
 
 
-def middle(left: int, right: int) -> Mask:
+def middle(left: int, right: int) -> BoolArray:
     mask = np.zeros((80, 240), bool)
     mask[20:60, left:right] = True
     return mask

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from recon.camera import PinholeCamera
 from recon.depth_map import DepthMap
@@ -14,7 +13,6 @@ from recon.reconstruct import Reconstruction
 from reports.joined_planes import joined_planes
 
 CAMERA = PinholeCamera(100.0, 100.0, 49.5, 39.5, 100, 80)
-FloatArray = NDArray[np.float64]
 
 
 def part(

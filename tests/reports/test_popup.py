@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 from single_car import CarPicture, car_from, quick_car_model
 
+from recon.arrays import UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outlines import fill_polygon
@@ -270,7 +270,7 @@ def test_turntable(side: tuple[CarPicture, Photo, FoundObject], tmp_path: Path) 
     assert np.abs(left.astype(int) - right).mean() > 5
     write_turntable(tmp_path, photo, [found], layers)
     gif = cv2.VideoCapture(str(tmp_path / "turntable.gif"))
-    frames: list[NDArray[np.uint8]] = []
+    frames: list[UInt8Array] = []
     while (read := gif.read())[0]:
         frames.append(np.asarray(read[1], np.uint8))
     assert len(frames) in (0, 24)  # builds of OpenCV without FFmpeg read no GIF

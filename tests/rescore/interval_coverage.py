@@ -7,9 +7,9 @@ nothing is given.
 import sys
 
 import numpy as np
-from numpy.typing import NDArray
 from simulated_matches import Simulated, simulate
 
+from recon.arrays import FloatArray
 from rescore.bootstrap import Bootstrap, BootstrapConfig, Interval, bootstrap, reduction_factor
 from rescore.weighted import Levels, weighted_figures
 
@@ -41,7 +41,7 @@ def true_figures(levels: Levels, seed: int) -> dict[str, float]:
     return dict(zip(names(levels), map(float, values), strict=True))
 
 
-def plain_figures(data: Simulated, levels: Levels) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def plain_figures(data: Simulated, levels: Levels) -> tuple[FloatArray, FloatArray]:
     """The figures of both tables, every image once."""
     once = np.ones((1, len(data.cars_of_image)), np.int32)
     before, after = (weighted_figures(t, data.cars_of_image, once, levels)[0] for t in data.tables.values())

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.stereo import SgbmConfig
 
 WIDTH, HEIGHT = 96, 64
@@ -36,7 +37,7 @@ def write_text(path: Path, text: str) -> Path:
     return path
 
 
-def pair(seed: int = 0, shift: int = SHIFT) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def pair(seed: int = 0, shift: int = SHIFT) -> tuple[UInt8Array, UInt8Array]:
     """Grey noise and the same, seen from the right: column x is at x - shift there."""
     wide = np.random.default_rng(seed).integers(0, 255, (HEIGHT, WIDTH + abs(shift)), dtype=np.uint8)
     wide = cv2.GaussianBlur(wide, (0, 0), 0.8)
@@ -71,7 +72,7 @@ def kitti_folder(root: Path, names: tuple[str, ...] = ("000003", "000007")) -> P
     return root
 
 
-def opencv_yaml(values: dict[str, NDArray[np.float64] | float]) -> str:
+def opencv_yaml(values: dict[str, FloatArray | float]) -> str:
     """As OpenCV itself writes it."""
     file = cv2.FileStorage(".yaml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     for name, value in values.items():
@@ -79,7 +80,7 @@ def opencv_yaml(values: dict[str, NDArray[np.float64] | float]) -> str:
     return str(file.releaseAndGetString())
 
 
-def projection(x: float, cx: float = 48) -> NDArray[np.float64]:
+def projection(x: float, cx: float = 48) -> FloatArray:
     return np.array([[FX, 0, cx, x], [0, FX, 32, 0], [0, 0, 1, 0]], dtype=float)
 
 

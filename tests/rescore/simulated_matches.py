@@ -7,8 +7,8 @@ of one image are correlated, as in streets.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray, IntArray
 from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
 
 
@@ -18,7 +18,7 @@ class Simulated:
 
     before: MatchTable
     after: MatchTable
-    cars_of_image: NDArray[np.int64]
+    cars_of_image: IntArray
 
     @property
     def tables(self) -> dict[str, MatchTable]:
@@ -46,7 +46,7 @@ def simulate(n_images: int, rng: np.random.Generator, gain: float = 0.6) -> Simu
     after = before + np.where(outcome == HIT, gain, -gain) / 2 + noise
     nowhere = np.full(len(image), -1)
 
-    def table(ranking: NDArray[np.float64]) -> MatchTable:
+    def table(ranking: FloatArray) -> MatchTable:
         return MatchTable(n_images, len(car_image), image, ranking, outcome, nowhere)
 
     return Simulated(table(before), table(after), cars)
