@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from recon.arrays import IntArray
 from recon.errors import RescoreError
 from rescore.commands.base import app, say
 
 if TYPE_CHECKING:
+    from recon.arrays import IntArray
     from rescore.changes import OperatingPoint
     from rescore.inspection import Inspection
 
