@@ -15,21 +15,27 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from datasets_synth.car_models import TRAINING_CARS, ImportedModel, cars_of_splits, part_labelled_cars
-from datasets_synth.frame_synth import SynthFrame, annotation_record, camera_record, car_schedule, synth_frame
-from datasets_synth.layout import CarModel
-from datasets_synth.object_classes import labelled_views, object_class
-from datasets_synth.pictures import car_picture
+from datasets_synth.cars.models import TRAINING_CARS, ImportedModel, cars_of_splits, part_labelled_cars
+from datasets_synth.cars.shapes import CarModel
+from datasets_synth.objects.object_classes import labelled_views, object_class
 from datasets_synth.presets import SynthConfig
+from datasets_synth.street.frame_synth import (
+    SynthFrame,
+    annotation_record,
+    camera_record,
+    car_schedule,
+    synth_frame,
+)
+from datasets_synth.street.pictures import car_picture
 from recon.arrays import Float32Array, UInt8Array
-from recon.disparity_error import DisparityError, disparity_error
 from recon.errors import RescoreError
 from recon.part_views import save_part_views
-from recon.stereo import compute_disparity, read_disparity, write_disparity
+from recon.stereo.accuracy import DisparityError, disparity_error
+from recon.stereo.sgbm import compute_disparity, read_disparity, write_disparity
 from recon.view_bins import ViewBins
-from rescore.frames import SPLITS
-from rescore.store import atomic_path, read_json, write_json
-from rescore.threads import one_thread
+from rescore.data.frames import SPLITS
+from rescore.files import atomic_path, read_json, write_json
+from rescore.parallel import one_thread
 
 RECORDS = "records"
 PICTURES = "pictures"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from recon.errors import RescoreError
-from recon.stereo import SgbmConfig
+from recon.stereo.sgbm import SgbmConfig
 
 
 @dataclass(frozen=True)

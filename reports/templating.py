@@ -1,4 +1,4 @@
-"""Pages and texts from the templates of this package."""
+"""Pages and texts from the templates that lie in the folder of a room."""
 
 from importlib.resources import files
 from typing import Any
@@ -7,10 +7,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup, escape
 
 
-def render(template: str, **values: Any) -> str:
-    """A template filled in; in HTML, values are escaped. A name without a value is an error."""
+def render(room: str, template: str, **values: Any) -> str:
+    """A template of a room, such as "reports.page", filled in; in HTML, values are escaped.
+
+    Raises:
+        jinja2.UndefinedError: the template names a value that is not given.
+    """
     environment = Environment(
-        loader=PackageLoader("reports", "templates"),
+        loader=PackageLoader(room, "templates"),
         autoescape=select_autoescape(["html.j2"]),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -26,6 +30,6 @@ def _with_code(text: str) -> Markup:
     return Markup("").join(Markup("<code>{}</code>").format(p) if i % 2 else p for i, p in enumerate(parts))
 
 
-def asset(name: str) -> Markup:
-    """A style sheet or script of this package, to be put into a page as it is."""
-    return Markup((files("reports") / "templates" / name).read_text(encoding="utf-8"))
+def asset(room: str, name: str) -> Markup:
+    """A style sheet or script of a room, to be put into a page as it is."""
+    return Markup((files(room) / "templates" / name).read_text(encoding="utf-8"))

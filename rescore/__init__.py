@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from recon.camera import GroundPlane
     from recon.errors import RescoreError
-    from rescore.inputs import Boxes, Camera, StereoFrame
-    from rescore.predicted import PredictedDepth
-    from rescore.rescorer import Rescored, Rescorer
+    from rescore.evidence.predicted import PredictedDepth
+    from rescore.library.inputs import Boxes, Camera, StereoFrame
+    from rescore.library.rescorer import Rescored, Rescorer
 
 __all__ = [
     "Boxes",
@@ -25,14 +25,14 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Boxes": "rescore.inputs",
-    "Camera": "rescore.inputs",
+    "Boxes": "rescore.library.inputs",
+    "Camera": "rescore.library.inputs",
     "GroundPlane": "recon.camera",
-    "PredictedDepth": "rescore.predicted",
+    "PredictedDepth": "rescore.evidence.predicted",
     "RescoreError": "recon.errors",
-    "Rescored": "rescore.rescorer",
-    "Rescorer": "rescore.rescorer",
-    "StereoFrame": "rescore.inputs",
+    "Rescored": "rescore.library.rescorer",
+    "Rescorer": "rescore.library.rescorer",
+    "StereoFrame": "rescore.library.inputs",
 }
 
 

@@ -7,10 +7,10 @@ their format change: ``rescore reproduce --preset paper --seed 1000``.
 import gzip
 from pathlib import Path
 
-from datasets_synth.bank_scores import Judge
 from recon.class_model import ClassModel
-from rescore.evidence_model import load_models
-from rescore.pipeline import RescoreConfig
+from rescore.evidence.model import load_models
+from rescore.evidence.settings import RescoreConfig
+from rescore.studies.distractors import Judge
 
 DATA = Path(__file__).parent / "data"
 

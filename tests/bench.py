@@ -20,34 +20,36 @@ from rich.console import Console
 from rich.table import Table
 
 from datasets_synth.build import build_dataset
-from datasets_synth.car_models import cars_of_splits
-from datasets_synth.frame_synth import synth_frame
-from datasets_synth.object_classes import Shape, labelled_views, object_class
+from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.objects.object_classes import Shape, labelled_views, object_class
+from datasets_synth.photos.single_object import Viewpoint, photograph
 from datasets_synth.presets import SynthConfig
-from datasets_synth.render import render_pair
-from datasets_synth.scene_rays import RayTree
-from datasets_synth.single_object import Viewpoint, photograph
-from datasets_synth.truth import visible_objects
+from datasets_synth.render.render import render_pair
+from datasets_synth.render.scene_rays import RayTree
+from datasets_synth.render.truth import visible_objects
+from datasets_synth.street.frame_synth import synth_frame
 from recon.camera import default_camera
 from recon.class_model import ClassModel
-from recon.generic_phase import learn_primitives, primitive_library
-from recon.learn import learn_class_model
+from recon.learning.generic_phase import learn_primitives, primitive_library
+from recon.learning.learn import learn_class_model
 from recon.part_views import load_part_views
-from recon.reconstruct import Reconstruction, reconstruct
-from recon.stereo import compute_disparity
+from recon.reconstruction.reconstruct import Reconstruction, reconstruct
+from recon.stereo.sgbm import compute_disparity
 from recon.view_bins import ViewBins
-from rescore import steps
-from rescore.align_depth import align_depth, measured_depth
-from rescore.bootstrap import BootstrapConfig, bootstrap
-from rescore.candidates import Candidates
-from rescore.config import RunConfig, run_preset
+from rescore.data.frames import DataSet, Frame, load_frame
+from rescore.data.pictures import read_rgb
 from rescore.detectors.hog_svm import HogDetector
+from rescore.detectors.registry import train_detector
+from rescore.evidence.align_depth import align_depth, measured_depth
+from rescore.evidence.candidates import Candidates
+from rescore.evidence.pipeline import depth_evidence
+from rescore.evidence.settings import assumed_camera
+from rescore.experiment.config import RunConfig, run_preset
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import DataSet, Frame, load_frame, read_rgb
-from rescore.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
-from rescore.metrics import Summary, summarise
-from rescore.pipeline import assumed_camera, depth_evidence
-from rescore.threads import one_thread
+from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
+from rescore.metrics.curves import Summary, summarise
+from rescore.metrics.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
+from rescore.parallel import one_thread
 
 SCENES = 4
 REPEATS = 5
@@ -154,8 +156,8 @@ def recorded_casts(work: Callable[[], object]) -> list[Callable[[], object]]:
 
 def detection(data: DataSet, config: RunConfig) -> list[Row]:
     """HOG against the bare detectMultiScale call with the same windows; boosted against HOG."""
-    hog = steps.train(data, config.hog, 0, 2)
-    boosted = steps.train(data, config.boosted, 0, 2)
+    hog = train_detector(data, config.hog, 0, 2)
+    boosted = train_detector(data, config.boosted, 0, 2)
     assert isinstance(hog, HogDetector)
     pictures = [read_rgb(f.left_path, f.width_px, f.height_px) for f in data.split("test").frames[:SCENES]]
 
@@ -180,7 +182,7 @@ def detection(data: DataSet, config: RunConfig) -> list[Row]:
 
 def rescoring(data: DataSet, config: RunConfig) -> Row:
     """15 candidates of a frame, from picture and disparity to D, against one 5-path SGBM of the frame."""
-    model = steps.learn(load_part_views(data.root / "part_views"), config.class_name, config.learn)
+    model = learned(load_part_views(data.root / "part_views"), config)
     rng = np.random.default_rng(0)
 
     def pairs() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
@@ -199,7 +201,7 @@ def rescoring(data: DataSet, config: RunConfig) -> Row:
 
 def modes(data: DataSet, config: RunConfig) -> Row:
     """The evidence of all modes for 15 candidates of a frame, against that of eq. 6 alone."""
-    model = steps.learn(load_part_views(data.root / "part_views"), config.class_name, config.learn)
+    model = learned(load_part_views(data.root / "part_views"), config)
     rng = np.random.default_rng(0)
     settings = config.rescore
 

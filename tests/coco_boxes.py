@@ -6,8 +6,8 @@ import numpy as np
 from faster_coco_eval import COCO, COCOeval_faster
 
 from recon.arrays import FloatArray, IntArray
-from rescore.boxes import xywh_from_xyxy
-from rescore.matching import TruthTable
+from rescore.data.boxes import xywh_from_xyxy
+from rescore.metrics.matching import TruthTable
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from recon.primitives import PrimitiveLibrary, cross_view_transforms, primitive_normals
+from recon.learning.primitives import PrimitiveLibrary, cross_view_transforms, primitive_normals
 from recon.view_bins import ViewBins
 
 

@@ -5,19 +5,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from datasets_synth.car_models import CarModel, cars_of_splits, part_labelled_cars
-from datasets_synth.mesh import Imaging, Light, Material, Placed, Scene
-from datasets_synth.part_render import render_part_labels
-from datasets_synth.parts import CAR_PARTS
-from datasets_synth.render import eye_rays, render_pair
-from datasets_synth.scene_rays import MISS, RayTree, world_vertices
-from datasets_synth.solids import MeshDraft, pose
-from datasets_synth.street import surface
-from datasets_synth.truth import projected_box
+from datasets_synth.cars.models import CarModel, cars_of_splits, part_labelled_cars
+from datasets_synth.cars.parts import CAR_PARTS
+from datasets_synth.meshes.materials import surface
+from datasets_synth.meshes.mesh import Imaging, Light, Material, Placed, Scene
+from datasets_synth.meshes.solids import MeshDraft, pose
+from datasets_synth.render.part_render import render_part_labels
+from datasets_synth.render.render import eye_rays, render_pair
+from datasets_synth.render.scene_rays import MISS, RayTree, world_vertices
+from datasets_synth.render.truth import projected_box
 from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.class_model import ClassModel
-from recon.learn import LearnConfig, learn_class_model
+from recon.learning.learn import LearnConfig, learn_class_model
 from recon.part_views import PartView, PartViews
 from recon.view_bins import ViewBins
 

@@ -13,12 +13,12 @@ import typer
 from recon.errors import RescoreError
 
 if TYPE_CHECKING:
-    from rescore.config import RunConfig
-    from rescore.cues import Registration
-    from rescore.evidence import CandidateTable
-    from rescore.evidence_model import EvidenceModel
+    from rescore.data.frames import DataSet
+    from rescore.evidence.candidates import CandidateTable
+    from rescore.evidence.model import EvidenceModel
+    from rescore.evidence.registration import Registration
+    from rescore.experiment.config import RunConfig
     from rescore.formats.coco import DetectionFile
-    from rescore.frames import DataSet
 
 app = typer.Typer(
     name="rescore",
@@ -63,7 +63,7 @@ ALL_PROCESSORS = os.cpu_count() or 1
 
 def config_of(preset: str, changes: Path | None) -> "RunConfig":
     """The settings of a preset with the changes of a file."""
-    from rescore.config import run_preset, with_changes
+    from rescore.experiment.config import run_preset, with_changes
 
     config = run_preset(preset)
     return with_changes(config, changes) if changes else config
@@ -85,7 +85,7 @@ def read_data(dataset: Path, class_name: str = "car", maps: Sequence[str] = ()) 
 
 def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
     """A data set cut to one split, or all of it."""
-    from rescore.frames import SPLITS
+    from rescore.data.frames import SPLITS
 
     if split not in (*SPLITS, "all"):
         raise RescoreError(
@@ -121,8 +121,8 @@ def detections_of(path: Path, data: "DataSet", maps: Sequence[str] = ()) -> "Det
 
 def mode_of(registration: str, file: Path | None) -> "tuple[Registration, EvidenceModel | None]":
     """The mode of a name, and its model where its D is calibrated."""
-    from rescore.cues import LEARNED, Registration
-    from rescore.evidence_model import load_model
+    from rescore.evidence.model import load_model
+    from rescore.evidence.registration import LEARNED, Registration
 
     if registration not in list(Registration):
         known = ", ".join(Registration)
@@ -141,7 +141,7 @@ def with_share(
     learned: "EvidenceModel | None", table: "CandidateTable", adapt: bool
 ) -> "tuple[EvidenceModel | None, float]":
     """The evidence model, for the share of cars among the candidates if asked, and its shift; says it."""
-    from rescore.car_share import with_share_of
+    from rescore.evidence.car_share import with_share_of
 
     if not adapt:
         return learned, 0.0
@@ -157,7 +157,7 @@ def with_share(
 
 def configs_behind(results: Sequence[Path]) -> "list[tuple[Path, dict[str, Any]]]":
     """The settings that lie beside results, for those that have some."""
-    from rescore.store import read_json
+    from rescore.files import read_json
 
     found = []
     for path in results:

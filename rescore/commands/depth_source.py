@@ -15,12 +15,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from recon.class_model import ClassModel
-    from rescore.candidates import Candidates
-    from rescore.cues import Registration
-    from rescore.evidence import CandidateTable
-    from rescore.frames import DataSet
-    from rescore.pipeline import RescoreConfig
-    from rescore.predicted_files import PredictionFolder, Predictions
+    from rescore.data.frames import DataSet
+    from rescore.evidence.candidates import Candidates, CandidateTable
+    from rescore.evidence.predicted_files import PredictionFolder, Predictions
+    from rescore.evidence.registration import Registration
+    from rescore.evidence.settings import RescoreConfig
 
 Model = Annotated[
     Path | None,
@@ -79,15 +78,15 @@ class Source:
 
     @property
     def depth_of(self) -> str:
-        """Whose depth it is, for ``rescore.cues.check_depth_of``."""
-        from rescore.cues import CLASS_MODEL
+        """Whose depth it is, for ``rescore.evidence.registration.check_depth_of``."""
+        from rescore.evidence.registration import CLASS_MODEL
 
         return CLASS_MODEL if self.folder is None else self.folder.depth_of
 
     def on(self, data: "DataSet", candidates: "Mapping[int, Candidates]") -> "ClassModel | Predictions":
         """What predicts the depth of candidates in the frames of a data set."""
         from recon.class_model import ClassModel
-        from rescore.predicted_files import Predictions
+        from rescore.evidence.predicted_files import Predictions
 
         if self.folder is None:
             assert self.model is not None
@@ -128,8 +127,8 @@ def _folder(
     masks: Path | None,
     modes: "tuple[Registration, ...]",
 ) -> "PredictionFolder":
-    from rescore.predicted import PredictedAs, PredictedUnit, check_mode
-    from rescore.predicted_files import PredictionFolder
+    from rescore.evidence.predicted import PredictedAs, PredictedUnit, check_mode
+    from rescore.evidence.predicted_files import PredictionFolder
 
     if predicted_as not in list(PredictedAs):
         raise RescoreError(
@@ -164,12 +163,12 @@ def evidence_of(
 
     ``folder`` takes what led to each score, a folder a detector; doubts on predictions are told.
     """
-    from rescore import steps
+    from rescore.evidence.pipeline import find_evidence
 
     file = detections_of(detections, data)
     candidates = file.candidates(data)
     source = asked.on(data, candidates)
-    table = steps.find_evidence(
+    table = find_evidence(
         data,
         candidates,
         source,
@@ -184,7 +183,7 @@ def evidence_of(
 
 def source_as_json(source: "ClassModel | Predictions") -> dict[str, Any]:
     """Which predictions were used, for the settings beside a result; empty for the class model."""
-    from rescore.predicted_files import Predictions
+    from rescore.evidence.predicted_files import Predictions
 
     return {"predicted": source.as_json()} if isinstance(source, Predictions) else {}
 
@@ -197,8 +196,8 @@ def predictions_behind(results: "Sequence[Path]") -> dict[str, Any]:
 
 def tell_doubts(source: "ClassModel | Predictions", table: "CandidateTable") -> None:
     """Say what of the predictions of another system looks wrong."""
-    from rescore.predicted import prediction_doubts
-    from rescore.predicted_files import Predictions
+    from rescore.evidence.predicted import prediction_doubts
+    from rescore.evidence.predicted_files import Predictions
 
     if isinstance(source, Predictions):
         for doubt in prediction_doubts(table):

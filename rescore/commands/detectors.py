@@ -51,14 +51,16 @@ def train(
 
     Example: [bold]rescore train data/demo --detector hog --out models[/bold]
     """
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.detectors.crops import config_for_crops, read_crops
-    from rescore.store import write_provenance
+    from rescore.detectors.crop_training import config_for_crops, read_crops
+    from rescore.detectors.detect import calibrate_detector
+    from rescore.detectors.platt import save_scaling
+    from rescore.detectors.registry import DetectorKind, train_detector, train_detector_on_crops
+    from rescore.experiment.config import part_as_json
+    from rescore.files import write_provenance
 
-    kinds = [k for k in steps.DetectorKind if detector in ("all", k.value)]
+    kinds = [k for k in DetectorKind if detector in ("all", k.value)]
     if not kinds:
-        known = ", ".join(steps.DetectorKind)
+        known = ", ".join(DetectorKind)
         raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")
     if (dataset is None) == (crops is None):
         raise RescoreError("train: expected a data set or --crops, got both or neither; give one of them")
@@ -68,16 +70,16 @@ def train(
     for kind in kinds:
         chosen = settings.detector(kind)
         if data is not None:
-            trained = steps.train(data, chosen, seed, jobs)
-            scaling = steps.calibrate(trained, data, jobs)
+            trained = train_detector(data, chosen, seed, jobs)
+            scaling = calibrate_detector(trained, data, jobs)
         else:
             assert examples is not None
             chosen = config_for_crops(chosen, examples.width_px, examples.height_px)
-            trained, validation = steps.train_on_crops(examples, chosen, seed, jobs)
+            trained, validation = train_detector_on_crops(examples, chosen, seed, jobs)
             scaling = validation.scaling
             say(f"{kind}, scenes of held-out crops: {validation.curve.summary()}")
         trained.save(out / f"{kind}.npz")
-        steps.save_scaling(_scaling_of(out / f"{kind}.npz"), scaling)
+        save_scaling(_scaling_of(out / f"{kind}.npz"), scaling)
         write_provenance(out / f"{kind}.npz", "train", part_as_json(chosen), seed)
         say(f"detector: {out / f'{kind}.npz'}")
 
@@ -96,14 +98,15 @@ def detect(
 
     Example: [bold]rescore detect data/demo --detector models/hog.npz --out hog.json[/bold]
     """
-    from rescore import steps
-    from rescore.detectors.files import load_detector
+    from rescore.detectors.detect import detect_candidates
+    from rescore.detectors.platt import load_scaling
+    from rescore.detectors.registry import load_detector
+    from rescore.files import write_provenance
     from rescore.formats.coco import write_detections
-    from rescore.store import write_provenance
 
     data = read_split(dataset, split)
     trained = load_detector(detector)
-    table = steps.detect(trained, steps.load_scaling(_scaling_of(detector)), data, jobs)
+    table = detect_candidates(trained, load_scaling(_scaling_of(detector)), data, jobs)
     write_detections(out, trained.name, table, data)
     write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
     say(f"{len(table)} detections in {len(data.frames)} frames: {out}")

@@ -1,25 +1,20 @@
 """The commands ``rescore sweep`` and ``rescore study-evidence``: where depth evidence breaks, and why."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
-
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recon.errors import RescoreError
 from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
+from rescore.experiment.config import run_config
+from rescore.studies.finished_run import finished_run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from datasets_synth.bank_scores import Judged
-    from rescore.config import RunConfig
-    from rescore.degrade import Dial
-    from rescore.frames import DataSet
-    from rescore.run_folder import RunFolder
-    from rescore.sweep import FinishedRun
+    from rescore.studies.degrade import Dial
+    from rescore.studies.distractors import Judged
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
 DetectorName = Annotated[str, typer.Option(help="Detector of the run: hog or boosted.")]
@@ -46,7 +41,7 @@ def sweep(
 
     Example: [bold]rescore sweep runs/paper --out runs/sweep --dials noise,destroyed[/bold]
     """
-    from rescore.degrade import dials_named
+    from rescore.studies.degrade import dials_named
 
     chosen = dials_named(dials, levels)
     page = _sweep(run, out, chosen, frames, detector=detector, seed=seed, jobs=jobs)
@@ -70,7 +65,7 @@ def study_evidence(
 
     Example: [bold]rescore study-evidence runs/paper --out reports/published/evidence[/bold]
     """
-    from rescore.degrade import dials_named
+    from rescore.studies.degrade import dials_named
 
     distractors = _distractors(run, out, things, detector=detector, seed=seed, jobs=jobs)
     ablation = _ablation(run, out, detector, seed)
@@ -83,13 +78,13 @@ def study_evidence(
 
 def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int, jobs: int) -> dict[str, Any]:
     """Judge the bank of distractors; writes distractors.json and two pictures."""
-    from datasets_synth.bank_scores import Judge, bank_as_json, judge_bank
-    from datasets_synth.distractor_bank import BankConfig
-    from datasets_synth.distractor_kinds import KIND
-    from reports.distractor_page import Example, draw_boxes, draw_examples
-    from rescore.progress import track
-    from rescore.store import write_json
-    from rescore.sweep import RECALL
+    from datasets_synth.photos.distractor_bank import BankConfig
+    from datasets_synth.photos.distractor_kinds import KIND
+    from reports.studies.distractors import Example, draw_boxes, draw_examples
+    from rescore.files import write_json
+    from rescore.parallel import track
+    from rescore.studies.distractors import Judge, bank_as_json, judge_bank
+    from rescore.studies.sweep import RECALL
 
     finished = finished_run(run, detector, None)
     judge = Judge(finished.class_model, finished.config, finished.models)
@@ -112,15 +107,15 @@ def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int,
 
 def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, Any]]:
     """Fit the evidence again without each of its parts; writes ablation.json."""
-    from rescore.ablation import AblationInput, ablate
-    from rescore.evidence import CandidateTable
+    from rescore.data.splits import Splits
+    from rescore.evidence.candidates import CandidateTable
+    from rescore.experiment.reproduce import FITTED_ON
+    from rescore.files import write_json
     from rescore.formats.coco import read_detections
     from rescore.formats.coco_dataset import read_dataset
-    from rescore.frames import Splits
-    from rescore.reproduce import FITTED_ON
-    from rescore.run_folder import RunFolder
-    from rescore.store import write_json
-    from rescore.sweep import interval_as_json
+    from rescore.results.run_folder import RunFolder
+    from rescore.studies.ablation import AblationInput, ablate
+    from rescore.studies.sweep import interval_as_json
 
     folder, config = RunFolder(run), run_config(run)
     data = read_dataset(folder.data, config.class_name)
@@ -149,8 +144,8 @@ def _write_page(
     out: Path, command: str, distractors: dict[str, Any], ablation: "Sequence[dict[str, Any]]"
 ) -> Path:
     """README.md of the study."""
-    from reports.evidence_page import evidence_text
-    from rescore.store import atomic_path, read_json
+    from reports.studies.evidence import evidence_text
+    from rescore.files import atomic_path, read_json
 
     sweep_value = read_json(out / "sweep" / "sweep.json", "a sweep")
     with atomic_path(out / "README.md") as beside:
@@ -169,10 +164,10 @@ def _sweep(
     jobs: int,
 ) -> Path:
     """Sweep, write sweep.json and draw; returns the page."""
-    from reports.sweep_page import write_sweep_page
-    from rescore.store import write_json, write_provenance
-    from rescore.sweep import SweepConfig, by_visibility, sweep_as_json, tables_of_steps
-    from rescore.sweep import sweep as sweep_dials
+    from reports.studies.sweep import write_sweep_page
+    from rescore.files import write_json, write_provenance
+    from rescore.studies.sweep import SweepConfig, by_visibility, sweep_as_json, tables_of_steps
+    from rescore.studies.sweep import sweep as sweep_dials
 
     finished = finished_run(run, detector, frames)
     config = SweepConfig(seed=seed, jobs=jobs)
@@ -188,78 +183,3 @@ def _sweep(
     settings = {"dials": {d.name: d.levels for d in dials}, "frames": frames, "detector": detector}
     write_provenance(out / "sweep.json", "sweep", settings, seed)
     return write_sweep_page(value, out)
-
-
-def finished_run(root: Path, detector: str, frames: int | None) -> "FinishedRun":
-    """The parts of a finished run that a sweep needs, cut to evenly spread test frames.
-
-    Raises:
-        RescoreError: the run is not finished, or has no such detector.
-    """
-    from recon.class_model import ClassModel
-    from rescore.cues import LEARNED
-    from rescore.evidence_model import load_models
-    from rescore.run_folder import RunFolder
-    from rescore.steps import load_tuning
-    from rescore.sweep import FinishedRun
-
-    folder, config = RunFolder(root), run_config(root)
-    if detector not in list(config.detectors):
-        raise RescoreError(
-            f"--detector: expected {' or '.join(config.detectors)} in {root}, got {detector!r}; name one"
-        )
-    data = _spread(_test_frames(folder, config), frames)
-    modes = config.registrations
-    return FinishedRun(
-        data=data,
-        candidates=_candidates(folder, detector, data, config),
-        class_model=ClassModel.load(folder.class_model),
-        config=config.rescore,
-        sgbm=config.synth.sgbm,
-        models=load_models(folder.evidence_model(detector)) if set(modes) & set(LEARNED) else {},
-        weights={m: load_tuning(folder.tuned(detector, m)).w for m in modes},
-    )
-
-
-def run_config(root: Path) -> "RunConfig":
-    """The settings of a finished run.
-
-    Raises:
-        RescoreError: no settings there, or not those of `rescore reproduce`.
-    """
-    from pydantic import ValidationError
-
-    from rescore.config import RunConfig
-    from rescore.store import read_json
-
-    value = read_json(root / "config.json", "the settings of a run")
-    try:
-        return RunConfig.model_validate(value["config"])
-    except (ValidationError, KeyError, TypeError) as error:
-        raise RescoreError(
-            f"{root}: expected a run of `rescore reproduce`, got other settings in config.json "
-            f"({type(error).__name__}); run it again"
-        ) from error
-
-
-def _test_frames(folder: "RunFolder", config: "RunConfig") -> "DataSet":
-    from rescore.formats.coco_dataset import read_dataset
-
-    return read_dataset(folder.data, config.class_name).split("test")
-
-
-def _spread(data: "DataSet", count: int | None) -> "DataSet":
-    """So many frames evenly over the data set; all for None or where there are fewer."""
-    n = len(data.frames)
-    if count is None or count >= n:
-        return data
-    kept = tuple(data.frames[i * n // count] for i in range(count))
-    return replace(data, frames=kept, truth={f.image_id: data.truth[f.image_id] for f in kept})
-
-
-def _candidates(folder: "RunFolder", detector: str, data: "DataSet", config: "RunConfig") -> dict[int, Any]:
-    from rescore.formats.coco import read_detections
-
-    whole = _test_frames(folder, config)
-    found = read_detections(folder.detections(detector, "test"), whole).candidates(whole)
-    return {f.image_id: found[f.image_id] for f in data.frames}

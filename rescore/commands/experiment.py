@@ -42,7 +42,7 @@ from rescore.commands.depth_source import (
 from rescore.commands.results import print_results
 
 if TYPE_CHECKING:
-    from rescore.stages import Done
+    from rescore.experiment.stages import Done
 
 
 @app.command()
@@ -108,13 +108,14 @@ def apply(
 
     Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
     """
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.cues import check_depth_of
-    from rescore.evidence_model import models_as_json, with_difference
+    from rescore.evidence.model import models_as_json, with_difference
+    from rescore.evidence.registration import check_depth_of
+    from rescore.evidence.settings import with_camera, with_stereo_for
+    from rescore.experiment.config import part_as_json
+    from rescore.files import write_provenance
     from rescore.formats.coco import write_rescored
-    from rescore.fuse import fuse
-    from rescore.store import write_provenance
+    from rescore.fusion.fuse import fuse
+    from rescore.fusion.tuning_file import tuned_weight
 
     if (tuned is None) == (w is None):
         raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
@@ -122,13 +123,13 @@ def apply(
     asked = source_of(
         model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, (mode,)
     )
-    weight = w if tuned is None else steps.tuned_weight(tuned, mode, asked.depth_of)
+    weight = w if tuned is None else tuned_weight(tuned, mode, asked.depth_of)
     assert weight is not None
     if learned is not None:
         check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
-    rescoring = steps.with_stereo_for(steps.with_camera(settings.rescore, camera), data, disparities)
+    rescoring = with_stereo_for(with_camera(settings.rescore, camera), data, disparities)
     source, table, detector = evidence_of(data, detections, asked, rescoring, jobs, evidence)
     learned, shift = with_share(learned, table, adapt_share)
     table = with_difference(table, learned)
@@ -158,8 +159,8 @@ def reproduce(
 
     Example: [bold]rescore reproduce --preset demo --out runs/demo[/bold]
     """
-    from rescore.reproduce import Run
-    from rescore.run_folder import RunFolder
+    from rescore.experiment.reproduce import Run
+    from rescore.results.run_folder import RunFolder
 
     folder = RunFolder(out)
     settings = config_of(preset, config)
@@ -180,7 +181,7 @@ def _grounds(image_id: list[int], ground: list[str]) -> str:
     from collections import Counter
 
     from recon.camera import DEFAULT_GROUND
-    from rescore.frames import GroundSource
+    from rescore.data.frames import GroundSource
 
     counts = Counter(dict(zip(image_id, ground, strict=True)).values())
     text = (

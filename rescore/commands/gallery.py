@@ -10,13 +10,13 @@ import typer
 from rescore.commands.base import Seed, app, say
 
 if TYPE_CHECKING:
-    from datasets_synth.single_object import ObjectPhoto
+    from datasets_synth.photos.single_object import ObjectPhoto
     from recon.arrays import UInt8Array
     from recon.class_model import ClassModel
-    from recon.outcome import Failure
-    from reports.reconstruction_gallery import Exhibit
-    from rescore.instance_accuracy import InstanceErrors
-    from rescore.single_picture import FoundObject
+    from recon.errors import Failure
+    from reports.studies.reconstructions import Exhibit
+    from rescore.library.single_picture import FoundObject
+    from rescore.studies.instance_accuracy import InstanceErrors
 
     Pair = tuple[InstanceErrors | Failure, InstanceErrors | Failure]
 
@@ -57,11 +57,11 @@ def gallery(
 
     Example: [bold]rescore gallery --out gallery --models models[/bold]
     """
-    from datasets_synth.gallery_photos import gallery_photo, learned_model
-    from recon.outcome import Failure
-    from recon.view_selection import best_view_bin
-    from reports.reconstruction_gallery import Exhibit, popup_sheet, steps_strip, write_small_png
-    from rescore.single_picture import Photo, find_object
+    from datasets_synth.photos.gallery_photos import gallery_photo, learned_model
+    from recon.errors import Failure
+    from recon.reconstruction.view_selection import best_view_bin
+    from reports.studies.reconstructions import Exhibit, popup_sheet, steps_strip, write_small_png
+    from rescore.library.single_picture import Photo, find_object
 
     wanted = set(STEPS) | {pair for sheet in SHEETS.values() for pair in sheet}
     exhibits: dict[tuple[str, int], Exhibit] = {}
@@ -108,9 +108,9 @@ def _right_bins(name: str, rows: list[Measured]) -> str:
 
 def _errors(shot: "ObjectPhoto", found: "FoundObject | Failure") -> "Pair":
     """Errors of the class model and of the single plane on one photograph."""
-    from recon.outcome import Failure
-    from recon.single_plane import single_plane
-    from rescore.instance_accuracy import BoxTruth, instance_errors, surface_errors
+    from recon.errors import Failure
+    from recon.localization.single_plane import single_plane
+    from rescore.studies.instance_accuracy import BoxTruth, instance_errors, surface_errors
 
     if isinstance(found, Failure):
         return found, found
@@ -125,10 +125,10 @@ def _basket(model: "ClassModel", seed: int) -> "tuple[Exhibit, str]":
     """The basket with its handle behind a card, and how far off the recovered handle is."""
     import numpy as np
 
-    from datasets_synth.gallery_photos import occluded_basket, views_without
-    from recon.outcome import Failure
-    from reports.reconstruction_gallery import Exhibit
-    from rescore.single_picture import Photo, find_object
+    from datasets_synth.photos.gallery_photos import occluded_basket, views_without
+    from recon.errors import Failure
+    from reports.studies.reconstructions import Exhibit
+    from rescore.library.single_picture import Photo, find_object
 
     shot = occluded_basket(seed)
     photo = Photo(shot.photo.rgb, shot.photo.camera, shot.photo.ground)
@@ -160,9 +160,9 @@ def _write_readme(
     known: dict[str, list[Measured]],
 ) -> None:
     """Pictures with captions, the table and the failures."""
-    from recon.outcome import Failure
-    from reports.reconstruction_gallery import accuracy_table
-    from rescore.store import atomic_path
+    from recon.errors import Failure
+    from reports.studies.reconstructions import accuracy_table
+    from rescore.files import atomic_path
 
     lines = [
         "# 3D from single photographs",

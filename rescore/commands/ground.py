@@ -28,10 +28,10 @@ def learn_ground(
     """
     import numpy as np
 
-    from rescore.config import part_as_json
-    from rescore.ground_training import GroundTrainingConfig, score_ground, train_ground
-    from rescore.store import atomic_path, write_provenance
-    from rescore.threads import one_thread
+    from rescore.experiment.config import part_as_json
+    from rescore.experiment.ground_training import GroundTrainingConfig, score_ground, train_ground
+    from rescore.files import atomic_path, write_provenance
+    from rescore.parallel import one_thread
 
     config = GroundTrainingConfig()
     data = read_split(dataset, split)

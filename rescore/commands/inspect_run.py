@@ -12,8 +12,8 @@ from rescore.commands.base import app, say
 
 if TYPE_CHECKING:
     from recon.arrays import IntArray
-    from rescore.changes import OperatingPoint
-    from rescore.inspection import Inspection
+    from rescore.results.changes import OperatingPoint
+    from rescore.results.inspection import Inspection
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
@@ -79,10 +79,10 @@ def inspect(
 
     Example: [bold]rescore inspect runs/demo --only lost-cars --sort loss[/bold]
     """
-    from reports.run_folder import load_run
-    from reports.run_inspection import inspect_run
-    from rescore.inspection import Only, Sort
-    from rescore.store import TableFormat
+    from reports.run.inspection import inspect_run
+    from rescore.files import TableFormat
+    from rescore.results.inspection import Only, Sort
+    from rescore.results.run_folder import load_run
 
     form = None if export is None else _choice("--export", export, TableFormat)
     loaded = load_run(run)
@@ -97,7 +97,7 @@ def inspect(
 
 
 def _point(recall: float | None, false_positives: float | None) -> "OperatingPoint | None":
-    from rescore.changes import OperatingPoint
+    from rescore.results.changes import OperatingPoint
 
     if recall is not None and false_positives is not None:
         raise RescoreError("inspect: expected --recall or --false-positives, got both; give one of them")
@@ -118,7 +118,7 @@ def _show(inspection: "Inspection", rows: "IntArray", top: int | None) -> None:
 
     from rich.console import Console
 
-    from reports.run_inspection import note, plain_lines, summary, terminal_table
+    from reports.run.inspection import note, plain_lines, summary, terminal_table
 
     about = note(inspection)
     if about:
@@ -139,15 +139,15 @@ def _show(inspection: "Inspection", rows: "IntArray", top: int | None) -> None:
 
 
 def _export(inspection: "Inspection", rows: "IntArray", path: Path) -> None:
-    from rescore.store import write_table
+    from rescore.files import write_table
 
     write_table(path, {name: column[rows] for name, column in inspection.columns().items()})
     say(f"{len(rows)} candidates: {path}")
 
 
 def _open(inspection: "Inspection", rows: "IntArray", run: Path, frame: int | None) -> None:
-    from reports.viewer import open_recording
-    from rescore.run_folder import RunFolder
+    from reports.recording.viewer import open_recording
+    from rescore.results.run_folder import RunFolder
 
     if frame is None and not len(rows):
         raise RescoreError("--open: expected a frame to open, got an empty list; give --frame")

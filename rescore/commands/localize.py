@@ -12,11 +12,11 @@ from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from datasets_synth.layout import CarModel
-    from datasets_synth.table_class import TableClass
-    from datasets_synth.table_trials import Trial, TrialConfig
+    from datasets_synth.cars.shapes import CarModel
     from recon.arrays import UInt8Array
-    from reports.localization import Instance3DView
+    from reports.studies.localization_pictures import Instance3DView
+    from rescore.studies.localization.learned import TableClass
+    from rescore.studies.localization.trials import Trial, TrialConfig
 
 _SHOWN, _WORST = 40, 12
 """Placements in the pictures of the first and of the worst ones."""
@@ -43,11 +43,11 @@ def localize(
 
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """
-    from datasets_synth.car_models import cars_of_splits
-    from datasets_synth.table_class import TableClassConfig, learn_table_class
-    from datasets_synth.table_trials import TrialConfig, run_trials
-    from rescore.progress import track
-    from rescore.store import write_provenance
+    from datasets_synth.cars.models import cars_of_splits
+    from rescore.files import write_provenance
+    from rescore.parallel import track
+    from rescore.studies.localization.learned import TableClassConfig, learn_table_class
+    from rescore.studies.localization.trials import TrialConfig, run_trials
 
     split = cars_of_splits(test_meshes=meshes)
     chosen = _spread(split["test"], cars)
@@ -81,8 +81,8 @@ class _Gallery:
     """Gathers numbers and small pictures as trials are done; large pictures are not kept."""
 
     def __init__(self, table_class: "TableClass") -> None:
-        from datasets_synth.table_scene import CAMERA, GROUND
-        from reports.localization import TableCamera
+        from datasets_synth.photos.table_scene import CAMERA, GROUND
+        from reports.studies.localization_pictures import TableCamera
 
         self.table_class = table_class
         self.camera = TableCamera(CAMERA, GROUND)
@@ -93,8 +93,8 @@ class _Gallery:
 
     def add(self, trial: "Trial") -> None:
         """Take what is kept of a trial."""
-        from reports.localization import draw, tile
-        from rescore.localization import METHODS, Score, as_row
+        from reports.studies.localization_pictures import draw, tile
+        from rescore.studies.localization.scores import METHODS, Score, as_row
 
         scores = trial.scores
         of_car = self.scores.setdefault(trial.shape_id, {m: [] for m in METHODS})
@@ -118,9 +118,9 @@ class _Gallery:
 
     def write(self, out: Path) -> None:
         """Write numbers, table and pictures."""
-        from reports.localization import save_png, save_reconstruction, sheet, titled
-        from rescore.localization import METHODS, REPORTED, markdown_table, summary
-        from rescore.store import atomic_path, write_json
+        from reports.studies.localization_pictures import save_png, save_reconstruction, sheet, titled
+        from rescore.files import atomic_path, write_json
+        from rescore.studies.localization.scores import METHODS, REPORTED, markdown_table, summary
 
         everything = {m: [s for car in self.scores.values() for s in car[m]] for m in METHODS}
         value = {
@@ -156,7 +156,7 @@ def _pose(trial: "Trial") -> dict[str, float]:
 
 def _badness(trial: "Trial") -> float:
     """How bad the joint fit is: centroid error in mm, lost ones first."""
-    from rescore.localization import Score
+    from rescore.studies.localization.scores import Score
 
     own = trial.scores["3dp"]
     return own.centroid_mm + 2 * own.orientation_deg if isinstance(own, Score) else float("inf")
@@ -165,10 +165,10 @@ def _badness(trial: "Trial") -> float:
 def _view(trial: "Trial", table_class: "TableClass") -> "Instance3DView":
     import numpy as np
 
-    from datasets_synth.table_scene import SCALE
-    from recon.localize import FitLocalization
-    from reports.localization import Instance3DView
-    from rescore.localization import Score
+    from datasets_synth.photos.table_scene import SCALE
+    from recon.localization.localize import FitLocalization
+    from reports.studies.localization_pictures import Instance3DView
+    from rescore.studies.localization.scores import Score
 
     own = trial.scores["3dp"]
     if not isinstance(trial.fit, FitLocalization) or not isinstance(own, Score):
@@ -189,13 +189,13 @@ def _write_table_picture(
     """One photograph of several cars with the boxes that the joint fit finds."""
     import numpy as np
 
-    from datasets_synth.table_scene import CAMERA, GROUND, SCALE, photograph
-    from datasets_synth.table_trials import empty_table, fit_region, several_at_once
-    from recon.localize import FitLocalization
-    from recon.outcome import Failure
-    from recon.standing_box import angle_between
-    from reports.localization import Instance3DView, TableCamera, draw, save_png, titled
-    from rescore.table_segment import segment_table
+    from datasets_synth.photos.table_scene import CAMERA, GROUND, SCALE, photograph
+    from recon.errors import Failure
+    from recon.localization.localize import FitLocalization
+    from recon.localization.standing_box import angle_between
+    from reports.studies.localization_pictures import Instance3DView, TableCamera, draw, save_png, titled
+    from rescore.studies.localization.segment import segment_table
+    from rescore.studies.localization.trials import empty_table, fit_region, several_at_once
 
     rng = np.random.default_rng([seed, 1_000_000])
     placed = several_at_once([cars[i] for i in rng.permutation(len(cars))][:9], rng)

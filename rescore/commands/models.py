@@ -44,8 +44,8 @@ def learn_primitives(
     """
     import numpy as np
 
-    from recon.generic_phase import learn_primitives as learn_library
-    from rescore.store import atomic_path
+    from recon.learning.generic_phase import learn_primitives as learn_library
+    from rescore.files import atomic_path
 
     bins = _bins(elevation_deg)
     library = learn_library(bins, jobs=jobs)
@@ -82,12 +82,13 @@ def learn(
 
     Example: [bold]rescore learn --class chair --view-bins 1,2 --instances 1 --out chair.json[/bold]
     """
-    from recon.generic_phase import primitive_library
-    from recon.polygon_labels import read_labelled_views
-    from recon.primitives import PrimitiveLibrary
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.store import atomic_path, write_provenance
+    from recon.learning.generic_phase import primitive_library
+    from recon.learning.label_files import read_labelled_views
+    from recon.learning.learn import learn_class_model
+    from recon.learning.primitives import PrimitiveLibrary
+    from rescore.experiment.config import part_as_json
+    from rescore.files import atomic_path, write_provenance
+    from rescore.parallel import one_thread
 
     settings = config_of(preset, config)
     if views is None:
@@ -101,7 +102,8 @@ def learn(
             say(f"{views}: {warning}")
         part_views, name = labelled.part_views, class_name or labelled.class_name or settings.class_name
     library = PrimitiveLibrary.load(primitives) if primitives else primitive_library(part_views.bins)
-    model = steps.learn(part_views, name, settings.learn, library)
+    with one_thread():
+        model = learn_class_model(part_views, name, part_views.part_names, settings.learn, library)
     with atomic_path(out) as beside:
         model.save(beside)
     write_provenance(out, "learn", part_as_json(settings.learn), None)
@@ -122,8 +124,8 @@ def study_models(
 
     Example: [bold]rescore study-models --out runs/models[/bold]
     """
-    from datasets_synth.model_study import study
-    from reports.model_page import write_study
+    from reports.studies.class_models import write_study
+    from rescore.studies.class_models import study
 
     page = write_study(study(jobs=jobs), out, f"rescore study-models --out {out}")
     say(f"class models: {page}")
@@ -147,10 +149,9 @@ def study_views(
     """
     import numpy as np
 
-    from datasets_synth.object_classes import object_class
-    from datasets_synth.view_confusion import LEARNED_SHAPES, learned_for_views, view_confusion
-    from reports.confusion import write_view_study
-    from rescore.confusion import save_confusions
+    from datasets_synth.objects.object_classes import object_class
+    from reports.studies.view_bins import write_view_study
+    from rescore.studies.view_bins import LEARNED_SHAPES, learned_for_views, save_confusions, view_confusion
 
     for name, (class_name, elevation_deg) in VIEW_STUDIES.items():
         title = f"{class_name}, {elevation_deg} degrees"
@@ -175,7 +176,7 @@ def _rendered_views(
     class_name: str, instances: int, view_bins: str | None, elevation_deg: float | None
 ) -> "PartViews":
     """Views of the shapes that a class trains on."""
-    from datasets_synth.object_classes import labelled_views, object_class
+    from datasets_synth.objects.object_classes import labelled_views, object_class
     from recon.part_views import PartViews
 
     chosen = object_class(class_name)

@@ -12,8 +12,8 @@ from rescore.commands.base import app, say
 if TYPE_CHECKING:
     from recon.arrays import FloatArray
     from recon.class_model import ClassModel
-    from recon.instance import Instance3D
-    from rescore.single_picture import FoundObject, Photo
+    from recon.reconstruction.instance import Instance3D
+    from rescore.library.single_picture import FoundObject, Photo
 
 Picture = Annotated[Path, typer.Argument(help="Picture that OpenCV reads: PNG, JPEG, ...")]
 ClassName = Annotated[str, typer.Option("--class", help="Class of the object; that of the model.")]
@@ -52,12 +52,12 @@ def reconstruct(
     Example: [bold]rescore reconstruct street.png --box 40,90,200,80 --class car --model car.json
     --view-bin 3 --out car[/bold]
     """
-    from reports.instance_overlay import instance_overlay
-    from reports.mesh_files import gltf_from_object, write_glb, write_ply
-    from reports.object_mesh import object_meshes
-    from reports.popup import object_texture, write_png
-    from rescore.single_picture import instance_json, load_class, open_photo
-    from rescore.store import write_json
+    from reports.objects.instance_overlay import instance_overlay
+    from reports.objects.mesh_files import gltf_from_object, write_glb, write_ply
+    from reports.objects.object_mesh import object_meshes
+    from reports.objects.popup import object_texture, write_png
+    from rescore.files import write_json
+    from rescore.library.single_picture import instance_json, load_class, open_photo
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
@@ -97,9 +97,9 @@ def popup(
     Example: [bold]rescore popup street.png --box 40,90,200,80 --class car --model car.json --view-bin 3
     --out popup[/bold]
     """
-    from reports.mesh_files import write_glb
-    from reports.popup import in_scene_axes, scene_layers, source_similarity, write_turntable
-    from rescore.single_picture import load_class, open_photo
+    from reports.objects.mesh_files import write_glb
+    from reports.objects.popup import in_scene_axes, scene_layers, source_similarity, write_turntable
+    from rescore.library.single_picture import load_class, open_photo
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
@@ -121,8 +121,8 @@ def popup(
 
 def _found(photo: "Photo", box: str, view_bin: int | None, model: "ClassModel") -> "FoundObject":
     """The object in a box; a failure is an error with its reason."""
-    from recon.outcome import Failure
-    from rescore.single_picture import find_object, parse_box
+    from recon.errors import Failure
+    from rescore.library.single_picture import find_object, parse_box
 
     xyxy = parse_box(box, photo.camera.width_px, photo.camera.height_px)
     if view_bin is None:
@@ -135,8 +135,8 @@ def _found(photo: "Photo", box: str, view_bin: int | None, model: "ClassModel") 
 
 def _chosen_bin(photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel") -> int:
     """The view bin that the class model chooses, said aloud; a failure is an error with its reason."""
-    from recon.outcome import Failure
-    from recon.view_selection import best_view_bin
+    from recon.errors import Failure
+    from recon.reconstruction.view_selection import best_view_bin
 
     choice = best_view_bin(photo.rgb, xyxy_px, model)
     if isinstance(choice, Failure):

@@ -44,22 +44,22 @@ def evaluate(
 
     Example: [bold]rescore evaluate data/demo rescored_hog.json rescored_boosted.json --out runs/mine[/bold]
     """
-    from rescore import steps
-    from rescore.evaluate import evaluate as evaluate_files
-    from rescore.pipeline import RescoreConfig
-    from rescore.reproduce import write_run_config
+    from rescore.evidence.settings import RescoreConfig, with_stereo_for
+    from rescore.experiment.reproduce import write_run_config
+    from rescore.fusion.tuning_file import load_tuning
+    from rescore.results.evaluate import evaluate as evaluate_files
 
     data = read_split(dataset, split)
     files = [detections_of(path, data) for path in detections]
-    tunings = {(t.detector, t.registration): t for t in (steps.load_tuning(path) for path in tuned or [])}
+    tunings = {(t.detector, t.registration): t for t in (load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     settings |= predictions_behind(detections)
-    stereo = steps.with_stereo_for(RescoreConfig(), data, disparities).stereo
+    stereo = with_stereo_for(RescoreConfig(), data, disparities).stereo
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
     write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
     _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
     if report:
-        from reports.html import build_report
+        from reports.page.html import build_report
 
         build_report(out)
     print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
@@ -67,8 +67,8 @@ def evaluate(
 
 def _keep_evidence_models(out: Path, detector_of: dict[Path, str]) -> None:
     """Put what made D of rescored detections into the run folder, where report and recording look for it."""
-    from rescore.evidence_model import models_of_json, save_models
-    from rescore.run_folder import RunFolder
+    from rescore.evidence.model import models_of_json, save_models
+    from rescore.results.run_folder import RunFolder
 
     models: dict[str, dict[Any, Any]] = {}
     for path, config in configs_behind(list(detector_of)):
@@ -102,7 +102,7 @@ def report(
 
     Example: [bold]rescore report runs/demo runs/other --out comparison.html[/bold]
     """
-    from reports.html import build_report
+    from reports.page.html import build_report
 
     page = build_report(runs, out)
     say(f"report: {page} (open it in a browser)")
@@ -129,8 +129,8 @@ def log(
 
     Example: [bold]rescore log runs/demo && rerun runs/demo/recording.rrd[/bold]
     """
-    from reports.rerun_log import write_recording
-    from reports.rerun_story import Frames
+    from reports.recording.log import write_recording
+    from reports.recording.story import Frames
 
     file = write_recording(
         run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames, jobs=jobs
@@ -142,8 +142,7 @@ def print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
     """Print the table of results, what rescoring changed, and where the files are."""
     from rich.console import Console
 
-    from reports.certainty_tables import TERMINAL_CAPTION, terminal_comparison
-    from reports.tables import terminal_table
+    from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table
 
     console = Console()
     if not metrics["n_cars"]:

@@ -11,8 +11,8 @@ from recon.errors import RescoreError
 from rescore.commands.base import app, read_data, say
 
 if TYPE_CHECKING:
-    from rescore.frames import DataSet
-    from rescore.stereo_study import Accuracy, Consistency
+    from rescore.data.frames import DataSet
+    from rescore.studies.stereo import Accuracy, Consistency
 
 
 @app.command("study-stereo")
@@ -37,9 +37,9 @@ def study_stereo(
     """
     from rich.console import Console
 
-    from reports.stereo_page import consistency_table, kitti_table, short_table, write_stereo_study
+    from reports.studies.stereo import consistency_table, kitti_table, short_table, write_stereo_study
     from rescore.formats.stereo_truth import find_true_scenes
-    from rescore.stereo_study import accuracies, added, consistency_of
+    from rescore.studies.stereo import accuracies, added, consistency_of
 
     scenes: list[Accuracy] = []
     kitti: Accuracy | None = None

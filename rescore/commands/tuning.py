@@ -61,32 +61,34 @@ def fit_evidence(
 
     Example: [bold]rescore fit-evidence data/demo hog_calibration.json --model car.json --out hog.json[/bold]
     """
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.cues import LEARNED
-    from rescore.evidence import CandidateTable
-    from rescore.evidence_model import save_models
-    from rescore.frames import Splits
-    from rescore.store import write_provenance
+    from rescore.data.splits import Splits
+    from rescore.evidence.candidates import CandidateTable
+    from rescore.evidence.model import fit_modes, save_models
+    from rescore.evidence.pipeline import find_evidence
+    from rescore.evidence.registration import LEARNED
+    from rescore.evidence.settings import with_stereo_for
+    from rescore.experiment.config import part_as_json
+    from rescore.files import write_provenance
 
     settings = config_of(preset, config)
     asked = source_of(
         model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, LEARNED
     )
     data = read_data(dataset, settings.class_name)
-    fitting = Splits.of(data).fitting_set.data
-    rescoring = steps.with_stereo_for(settings.rescore, fitting, None)
+    splits = Splits.of(data)
+    fitting = splits.fitting_set.data
+    rescoring = with_stereo_for(settings.rescore, fitting, None)
     files = [detections_of(path, fitting) for path in detections]
     given = [(file.detector, file.candidates(fitting)) for file in files]
     source = asked.on(fitting, {i: c for _, found in given for i, c in found.items() if len(c)})
     table = CandidateTable.concatenate(
         [
-            steps.find_evidence(fitting, candidates, source, rescoring, jobs=jobs, detector=name)
+            find_evidence(fitting, candidates, source, rescoring, jobs=jobs, detector=name)
             for name, candidates in given
         ]
     )
     tell_doubts(source, table)
-    models = steps.fit_evidence(table, data, settings.evidence)
+    models = fit_modes(table, splits.fitting_set, settings.evidence)
     save_models(out, {mode: replace(m, depth_of=asked.depth_of) for mode, m in models.items()})
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
     write_provenance(out, "fit-evidence", parts | source_as_json(source), None)
@@ -116,12 +118,14 @@ def tune(
 
     Example: [bold]rescore tune data/demo hog_validation.json --model car.json --out hog_w.json[/bold]
     """
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.cues import check_depth_of
-    from rescore.evidence_model import with_difference
-    from rescore.frames import Splits
-    from rescore.store import write_json, write_provenance
+    from rescore.data.splits import Splits
+    from rescore.evidence.model import with_difference
+    from rescore.evidence.registration import check_depth_of
+    from rescore.evidence.settings import with_stereo_for
+    from rescore.experiment.config import part_as_json
+    from rescore.files import write_json, write_provenance
+    from rescore.fusion.tune import tune_on_validation
+    from rescore.fusion.tuning_file import tuning_as_json
 
     mode, learned = mode_of(registration, evidence_model)
     asked = source_of(
@@ -132,11 +136,11 @@ def tune(
     settings = config_of(preset, config)
     data = read_data(dataset, settings.class_name)
     validation = Splits.of(data).validation
-    rescoring = steps.with_stereo_for(settings.rescore, validation, None)
+    rescoring = with_stereo_for(settings.rescore, validation, None)
     source, table, detector = evidence_of(validation, detections, asked, rescoring, jobs)
     learned, _ = with_share(learned, table, adapt_share)
-    tuning = steps.tune(detector, with_difference(table, learned), data, settings.tune, mode, seed)
-    write_json(out, steps.tuning_as_json(replace(tuning, depth_of=asked.depth_of)))
+    tuning = tune_on_validation(detector, with_difference(table, learned), data, settings.tune, mode, seed)
+    write_json(out, tuning_as_json(replace(tuning, depth_of=asked.depth_of)))
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}
     write_provenance(out, "tune", parts | source_as_json(source), seed)
     say(f"w = {tuning.w:g} for {tuning.detector} on {tuning.n_images} frames: {out}")

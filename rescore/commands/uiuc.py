@@ -22,10 +22,10 @@ def uiuc(
     Example: [bold]rescore uiuc CarData models/hog.npz models/boosted.npz[/bold]
     """
     from rescore.detectors.boosted import BoostedDetector
-    from rescore.detectors.files import load_detector
     from rescore.detectors.hog_svm import HogDetector
+    from rescore.detectors.registry import load_detector
     from rescore.formats.uiuc import read_uiuc
-    from rescore.uiuc_evaluation import evaluate_uiuc
+    from rescore.studies.uiuc import evaluate_uiuc
 
     pictures = read_uiuc(folder)
     for path in detectors:

@@ -11,11 +11,11 @@ from recon.errors import RescoreError
 from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, read_data, say
 
 if TYPE_CHECKING:
-    from rescore.config import RunConfig
-    from rescore.evidence import CandidateTable
-    from rescore.frames import DataSet
-    from rescore.run_folder import RunFolder
-    from rescore.steps import DetectorKind
+    from rescore.data.frames import DataSet
+    from rescore.detectors.registry import DetectorKind
+    from rescore.evidence.candidates import CandidateTable
+    from rescore.experiment.config import RunConfig
+    from rescore.results.run_folder import RunFolder
 
 
 @app.command("study-weight")
@@ -46,11 +46,11 @@ def study_weight(
     import numpy as np
     from rich.console import Console
 
-    from reports.weight_page import width_table, write_weight_study
-    from rescore.evidence_model import load_models, with_difference
-    from rescore.frames import Splits
-    from rescore.run_folder import RunFolder
-    from rescore.weight_study import study_weight as study
+    from reports.studies.weight import width_table, write_weight_study
+    from rescore.data.splits import Splits
+    from rescore.evidence.model import load_models, with_difference
+    from rescore.results.run_folder import RunFolder
+    from rescore.studies.weight import study_weight as study
 
     folder = RunFolder(run)
     config = _config_of(run)
@@ -92,9 +92,9 @@ def _sizes(text: str, n_images: int) -> list[int]:
 def _config_of(run: Path) -> "RunConfig":
     from pydantic import ValidationError
 
-    from rescore.config import RunConfig
+    from rescore.experiment.config import RunConfig
+    from rescore.files import read_json
     from rescore.formats.checked_json import first_difference
-    from rescore.store import read_json
 
     file = run / "config.json"
     value = read_json(file, "the settings of a run")
@@ -117,23 +117,23 @@ def _candidates(
 ) -> "CandidateTable":
     """The candidates of a detector of the run on validation images, with depth evidence, before w."""
     from recon.class_model import ClassModel
-    from rescore import steps
-    from rescore.config import part_as_json
-    from rescore.detectors.files import load_detector
+    from rescore.detectors.detect import detect_candidates
+    from rescore.detectors.platt import load_scaling
+    from rescore.detectors.registry import load_detector
+    from rescore.evidence.pipeline import find_evidence
+    from rescore.experiment.config import part_as_json
+    from rescore.experiment.stages import Stage, run_stage
     from rescore.formats.coco import read_detections, write_rescored
-    from rescore.stages import Stage, run_stage
 
     if validation.root.resolve() == folder.data.resolve():
         return read_detections(folder.evidence_table(kind, "validation"), validation).table
     detector, scaling, model = folder.detector(kind), folder.scaling(kind), folder.class_model
 
     def find() -> "CandidateTable":
-        found = steps.detect(load_detector(detector), steps.load_scaling(scaling), validation, jobs)
+        found = detect_candidates(load_detector(detector), load_scaling(scaling), validation, jobs)
         candidates = found.by_image([f.image_id for f in validation.frames])
         class_model = ClassModel.load(model)
-        return steps.find_evidence(
-            validation, candidates, class_model, config.rescore, jobs=jobs, detector=kind
-        )
+        return find_evidence(validation, candidates, class_model, config.rescore, jobs=jobs, detector=kind)
 
     def work(out: Path) -> None:
         table = find()
@@ -146,7 +146,7 @@ def _candidates(
         part_as_json(config.rescore),
         (detector, scaling, model, validation.root / "annotations.json"),
         (keep / f"{kind}.json",),
-        ("rescore.pipeline", "rescore.detectors.files", "rescore.formats.coco"),
+        ("rescore.evidence.pipeline", "rescore.detectors.files", "rescore.formats.coco"),
     )
     if run_stage(keep, stage, work).reused:
         say(f"{kind}: candidates of {keep}")

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from recon.arrays import FloatArray, UInt8Array
-from rescore.boxes import suppress
+from rescore.data.boxes import suppress
 from rescore.detectors.windows import clip_boxes
 
 

@@ -15,6 +15,7 @@ from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.errors import RescoreError
+from rescore.data.frames import DataSet
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.boosting import BoostConfig, Stumps, gentle_boost
 from rescore.detectors.files import write_detector
@@ -27,7 +28,6 @@ from rescore.detectors.fragments import (
 )
 from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, car_crops, hard_crops, street_crops
 from rescore.detectors.windows import WindowGeometry, gray
-from rescore.frames import DataSet
 
 # the pyramid shrinks by area means, which do not alias
 INTERPOLATION = cv2.INTER_AREA

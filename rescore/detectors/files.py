@@ -2,7 +2,7 @@
 
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,7 @@ import sklearn
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
-from rescore.detectors.base import Detector
-from rescore.store import atomic_path
+from rescore.files import atomic_path
 
 FORMAT = "rescore-detector"
 FORMAT_VERSION = 1
@@ -61,35 +60,6 @@ def read_detector_file(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[An
             f"{path}: expected detector format {FORMAT_VERSION}, got {header.get('format_version')}; {advice}"
         )
     return header, arrays
-
-
-def load_detector(path: Path) -> Detector:
-    """The detector of a file written by its ``save``.
-
-    Raises:
-        RescoreError: no such file, not a detector, an unknown kind, or damaged content.
-    """
-    # imported here: each detector module imports this one to write itself
-    from rescore.detectors.boosted import BoostedDetector  # noqa: PLC0415
-    from rescore.detectors.hog_svm import HogDetector  # noqa: PLC0415
-
-    header, arrays = read_detector_file(path)
-    kinds: dict[str, Callable[..., Detector]] = {
-        HogDetector.kind: HogDetector.from_parts,
-        BoostedDetector.kind: BoostedDetector.from_parts,
-    }
-    if header.get("kind") not in kinds:
-        raise RescoreError(
-            f"{path}: expected a detector of kind {' or '.join(sorted(kinds))}, got {header.get('kind')!r}; "
-            "train the detector again (rescore train)"
-        )
-    try:
-        return kinds[header["kind"]](header["name"], header["config"], arrays)
-    except (KeyError, TypeError, ValueError) as error:
-        raise RescoreError(
-            f"{path}: expected a whole {header['kind']} detector, got damaged content ({_one_line(error)}); "
-            "train the detector again (rescore train)"
-        ) from error
 
 
 def _one_line(error: Exception) -> str:

@@ -1,7 +1,7 @@
 """Dalal and Triggs: histograms of oriented gradients and a linear SVM (CVPR 2005).
 
 OpenCV computes the descriptors and scans; scikit-learn trains. OpenCV's grouping of hits is off, since
-it drops lone hits and their scores; suppression happens in ``rescore.boxes``.
+it drops lone hits and their scores; suppression happens in ``rescore.data.boxes``.
 """
 
 from collections.abc import Mapping
@@ -16,6 +16,7 @@ from sklearn.svm import LinearSVC
 
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
+from rescore.data.frames import DataSet
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
 from rescore.detectors.mining import (
@@ -27,8 +28,7 @@ from rescore.detectors.mining import (
     street_crops,
 )
 from rescore.detectors.windows import WindowGeometry, gray
-from rescore.frames import DataSet
-from rescore.threads import one_thread
+from rescore.parallel import one_thread
 
 CELL_PX = 8
 BLOCK_PX = 16

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
 from recon.errors import RescoreError
-from rescore.boxes import iou_matrix, suppress
+from rescore.data.boxes import iou_matrix, suppress
+from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.data.pictures import read_rgb
 from rescore.detectors.base import Detections, Detector
 from rescore.detectors.windows import WindowGeometry, crop_windows, gray
-from rescore.frames import DataSet, FrameRecord, Truth, read_rgb
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
+from rescore.data.frames import SPLITS, DataSet, FrameRecord
+from rescore.data.pictures import picture_size
+from rescore.data.splits import Splits
 from rescore.doctor.findings import Finding, Level
 from rescore.doctor.pairs import examine_pairs
+from rescore.files import digest_of
 from rescore.formats.calibration_files import doubts
-from rescore.formats.labels import picture_size
 from rescore.formats.open import read_dataset
-from rescore.frames import SPLITS, DataSet, FrameRecord, Splits
-from rescore.store import digest_of
 
 
 def examine_dataset(path: Path, class_name: str, max_frames: int) -> list[Finding]:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from recon.camera import DEFAULT_GROUND, GroundPlane
-from recon.stereo_ground import GroundEstimate, estimate_ground
+from recon.stereo.ground import GroundEstimate, estimate_ground
+from rescore.data.frames import Frame
 from rescore.doctor.findings import Finding, Level
-from rescore.frames import Frame
 
 HEIGHT_SHARE = 0.15
 """Heights that differ by less than this share agree: a kerb is 8 per cent."""

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from recon.arrays import UInt8Array
-from recon.stereo import SgbmConfig, compute_disparity
+from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.doctor.findings import Finding, Level
 
 SHIFT_PX = 6

@@ -10,13 +10,12 @@ from pydantic import BaseModel, FiniteFloat, TypeAdapter
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from rescore.boxes import xywh_from_xyxy, xyxy_from_xywh
-from rescore.candidates import Candidates
-from rescore.cues import CUES, Registration
-from rescore.evidence import NOT_RESCORED, CandidateTable
+from rescore.data.boxes import xywh_from_xyxy, xyxy_from_xywh
+from rescore.data.frames import DataSet
+from rescore.evidence.candidates import NOT_RESCORED, Candidates, CandidateTable
+from rescore.evidence.registration import CUES, Registration
+from rescore.files import atomic_path
 from rescore.formats.checked_json import Box, Number, read_checked
-from rescore.frames import DataSet
-from rescore.store import atomic_path
 
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""

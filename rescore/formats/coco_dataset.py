@@ -10,11 +10,11 @@ from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
 from recon.arrays import FloatArray
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from rescore.boxes import xyxy_from_xywh
+from rescore.data.boxes import xyxy_from_xywh
+from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
+from rescore.data.measured import MeasuredFile, Quantity
 from rescore.formats.checked_json import Box, Number, read_checked
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
-from rescore.frames import SPLITS, DataSet, FrameRecord, Truth
-from rescore.measured import MeasuredFile, Quantity
 
 
 class _Camera(BaseModel):

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from recon.errors import RescoreError
-from rescore.boxes import xywh_from_xyxy
-from rescore.formats.kitti import frame_names
-from rescore.frames import DataSet, FrameRecord, Truth
-from rescore.store import write_json
+from rescore.data.boxes import xywh_from_xyxy
+from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
+from rescore.files import write_json
 
 
 def write_dataset(out: Path, data: DataSet, *, copy: bool) -> Path:

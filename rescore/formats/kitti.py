@@ -13,20 +13,13 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from rescore.evidence import CandidateTable
+from rescore.data.frames import DataSet, frame_names
+from rescore.data.pictures import pictures_in
+from rescore.evidence.candidates import CandidateTable
+from rescore.files import atomic_path
 from rescore.formats.calibration_files import read_calibration
 from rescore.formats.folders import Layout, Pictures, data_set, splits_of
-from rescore.formats.labels import (
-    UNKNOWN_OCCLUSION,
-    ClassMap,
-    LabelRow,
-    checked_box,
-    number,
-    pictures_in,
-    read_lines,
-)
-from rescore.frames import DataSet
-from rescore.store import atomic_path
+from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, LabelRow, checked_box, number, read_lines
 
 DONT_CARE = "DontCare"
 NEIGHBOURS = {"car": ("van",), "pedestrian": ("person_sitting",)}
@@ -170,14 +163,6 @@ def _class_notes(root: Path, classes: ClassMap, counts: Counter[str]) -> tuple[s
     said = ", ".join(f"{c} {n}" for n, c in sorted(ignored.items()))
     notes = (f"{root / 'label_2'}: ignore regions: {said}",) if said else ()
     return (*notes, *classes.notes(root / "label_2", rest))
-
-
-def frame_names(data: DataSet) -> dict[int, str]:
-    """The name of each frame's file of boxes: that of its left picture, its number where names repeat."""
-    stems = [f.left_path.stem for f in data.frames]
-    if len(set(stems)) == len(stems):
-        return {f.image_id: f.left_path.stem for f in data.frames}
-    return {f.image_id: f"{f.image_id:06d}" for f in data.frames}
 
 
 def write_kitti_labels(folder: Path, data: DataSet) -> None:

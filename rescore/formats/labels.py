@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
 from recon.errors import RescoreError
-from rescore.frames import Truth
+from rescore.data.frames import Truth
 
 UNKNOWN_OCCLUSION = 3
 """KITTI's level of occlusion where nothing is known."""
-PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class LabelRow:
     """Left, top, right, bottom, pixel edges."""
     ignore: bool = False
     azimuth_deg: float = math.nan
-    """See ``rescore.frames.Truth``; NaN where unknown."""
+    """See ``rescore.data.frames.Truth``; NaN where unknown."""
     truncated: float = math.nan
     """Share outside the picture, NaN where unknown."""
     occluded: int = UNKNOWN_OCCLUSION
@@ -158,42 +156,6 @@ def read_lines(path: Path) -> list[tuple[str, list[str]]]:
     except UnicodeDecodeError as error:
         raise RescoreError(f"{path}: expected text in UTF-8, got other bytes; write it again") from error
     return [(f"{path}:{i}", line.split()) for i, line in enumerate(lines, 1) if line.strip()]
-
-
-def picture_size(path: Path) -> tuple[int, int]:
-    """Width and height of a picture, from its head alone.
-
-    Raises:
-        RescoreError: no such file, or no picture.
-    """
-    if not path.is_file():
-        raise RescoreError(f"{path}: expected a picture, found no file; check the folder")
-    try:
-        with Image.open(path) as picture:
-            return picture.size
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise RescoreError(
-            f"{path}: expected a picture, could not read its head; write it again as PNG"
-        ) from error
-
-
-def pictures_in(folder: Path) -> list[Path]:
-    """The pictures of a folder in the order of their names; hidden files are none.
-
-    Raises:
-        RescoreError: there is none, or two bear one name.
-    """
-    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in PICTURES and not p.name.startswith("."))
-    if not found:
-        raise RescoreError(
-            f"{folder}: expected pictures ({', '.join(PICTURES)}), found none; check the folder"
-        )
-    twice = [name for name, n in Counter(p.stem for p in found).items() if n > 1]
-    if twice:
-        raise RescoreError(
-            f"{folder}: expected one picture of each name, got two of {twice[0]!r}; remove one"
-        )
-    return found
 
 
 def image_ids(stems: Sequence[str]) -> list[int]:

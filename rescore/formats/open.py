@@ -9,14 +9,14 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from rescore.boxes import xywh_from_xyxy
+from rescore.data.boxes import xywh_from_xyxy
+from rescore.data.frames import DataSet, frame_names
 from rescore.formats import coco, coco_dataset
 from rescore.formats.box_files import class_names, is_kitti_text, read_yolo
 from rescore.formats.folders import calibration_notes
-from rescore.formats.kitti import frame_names, is_kitti, read_kitti, read_rows
+from rescore.formats.kitti import is_kitti, read_kitti, read_rows
 from rescore.formats.labels import ClassMap, LabelRow
 from rescore.formats.pair_folders import LOOKED_FOR, is_plain, read_plain
-from rescore.frames import DataSet
 
 
 def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None = None) -> DataSet:

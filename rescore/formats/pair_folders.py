@@ -7,14 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from recon.errors import RescoreError
-from recon.stereo import PNG_SCALE
+from recon.stereo.sgbm import PNG_SCALE
+from rescore.data.frames import DataSet
+from rescore.data.measured import SUFFIXES, TUM_DEPTH_FACTOR, MeasuredFile, Quantity
+from rescore.data.pictures import PICTURES, picture_size, pictures_in
 from rescore.formats.box_files import chosen, class_names, is_kitti_text, read_voc, read_yolo
 from rescore.formats.calibration_files import Calibration, read_calibration
 from rescore.formats.folders import Layout, Pictures, data_set, splits_of
 from rescore.formats.kitti import kitti_labels
-from rescore.formats.labels import PICTURES, ClassMap, LabelRow, picture_size, pictures_in
-from rescore.frames import DataSet
-from rescore.measured import SUFFIXES, TUM_DEPTH_FACTOR, MeasuredFile, Quantity
+from rescore.formats.labels import ClassMap, LabelRow
 
 PAIRS = (("left", "right"), ("image_0", "image_1"), ("image_2", "image_3"), ("im0", "im1"))
 """Names of the folders of left and right pictures; of the pictures themselves in folders of scenes."""

@@ -10,11 +10,10 @@ import numpy as np
 from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
-from recon.stereo import PNG_SCALE
+from recon.stereo.sgbm import PNG_SCALE
+from rescore.data.measured import SUFFIXES, MeasuredFile, Quantity, read_measured
+from rescore.data.pictures import PICTURES, decode_picture, picture_size, pictures_in, read_rgb
 from rescore.formats.calibration_files import read_calibration
-from rescore.formats.labels import PICTURES, picture_size, pictures_in
-from rescore.frames import decode_picture, read_rgb
-from rescore.measured import SUFFIXES, MeasuredFile, Quantity, read_measured
 
 KITTI_TRUTH = "disp_occ_0"
 """Folder of KITTI's true disparities of all pixels; ``disp_noc_0`` holds those seen in both pictures."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from datasets_synth.mesh import Imaging, Light, Material, Mesh, Placed, Scene
+from datasets_synth.meshes.mesh import Imaging, Light, Material, Mesh, Placed, Scene
 from recon.camera import PinholeCamera, StereoCamera
 
 CAMERA = StereoCamera(PinholeCamera(200.0, 200.0, 79.5, 59.5, 160, 120), baseline_m=0.5)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from datasets_synth.body_extent import body_extent
-from datasets_synth.car_shapes import car_shapes
-from datasets_synth.cars import car_mesh
+from datasets_synth.cars.body_extent import body_extent
+from datasets_synth.cars.cars import car_mesh
+from datasets_synth.cars.shapes import car_shapes
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> np.ndarray:

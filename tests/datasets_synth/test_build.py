@@ -10,14 +10,15 @@ import pytest
 
 from datasets_synth import build
 from datasets_synth.build import build_dataset
-from datasets_synth.frame_synth import car_schedule, synth_frame
 from datasets_synth.presets import CarConfig, SplitSize, SynthConfig, synth_preset
-from recon.disparity_error import disparity_error
+from datasets_synth.street.frame_synth import car_schedule, synth_frame
 from recon.errors import RescoreError
 from recon.part_views import load_part_views
-from recon.stereo import read_disparity
+from recon.stereo.accuracy import disparity_error
+from recon.stereo.sgbm import read_disparity
+from rescore.data.frames import SPLITS
+from rescore.data.splits import Splits
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import SPLITS, Splits
 
 TINY = replace(
     synth_preset("tiny"),
@@ -215,7 +216,7 @@ def test_a_street_that_cannot_be_is_one_error_line() -> None:
     config: SynthConfig = replace(TINY, cars=CarConfig(far_m=22.0, min_visibility=1.01))
     cars = build.cars_of_splits()["train"][:1]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("datasets_synth.frame_synth.MAX_ATTEMPTS", 2)
+        patch.setattr("datasets_synth.street.frame_synth.MAX_ATTEMPTS", 2)
         with pytest.raises(
             RescoreError, match=r"frame train 0: expected a street with 1 cars in view, found none"
         ):

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from datasets_synth.build import build_dataset
-from datasets_synth.car_models import ImportedModel, cars_of_splits, part_labelled_cars
+from datasets_synth.cars.models import ImportedModel, cars_of_splits, part_labelled_cars
 from datasets_synth.presets import CarConfig, ClutterConfig, LightConfig, SplitSize, synth_preset
 from recon.arrays import BoolArray, UInt8Array
 from recon.part_views import load_part_views

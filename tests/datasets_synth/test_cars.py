@@ -6,11 +6,11 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from datasets_synth.car_paint import Finish
-from datasets_synth.car_shapes import BODY_TYPES, CarShape
-from datasets_synth.cars import car_mesh, car_shapes
-from datasets_synth.mesh import Mesh
-from datasets_synth.parts import CAR_PARTS, PART_LABEL
+from datasets_synth.cars.cars import car_mesh, car_shapes
+from datasets_synth.cars.paint import Finish
+from datasets_synth.cars.parts import CAR_PARTS, PART_LABEL
+from datasets_synth.cars.shapes import BODY_TYPES, CarShape
+from datasets_synth.meshes.mesh import Mesh
 
 SHAPES = car_shapes()
 SOME = SHAPES[::5]

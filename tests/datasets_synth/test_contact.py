@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from simple_scenes import box, ground, pose
 
-from datasets_synth.contact import DARKEST, contact_shade
-from datasets_synth.mesh import Placed
-from datasets_synth.mip_textures import _known, mip_texture, sample_textures
+from datasets_synth.meshes.mesh import Placed
+from datasets_synth.render.contact import DARKEST, contact_shade
+from datasets_synth.render.mip_textures import _known, mip_texture, sample_textures
 
 UP = np.array([[0, 0, 1]], np.float32)
 

@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datasets_synth.bank_scores import Judged, bank_as_json, cut_at_recall, judge_bank
-from datasets_synth.car_models import cars_of_splits
-from datasets_synth.distractor_bank import BankConfig, bank_item, detector_box
-from datasets_synth.distractor_kinds import DISTRACTORS, KIND, KINDS, ORDINARY_CAR, POSTERS, vertices_of
-from rescore.cues import Registration
+from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.photos.distractor_bank import BankConfig, bank_item, detector_box
+from datasets_synth.photos.distractor_kinds import (
+    DISTRACTORS,
+    KIND,
+    KINDS,
+    ORDINARY_CAR,
+    POSTERS,
+    vertices_of,
+)
+from rescore.evidence.registration import Registration
+from rescore.studies.distractors import Judged, bank_as_json, cut_at_recall, judge_bank
 from tests.bank_judge import stored_judge
 
 # one worker makes what all of them need

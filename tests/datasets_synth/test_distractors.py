@@ -3,11 +3,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from datasets_synth.distractors import PROPS, Prop
-from datasets_synth.prop_parts import printed
-from datasets_synth.prop_prints import billboard, mural
-from datasets_synth.prop_vehicles import trailer_picture
-from datasets_synth.solids import MeshDraft
+from datasets_synth.meshes.solids import MeshDraft
+from datasets_synth.street.distractors import PROPS, Prop
+from datasets_synth.street.prop_parts import printed
+from datasets_synth.street.prop_prints import billboard, mural
+from datasets_synth.street.prop_vehicles import trailer_picture
 
 PICTURE = np.zeros((60, 100, 3), np.uint8)
 PICTURE[:, :50] = (200, 30, 30)  # its left half is red, so a mirrored print would show

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from datasets_synth.gallery_photos import gallery_photo, occluded_basket, views_without
-from datasets_synth.object_classes import labelled_views, object_class
+from datasets_synth.objects.object_classes import labelled_views, object_class
+from datasets_synth.photos.gallery_photos import gallery_photo, occluded_basket, views_without
 from recon.class_model import ClassModel, ClassPart
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from simple_scenes import CLEAN
 
-from datasets_synth.imaging import expose, rectification_shift, vignette
-from datasets_synth.mip_textures import linear_from_srgb, srgb_from_linear
+from datasets_synth.render.imaging import expose, rectification_shift, vignette
+from datasets_synth.render.mip_textures import linear_from_srgb, srgb_from_linear
 
 SHAPE = (240, 320, 3)
 

@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
 
-from datasets_synth.car_models import ParametricCar, cars_of_splits
-from datasets_synth.car_shapes import car_shapes
-from datasets_synth.distractors import PROPS
-from datasets_synth.footprints import Footprint, footprint
-from datasets_synth.layout import GROUND_KINDS, MOST_COVERED, sample_scene
-from datasets_synth.mesh import Placed, Scene
+from datasets_synth.cars.models import ParametricCar, cars_of_splits
+from datasets_synth.cars.shapes import car_shapes
+from datasets_synth.meshes.mesh import Placed, Scene
 from datasets_synth.presets import MAX_CARS, SplitSize, synth_preset
-from datasets_synth.truth import azimuth_deg
+from datasets_synth.render.truth import azimuth_deg
+from datasets_synth.street.distractors import PROPS
+from datasets_synth.street.footprints import Footprint, footprint
+from datasets_synth.street.layout import GROUND_KINDS, MOST_COVERED, sample_scene
 from recon.errors import RescoreError
-from rescore.frames import SPLITS
+from rescore.data.frames import SPLITS
 
 CONFIG = synth_preset("paper")
 CARS = tuple(ParametricCar(s) for s in car_shapes()[::25])

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from datasets_synth.lofts import circle, curve, loft, slab, superellipse, tube
-from datasets_synth.mesh import Material, Mesh
-from datasets_synth.solids import MeshDraft
+from datasets_synth.meshes.lofts import circle, curve, loft, slab, superellipse, tube
+from datasets_synth.meshes.mesh import Material, Mesh
+from datasets_synth.meshes.solids import MeshDraft
 
 GREY = Material("grey", (0.5, 0.5, 0.5))
 

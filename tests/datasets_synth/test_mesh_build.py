@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from datasets_synth.level_lines import above_curve_level, box_level, line_level, smooth_max
-from datasets_synth.mesh_build import cut, grid_corners, open_edges, recess, smooth_normals, soup_of
+from datasets_synth.cars.body_cuts import above_curve_level, box_level, line_level, smooth_max
+from datasets_synth.meshes.mesh_build import cut, grid_corners, open_edges, recess, smooth_normals, soup_of
 
 
 def plate(n: int = 12) -> np.ndarray:

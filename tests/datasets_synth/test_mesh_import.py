@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from datasets_synth.mesh_import import load_meshes
-from datasets_synth.parts import PART_LABEL
+from datasets_synth.cars.mesh_import import load_meshes
+from datasets_synth.cars.parts import PART_LABEL
 from recon.errors import RescoreError
 
 BODY_M = (1.8, 1.4, 4.2)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datasets_synth.model_study import _fitted_distance, model_errors
-from datasets_synth.object_classes import object_class
-from datasets_synth.part_truth import PartTruth, part_truth
+from datasets_synth.objects.object_classes import object_class
+from datasets_synth.render.part_truth import PartTruth, part_truth
 from recon.class_model import ClassModel, ClassPart
 from recon.part_views import PartView
 from recon.view_bins import ViewBins
+from rescore.studies.class_models import _fitted_distance, model_errors
 
 
 def exact_model(truth: dict[int, PartTruth], scale: float, shift: np.ndarray) -> ClassModel:

@@ -4,15 +4,15 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from datasets_synth.mesh import Mesh
-from datasets_synth.object_classes import (
+from datasets_synth.meshes.mesh import Mesh
+from datasets_synth.objects.object_classes import (
     FIGURE_1_CLASSES,
     OBJECT_CLASSES,
     labelled_views,
     object_class,
 )
-from datasets_synth.part_render import render_part_labels
-from datasets_synth.part_truth import part_truth
+from datasets_synth.render.part_render import render_part_labels
+from datasets_synth.render.part_truth import part_truth
 from recon.errors import RescoreError
 from recon.view_bins import ViewBins
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from simple_scenes import SIDES, box, joined
 
-from datasets_synth.part_render import MARGIN_PX, render_part_labels
+from datasets_synth.render.part_render import MARGIN_PX, render_part_labels
 from recon.view_bins import rotation
 
 LABEL = {name: i + 1 for i, name in enumerate(SIDES)}

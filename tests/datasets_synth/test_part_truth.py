@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from simple_scenes import box, joined, quad
 
-from datasets_synth.chairs import chair_mesh, chair_shapes
-from datasets_synth.mesh import Material, Mesh
-from datasets_synth.part_truth import part_truth
-from datasets_synth.solids import MeshDraft
+from datasets_synth.meshes.mesh import Material, Mesh
+from datasets_synth.meshes.solids import MeshDraft
+from datasets_synth.objects.chairs import chair_mesh, chair_shapes
+from datasets_synth.render.part_truth import part_truth
 
 
 def test_a_panel_is_flat_and_faces_outward():

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from datasets_synth.car_models import cars_of_splits
-from datasets_synth.part_render import render_part_labels
-from datasets_synth.parts import CAR_PARTS
+from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.parts import CAR_PARTS
+from datasets_synth.render.part_render import render_part_labels
 from recon.arrays import UInt8Array
 from recon.class_model import ClassModel
-from recon.learn import learn_class_model
+from recon.learning.label_files import read_labelled_views
+from recon.learning.learn import learn_class_model
 from recon.outlines import mask_rings
 from recon.part_views import PartView, PartViews
-from recon.polygon_labels import read_labelled_views
 from recon.view_bins import ViewBins
 from rescore.cli import app
 

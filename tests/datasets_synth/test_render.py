@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from simple_scenes import CAMERA, CLEAN, ball, box, ground, noise_texture, pose, quad, scene, unit, wall
 
-from datasets_synth.mesh import Imaging, Light, Material, Placed
-from datasets_synth.mip_textures import linear_from_srgb
-from datasets_synth.render import render_pair, render_rgb
+from datasets_synth.meshes.mesh import Imaging, Light, Material, Placed
+from datasets_synth.render.mip_textures import linear_from_srgb
+from datasets_synth.render.render import render_pair, render_rgb
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
-from recon.stereo import SgbmConfig, compute_disparity
+from recon.stereo.sgbm import SgbmConfig, compute_disparity
 
 
 def grid_px(camera):

@@ -3,10 +3,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from datasets_synth.object_classes import object_class
-from datasets_synth.part_render import render_part_labels
-from datasets_synth.single_object import FILL, ObjectPhoto, Viewpoint, photograph
-from datasets_synth.truth import azimuth_deg
+from datasets_synth.objects.object_classes import object_class
+from datasets_synth.photos.single_object import FILL, ObjectPhoto, Viewpoint, photograph
+from datasets_synth.render.part_render import render_part_labels
+from datasets_synth.render.truth import azimuth_deg
 from recon.camera import PinholeCamera, default_camera
 from recon.errors import RescoreError
 

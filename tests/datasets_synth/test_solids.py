@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from datasets_synth.mesh import Material, Mesh
-from datasets_synth.solids import MeshDraft, pose, rotation_z
+from datasets_synth.meshes.mesh import Material, Mesh
+from datasets_synth.meshes.solids import MeshDraft, pose, rotation_z
 
 GREY = Material("grey", (0.5, 0.5, 0.5))
 

@@ -3,8 +3,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from datasets_synth.facades import DOOR_HEIGHT_M, facade
-from datasets_synth.street import KERB_HEIGHT_M, ground_height_m, ground_items, sample_strips
+from datasets_synth.street.facades import DOOR_HEIGHT_M, facade
+from datasets_synth.street.street import KERB_HEIGHT_M, ground_height_m, ground_items, sample_strips
 
 
 @pytest.mark.parametrize("seed", range(25))

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from exact_primitives import exact_library
 
-from datasets_synth.car_models import cars_of_splits
-from datasets_synth.table_class import TableClass, TableClassConfig, learn_table_class
-from datasets_synth.table_scene import (
+from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.photos.table_scene import (
     CAMERA,
     GROUND,
     TABLE_M,
@@ -17,14 +16,15 @@ from datasets_synth.table_scene import (
     photograph,
     place_at_random,
 )
-from datasets_synth.table_trials import TrialConfig, empty_table, localize_placement
-from recon.localize import FitLocalization
-from recon.outcome import Failure, Reason
-from recon.shape_space import ShapeSpaceConfig
-from recon.standing_box import cam_from_ground
+from recon.errors import Failure, Reason
+from recon.localization.localize import FitLocalization
+from recon.localization.shape_space import ShapeSpaceConfig
+from recon.localization.standing_box import cam_from_ground
 from recon.view_bins import ViewBins
-from rescore.localization import METHODS, Score
-from rescore.table_segment import segment_table
+from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
+from rescore.studies.localization.scores import METHODS, Score
+from rescore.studies.localization.segment import segment_table
+from rescore.studies.localization.trials import TrialConfig, empty_table, localize_placement
 
 CARS = cars_of_splits()
 SMALL = TableClassConfig(

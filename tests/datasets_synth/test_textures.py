@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from datasets_synth.textures import TEXTURE_KINDS, fractal_noise, lettering, texture
+from datasets_synth.meshes.textures import TEXTURE_KINDS, fractal_noise, lettering, texture
 
 
 def test_fractal_noise_has_zero_mean_unit_spread_and_tiles() -> None:

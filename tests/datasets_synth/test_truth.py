@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from simple_scenes import CAMERA, box, ground, pose, quad, scene
 
-from datasets_synth.mesh import Placed
-from datasets_synth.render import render_pair
-from datasets_synth.truth import azimuth_deg, view_bin, visible_objects, yaw_rad
+from datasets_synth.meshes.mesh import Placed
+from datasets_synth.render.render import render_pair
+from datasets_synth.render.truth import azimuth_deg, view_bin, visible_objects, yaw_rad
 
 
 def car(x, y, yaw=0.0, scale=1.0, shape="box"):

@@ -1,9 +1,9 @@
 import numpy as np
 
-from datasets_synth.object_classes import labelled_views, object_class
-from datasets_synth.view_confusion import view_confusion
+from datasets_synth.objects.object_classes import labelled_views, object_class
 from recon.class_model import ClassModel
 from recon.view_bins import ViewBins
+from rescore.studies.view_bins import view_confusion
 
 
 def test_every_photograph_is_counted_once_and_a_seed_repeats():

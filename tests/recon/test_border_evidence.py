@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from recon.border_evidence import BorderEvidenceConfig, agreement, border_channels, edge_channels
 from recon.outlines import fill_polygon
+from recon.reconstruction.border_evidence import (
+    BorderEvidenceConfig,
+    agreement,
+    border_channels,
+    edge_channels,
+)
 
 CONFIG = BorderEvidenceConfig()
 SIZE = 60

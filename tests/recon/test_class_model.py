@@ -10,7 +10,7 @@ from exact_primitives import exact_library
 
 from recon.class_model import ClassModel, ClassPart
 from recon.errors import RescoreError
-from recon.learn import LearnConfig, learn_class_model
+from recon.learning.learn import LearnConfig, learn_class_model
 from recon.part_views import PartView, PartViews, load_part_views, save_part_views
 from recon.view_bins import ViewBins
 

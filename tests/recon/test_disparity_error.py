@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recon.disparity_error import BAD_1, BAD_2, DisparityError, disparity_error, fill_holes
+from recon.stereo.accuracy import BAD_1, BAD_2, DisparityError, disparity_error, fill_holes
 
 NAN = np.nan
 

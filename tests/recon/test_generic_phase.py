@@ -7,9 +7,15 @@ import pytest
 from exact_primitives import exact_library
 
 from recon.errors import RescoreError
-from recon.generic_phase import file_name, learn_primitives, primitive_library
-from recon.primitives import PrimitiveLibrary, primitive_normals
-from recon.projective import affine_transform, apply_projective, nearest_on_outline, projective_transform
+from recon.learning.generic_phase import file_name, learn_primitives, primitive_library
+from recon.learning.primitives import (
+    PrimitiveLibrary,
+    affine_transform,
+    apply_projective,
+    nearest_on_outline,
+    primitive_normals,
+    projective_transform,
+)
 from recon.view_bins import ViewBins
 
 BINS = ViewBins(12, float(np.deg2rad(20)))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane, PinholeCamera
-from recon.ground_line import GroundLine, GroundLineConfig, ground_line
-from recon.outcome import Failure, Reason
+from recon.errors import Failure, Reason
+from recon.reconstruction.ground_line import GroundLine, GroundLineConfig, ground_line
 
 CAMERA = PinholeCamera(700.0, 700.0, 320.0, 240.0, 641, 481)
 GROUND = GroundPlane(1.5)

@@ -9,7 +9,7 @@ import pytest
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.errors import RescoreError
-from recon.ground_region import (
+from recon.reconstruction.ground_region import (
     FEATURES,
     PACKAGED,
     GroundPixels,

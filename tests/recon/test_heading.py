@@ -5,9 +5,9 @@ import pytest
 
 from recon.arrays import Float32Array
 from recon.camera import GroundPlane, PinholeCamera
-from recon.heading import HeadingConfig, Posed, learn_heading, read_surface
+from recon.localization.heading import HeadingConfig, Posed, learn_heading, read_surface
+from recon.localization.standing_box import StandingBox, cam_from_ground
 from recon.outlines import fill_polygon
-from recon.standing_box import StandingBox, cam_from_ground
 
 CAMERA = PinholeCamera(600.0, 600.0, 399.5, 299.5, 800, 600)
 GROUND = GroundPlane(14.5, float(np.deg2rad(35)))

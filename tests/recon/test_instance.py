@@ -10,9 +10,16 @@ from recon.arrays import FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel, ClassPart
 from recon.depth_map import DepthMap
-from recon.instance import Instance3D, InstancePart, InstanceQuality, _absent, _astray, picture_depth
-from recon.occluded_parts import ClassToInstance
-from recon.reconstruct import Reconstruction
+from recon.reconstruction.instance import (
+    Instance3D,
+    InstancePart,
+    InstanceQuality,
+    _absent,
+    _astray,
+    picture_depth,
+)
+from recon.reconstruction.occluded_parts import ClassToInstance
+from recon.reconstruction.reconstruct import Reconstruction
 from recon.view_bins import ViewBins
 
 CAMERA = PinholeCamera(300.0, 300.0, 99.5, 74.5, 200, 150)

@@ -8,10 +8,10 @@ from exact_primitives import exact_library
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
-from recon.learn import LearnConfig, learn_class_model, part_costs
+from recon.learning.learn import LearnConfig, learn_class_model, part_costs
+from recon.learning.primitives import cross_view_transforms, lift, primitive_normals
+from recon.learning.structure import solve_structure
 from recon.part_views import PartView, PartViews
-from recon.primitives import cross_view_transforms, lift, primitive_normals
-from recon.structure import solve_structure
 from recon.view_bins import ViewBins
 
 BINS = ViewBins(12, np.deg2rad(10))

@@ -10,8 +10,9 @@ from recon.arrays import FloatArray
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
-from recon.learn import LearnConfig, learn_class_model
-from recon.occluded_parts import (
+from recon.errors import Failure, Reason
+from recon.learning.learn import LearnConfig, learn_class_model
+from recon.reconstruction.occluded_parts import (
     ClassToInstance,
     TransformConfig,
     _labelled_image_in_units,
@@ -19,10 +20,9 @@ from recon.occluded_parts import (
     class_to_instance,
     part_correspondences,
 )
-from recon.outcome import Failure, Reason
-from recon.part_registration import PreparedView, RegistrationConfig, prepare_view
-from recon.placing import feet
-from recon.reconstruct import Reconstruction
+from recon.reconstruction.part_registration import PreparedView, RegistrationConfig, prepare_view
+from recon.reconstruction.predict_depth import feet
+from recon.reconstruction.reconstruct import Reconstruction
 from recon.view_bins import ViewBins, rotation
 
 BINS = ViewBins(12, np.deg2rad(5))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from recon.part_registration import _without_jumps
+from recon.reconstruction.part_registration import _without_jumps
 
 
 def circle(count: int = 80) -> np.ndarray:

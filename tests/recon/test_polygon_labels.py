@@ -10,8 +10,8 @@ import pytest
 from box_car import PART_NAMES, box_car, labelled_view
 
 from recon.errors import RescoreError
+from recon.learning.label_files import read_labelled_views
 from recon.part_views import PartViews, save_part_views
-from recon.polygon_labels import read_labelled_views
 from recon.view_bins import ViewBins
 
 Change = Callable[[dict[str, Any]], object]

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from recon.polygons import area_px, first_crossing, open_ring, polygon_mask, polygon_problem
+from recon.learning.label_polygons import area_px, first_crossing, open_ring, polygon_mask, polygon_problem
 
 SQUARE = np.array([[2.0, 1.0], [6.0, 1.0], [6.0, 4.0], [2.0, 4.0]])
 

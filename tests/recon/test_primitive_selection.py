@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from recon.primitive_selection import select_primitives
+from rescore.studies.class_models import select_primitives
 
 
 def test_greedy_by_hand() -> None:

@@ -1,6 +1,6 @@
 import numpy as np
 
-from recon.projected_parts import EdgeWindow, EdgeWindowConfig
+from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
 
 SQUARE = np.array([[40.0, 30.0], [100.0, 30.0], [100.0, 70.0], [40.0, 70.0]])
 """The object's outline: pixel centres of its border."""

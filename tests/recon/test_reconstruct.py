@@ -10,20 +10,14 @@ from exact_primitives import exact_library
 
 from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, default_camera
-from recon.canonical_window import _in_one_piece
 from recon.class_model import ClassModel
-from recon.errors import RescoreError
-from recon.learn import LearnConfig, learn_class_model
-from recon.outcome import Failure, Reason
-from recon.part_registration import RegistrationConfig, prepare_view
-from recon.predict_depth import PlacingConfig
-from recon.reconstruct import (
-    ReconstructConfig,
-    Reconstruction,
-    reconstruct,
-    view_rotation,
-)
-from recon.segment import SegmentConfig
+from recon.errors import Failure, Reason, RescoreError
+from recon.learning.learn import LearnConfig, learn_class_model
+from recon.reconstruction.canonical_window import _in_one_piece
+from recon.reconstruction.part_registration import RegistrationConfig, prepare_view
+from recon.reconstruction.predict_depth import PlacingConfig
+from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct, view_rotation
+from recon.reconstruction.segment import SegmentConfig
 from recon.view_bins import ViewBins, rotation
 
 CAMERA = PinholeCamera(700.0, 700.0, 319.5, 200.0, 640, 480)

@@ -8,7 +8,13 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from recon.arrays import BoolArray, Float32Array
-from recon.segment import SegmentConfig, colour_evidence, edge_indicator, evolve, signed_distance
+from recon.reconstruction.segment import (
+    SegmentConfig,
+    colour_evidence,
+    edge_indicator,
+    evolve,
+    signed_distance,
+)
 
 CONFIG = SegmentConfig()
 

@@ -6,13 +6,11 @@ from box_car import PART_NAMES, box_car, labelled_view
 from exact_primitives import exact_library
 
 from recon.camera import GroundPlane, PinholeCamera
-from recon.errors import RescoreError
-from recon.joint_fit import JointFitConfig, OutlineFit, joint_fits
-from recon.localize import FitConfig, FitLocalization, localize_by_fit
-from recon.outcome import Failure, Reason
-from recon.outline_edges import OutlinePoints, outline_points
-from recon.outlines import fill_polygon, largest_outline
-from recon.shape_space import (
+from recon.errors import Failure, Reason, RescoreError
+from recon.localization.joint_fit import JointFitConfig, OutlineFit, joint_fits
+from recon.localization.localize import FitConfig, FitLocalization, localize_by_fit
+from recon.localization.outline_edges import OutlinePoints, outline_points
+from recon.localization.shape_space import (
     InstanceShape,
     ShapeSpace,
     ShapeSpaceConfig,
@@ -21,9 +19,10 @@ from recon.shape_space import (
     object_views,
     principal_shapes,
 )
-from recon.standing_box import StandingBox, cam_from_ground, turn, volume_overlap
+from recon.localization.standing_box import StandingBox, cam_from_ground, turn, volume_overlap
+from recon.outlines import fill_polygon, largest_outline
 from recon.view_bins import ViewBins
-from rescore.threads import one_thread
+from rescore.parallel import one_thread
 
 BINS = ViewBins(12, float(np.deg2rad(35)))
 CAMERA = PinholeCamera(600.0, 600.0, 399.5, 299.5, 800, 600)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane, PinholeCamera
-from recon.outcome import Failure, Reason
+from recon.errors import Failure, Reason
+from recon.localization.single_plane import SinglePlane, lower_edge, single_plane
+from recon.localization.standing_box import cam_from_ground
 from recon.outlines import fill_polygon, largest_outline
-from recon.single_plane import SinglePlane, lower_edge, single_plane
-from recon.standing_box import cam_from_ground
 
 CAMERA = PinholeCamera(400.0, 400.0, 199.5, 149.5, 400, 300)
 GROUND = GroundPlane(1.5, 0.1)

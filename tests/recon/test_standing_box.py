@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from recon.camera import GroundPlane
-from recon.standing_box import (
+from recon.localization.standing_box import (
     StandingBox,
     angle_between,
     cam_from_ground,

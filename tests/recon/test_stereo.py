@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from recon.stereo import (
+from recon.stereo.sgbm import (
     SgbmConfig,
     compute_disparity,
     disparities_to_reach,

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane, StereoCamera, default_camera
-from recon.stereo_ground import GroundDoubt, GroundEstimate, estimate_ground
+from recon.stereo.ground import GroundDoubt, GroundEstimate, estimate_ground
+from rescore.data.frames import load_frame
+from rescore.evidence.settings import automatic_stereo
 from rescore.formats.open import read_dataset
-from rescore.frames import load_frame
-from rescore.steps import automatic_stereo
 
 CAMERA = StereoCamera(default_camera(640, 480), 0.35)
 GROUND = GroundPlane(1.5, np.radians(2))

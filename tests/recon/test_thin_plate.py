@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from recon.thin_plate import thin_plate_operator
+from recon.shape_matching import thin_plate_operator
 
 RNG = np.random.default_rng(0)
 CONTROLS = RNG.uniform(0, 50, (25, 2))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from recon.class_model import ClassModel
-from recon.outcome import Failure, Reason
+from recon.errors import Failure, Reason
 from recon.outlines import largest_outline
+from recon.reconstruction.view_selection import ViewChoice, ViewSelectionConfig, best_view_bin
 from recon.view_bins import ViewBins
-from recon.view_selection import ViewChoice, ViewSelectionConfig, best_view_bin
 from tests.recon.box_car import PART_NAMES, box_car, labelled_view
 from tests.recon.toy_object import paint, toy_model, view_labels
 

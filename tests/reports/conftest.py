@@ -4,7 +4,7 @@ import pytest
 import rerun as rr
 from fake_run import make_run
 
-from reports.run_folder import Run, load_run
+from rescore.results.run_folder import Run, load_run
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -10,21 +10,21 @@ import pyarrow.parquet as pq
 
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.depth_map import DepthMap
-from recon.outcome import Failure
-from recon.reconstruct import Reconstruction
-from recon.stereo import SgbmConfig, write_disparity
-from rescore.align_depth import AlignConfig, align_depth, measured_depth
-from rescore.bootstrap import BootstrapConfig
-from rescore.boxes import xywh_from_xyxy
-from rescore.comparisons import certainty
-from rescore.evidence_files import evidence_path, write_evidence
+from recon.errors import Failure
+from recon.reconstruction.reconstruct import Reconstruction
+from recon.stereo.sgbm import SgbmConfig, write_disparity
+from rescore.data.boxes import xywh_from_xyxy
+from rescore.data.frames import DataSet, load_frame
+from rescore.evidence.align_depth import AlignConfig, align_depth, measured_depth
+from rescore.evidence.files import evidence_path, write_evidence
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import DataSet, load_frame
-from rescore.fuse import fuse
-from rescore.matching import HIT, OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
-from rescore.metrics import summarise
-from rescore.reliability import reliability
-from rescore.weight_interval import WeightUncertainty, describe, uncertainty_as_json
+from rescore.fusion.fuse import fuse
+from rescore.fusion.weight_interval import WeightUncertainty, describe, uncertainty_as_json
+from rescore.metrics.bootstrap import BootstrapConfig
+from rescore.metrics.curves import summarise
+from rescore.metrics.matching import HIT, OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
+from rescore.metrics.reliability import reliability
+from rescore.results.comparisons import certainty
 
 WIDTH, HEIGHT = 320, 240
 CAMERA = StereoCamera(PinholeCamera(300.0, 300.0, 159.5, 119.5, WIDTH, HEIGHT), 0.25)

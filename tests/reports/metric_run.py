@@ -8,13 +8,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rescore.cues import CUES, Registration
-from rescore.evidence_model import EvidenceModel, save_models
+from rescore.evidence.model import EvidenceModel, save_models
+from rescore.evidence.registration import CUES, Registration
 from rescore.formats.coco_dataset import read_dataset
-from rescore.fuse import fuse
-from rescore.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
-from rescore.metrics import summarise
-from rescore.store import read_candidates
+from rescore.fusion.fuse import fuse
+from rescore.metrics.curves import summarise
+from rescore.metrics.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
+from rescore.results.candidate_file import read_candidates
 
 W = 0.4
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from single_car import car_from, quick_car_model
 
-from reports.back_side import is_compact
-from reports.mesh_view import MeshView, turned_about
-from reports.object_mesh import object_meshes
-from reports.popup import close_camera, object_texture
-from rescore.single_picture import FoundObject, Photo, find_object
+from reports.objects.back_side import is_compact
+from reports.objects.mesh_files import MeshView, turned_about
+from reports.objects.object_mesh import object_meshes
+from reports.objects.popup import close_camera, object_texture
+from rescore.library.single_picture import FoundObject, Photo, find_object
 
 Seen = tuple[Photo, FoundObject]
 

@@ -3,7 +3,9 @@ from typing import Any
 
 from rich.console import Console
 
-from reports.certainty_tables import (
+from reports.page.html import render_report
+from reports.page.paired_runs import Evaluated
+from reports.run.tables import (
     TERMINAL_CAPTION,
     comparison_table,
     difference,
@@ -14,9 +16,7 @@ from reports.certainty_tables import (
     weight_table,
     weight_text,
 )
-from reports.html import render_report
-from reports.paired_runs import Evaluated
-from reports.run_folder import Run
+from rescore.results.run_folder import Run
 
 
 def figure(value: float | None, interval: list[float | None] | None) -> dict[str, Any]:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from reports.confusion import write_confusion, write_view_study
-from rescore.confusion import Confusion, save_confusions
+from reports.studies.view_bins import write_confusion, write_view_study
+from rescore.studies.view_bins import Confusion, save_confusions
 
 
 def test_the_picture_is_dark_where_the_counts_are(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from fake_run import CAMERA
 
-from reports.evidence_view import frame_views, run_data
-from reports.rerun_frame import in_metres
-from reports.run_folder import Run, load_run
+from reports.recording.frame import in_metres
+from reports.run.frame_view import frame_views, run_data
+from rescore.results.run_folder import Run, load_run
 
 
 def test_frames_come_in_the_order_of_the_data_set_with_all_candidates(run: Run):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from recon.arrays import BoolArray, UInt8Array
-from reports.fill_in import filled_from_beside
+from reports.objects.fill_in import filled_from_beside
 
 
 def striped(period_px: int) -> UInt8Array:

@@ -3,10 +3,10 @@ import base64
 import cv2
 import numpy as np
 
-from reports.curves import match_table
-from reports.evidence_view import frame_views
-from reports.gallery import build_gallery
-from reports.pictures import (
+from reports.page.gallery import build_gallery
+from reports.run.curves import match_table
+from reports.run.frame_view import frame_views
+from reports.run.pictures import (
     PICTURE_WIDTH_PX,
     Picture,
     as_webp,
@@ -15,9 +15,9 @@ from reports.pictures import (
     colourise,
     crop_window,
 )
-from reports.run_folder import Run
-from rescore.candidate_columns import places
-from rescore.changes import CHANGED
+from rescore.results.candidate_file import places
+from rescore.results.changes import CHANGED
+from rescore.results.run_folder import Run
 
 
 def pixels(picture: Picture) -> np.ndarray:

@@ -1,6 +1,6 @@
 import pytest
 
-from reports.headline import few_images, headline, tiles
+from reports.page.headline import few_images, headline, tiles
 
 
 def row(mode: str, fppi: float | None, detector: str = "hog", ap: float = 0.25) -> dict:

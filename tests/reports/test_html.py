@@ -11,11 +11,11 @@ import pytest
 from page import Page
 
 from recon.errors import RescoreError
-from reports.curves import curve_sets
-from reports.html import build_report, render_report
-from reports.paired_runs import Evaluated
-from reports.run_folder import Run, load_run
-from reports.tables import result_table
+from reports.page.html import build_report, render_report
+from reports.page.paired_runs import Evaluated
+from reports.run.curves import curve_sets
+from reports.run.tables import result_table
+from rescore.results.run_folder import Run, load_run
 
 
 def text_of(run: Run) -> str:

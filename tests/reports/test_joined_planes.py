@@ -7,10 +7,10 @@ import pytest
 
 from recon.camera import PinholeCamera
 from recon.depth_map import DepthMap
-from recon.instance import Instance3D, InstancePart, InstanceQuality
-from recon.occluded_parts import ClassToInstance
-from recon.reconstruct import Reconstruction
-from reports.joined_planes import joined_planes
+from recon.reconstruction.instance import Instance3D, InstancePart, InstanceQuality
+from recon.reconstruction.occluded_parts import ClassToInstance
+from recon.reconstruction.reconstruct import Reconstruction
+from reports.objects.joined_planes import joined_planes
 
 CAMERA = PinholeCamera(100.0, 100.0, 49.5, 39.5, 100, 80)
 

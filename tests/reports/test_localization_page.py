@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from reports.localization_page import page, publish
-from rescore.localization import METHODS, REPORTED
+from reports.studies.localization import page, publish
+from rescore.studies.localization.scores import METHODS, REPORTED
 
 GOOD = {"overlap": 0.9, "centroid_mm": 3.0, "orientation_deg": 1.0}
 FLIPPED = {"overlap": 0.7, "centroid_mm": 9.0, "orientation_deg": 179.0}

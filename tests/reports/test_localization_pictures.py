@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 
 from recon.camera import GroundPlane, PinholeCamera
-from recon.standing_box import StandingBox
-from reports.localization import (
+from recon.localization.standing_box import StandingBox
+from reports.studies.localization_pictures import (
     ESTIMATE_RGB,
     TILE_PX,
     TRUTH_RGB,

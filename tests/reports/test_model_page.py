@@ -8,11 +8,10 @@ import pytest
 from matplotlib.image import imread
 
 from recon.class_model import ClassModel, ClassPart
-from recon.model_quality import AccuracyRow, ModelStudy, SelectionStudy
 from recon.part_views import PartView
-from recon.primitive_selection import select_primitives
 from recon.view_bins import ViewBins
-from reports.model_page import accuracy_table, write_study
+from reports.studies.class_models import accuracy_table, write_study
+from rescore.studies.class_models import AccuracyRow, ModelStudy, SelectionStudy, select_primitives
 
 
 @pytest.fixture

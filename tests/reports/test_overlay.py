@@ -4,7 +4,7 @@ from fake_run import CAMERA, HEIGHT, WIDTH, car_box, ground_depth, predicted
 
 from recon.camera import GroundPlane, PinholeCamera
 from recon.depth_map import DepthMap
-from reports.overlay import (
+from reports.run.overlay import (
     apply_transform,
     merge_meshes,
     part_mesh,
@@ -13,7 +13,7 @@ from reports.overlay import (
     stereo_points,
     world_from_camera,
 )
-from rescore.align_depth import AlignConfig, DepthAlignment, Normalisation, align_depth
+from rescore.evidence.align_depth import AlignConfig, DepthAlignment, Normalisation, align_depth
 
 
 @pytest.mark.parametrize("pitch", [-0.2, 0.0, 0.3])

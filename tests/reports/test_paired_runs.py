@@ -8,10 +8,10 @@ import pytest
 from fake_run import make_run
 
 from recon.errors import RescoreError
-from reports.paired_runs import Evaluated, compare_runs, restricted, shared_frames, side_by_side
-from reports.run_folder import Run, load_run
-from rescore.matching import HIT, MatchTable
-from rescore.metrics import recall_curve
+from reports.page.paired_runs import Evaluated, compare_runs, restricted, shared_frames, side_by_side
+from rescore.metrics.curves import recall_curve
+from rescore.metrics.matching import HIT, MatchTable
+from rescore.results.run_folder import Run, load_run
 
 
 def test_shared_frames_are_pairs_of_places():

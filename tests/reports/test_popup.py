@@ -15,30 +15,31 @@ from recon.arrays import UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outlines import fill_polygon
-from reports.instance_overlay import instance_overlay
-from reports.mesh_files import (
+from reports.objects.instance_overlay import instance_overlay
+from reports.objects.mesh_files import (
+    MeshView,
     gltf_from_camera,
     gltf_from_object,
     sample,
+    turned_about,
     vertex_colours,
     write_glb,
     write_ply,
 )
-from reports.mesh_view import MeshView, turned_about
-from reports.object_mesh import PictureMesh, object_meshes
-from reports.popup import (
+from reports.objects.object_mesh import PictureMesh, object_meshes
+from reports.objects.popup import (
     backdrop_distance_m,
     backdrop_mesh,
     ground_mesh,
     in_scene_axes,
     scene_layers,
     source_similarity,
+    structural_similarity,
     turntable,
     without_objects,
     write_turntable,
 )
-from reports.ssim import structural_similarity
-from rescore.single_picture import FoundObject, Photo, find_object
+from rescore.library.single_picture import FoundObject, Photo, find_object
 
 CAMERA = PinholeCamera(300.0, 300.0, 159.5, 99.5, 320, 240)
 

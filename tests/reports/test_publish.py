@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 
 from recon.errors import RescoreError
-from reports.html import build_report
-from reports.publish import CURVES, publish
-from reports.run_folder import Run
+from reports.page.html import build_report
+from reports.publishing.publish import CURVES, publish
+from rescore.results.run_folder import Run
 
 
 def test_the_page_shows_the_numbers_and_figures_of_the_run(run: Run, tmp_path: Path):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from single_car import CarPicture, car_from, quick_car_model
 
-from recon.outcome import Failure, Reason
-from reports.popup import close_camera
-from reports.reconstruction_gallery import (
+from recon.errors import Failure, Reason
+from reports.objects.popup import close_camera
+from reports.studies.reconstructions import (
     Exhibit,
     _cut,
     accuracy_table,
@@ -17,8 +17,8 @@ from reports.reconstruction_gallery import (
     steps_strip,
     write_small_png,
 )
-from rescore.instance_accuracy import InstanceErrors
-from rescore.single_picture import FoundObject, Photo, find_object
+from rescore.library.single_picture import FoundObject, Photo, find_object
+from rescore.studies.instance_accuracy import InstanceErrors
 
 LOST = Failure(Reason.NO_OUTLINE, "none")
 

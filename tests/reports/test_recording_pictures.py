@@ -3,8 +3,8 @@ from pathlib import Path
 import cv2
 import pytest
 
-from reports.recording_pictures import publish_recording
-from reports.rerun_blueprint import TABS
+from reports.publishing.recording_pictures import publish_recording
+from reports.recording.blueprint import TABS
 
 
 def test_each_tab_is_drawn_without_a_fault_and_the_page_shows_it(run_dir: Path, tmp_path: Path):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from reports.curves import curve_sets, match_table, scores
 from reports.palette import detector_colour, mode_colour, mode_dash
-from reports.roc import draw_candidate_roc, draw_car_roc, draw_weight, style, write_curves
-from reports.run_folder import Run, boxes_px
+from reports.run.curve_pictures import draw_candidate_roc, draw_car_roc, draw_weight, style, write_curves
+from reports.run.curves import curve_sets, match_table, scores
 from rescore.formats.coco_dataset import read_dataset
-from rescore.matching import TruthTable, greedy_match, ranking_of
-from rescore.metrics import candidate_roc, recall_curve, summarise
+from rescore.metrics.curves import candidate_roc, recall_curve, summarise
+from rescore.metrics.matching import TruthTable, greedy_match, ranking_of
+from rescore.results.run_folder import Run, boxes_px
 
 
 def test_curves_are_those_of_rescore_metrics_on_a_fresh_match(run: Run):

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from recon.errors import RescoreError
-from reports.browser import CHROMIUM, BrowserPage, open_browser
-from reports.html import build_report
-from reports.run_folder import Run
+from reports.page.html import build_report
+from reports.publishing.browser import CHROMIUM, BrowserPage, open_browser
+from rescore.results.run_folder import Run
 
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="needs a browser: apt-get install --no-install-recommends chromium"

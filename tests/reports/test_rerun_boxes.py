@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from reports.evidence_view import frame_views
-from reports.rerun_boxes import candidate_label, frame_table, label_spots
-from reports.rerun_candidate import SHOWN_MODELS, shown_models
-from reports.rerun_story import Story
-from reports.run_folder import Run
+from reports.recording.boxes import candidate_label, frame_table, label_spots
+from reports.recording.candidate import SHOWN_MODELS, shown_models
+from reports.recording.story import Story
+from reports.run.frame_view import frame_views
+from rescore.results.run_folder import Run
 
 
 def test_labels_and_tables_say_what_happened(run: Run):

@@ -12,15 +12,15 @@ from recording_reader import colours_of, read
 from rerun.chunk import RrdReader
 
 from recon.errors import RescoreError
-from reports.curves import curve_sets
-from reports.evidence_view import frame_views
-from reports.overlay import apply_transform, points_of_depth, world_from_camera
-from reports.rerun_frame import DEPTH_UNIT
-from reports.rerun_log import write_recording
-from reports.rerun_names import HOLE_CLASS, OUTCOME_CLASSES, THRESHOLD_STEPS
-from reports.rerun_plot import HEIGHT, WIDTH
-from reports.rerun_story import Frames, Story, choose_frames
-from reports.run_folder import Run, boxes_px, load_run
+from reports.recording.frame import DEPTH_UNIT
+from reports.recording.log import write_recording
+from reports.recording.names import HOLE_CLASS, OUTCOME_CLASSES, THRESHOLD_STEPS
+from reports.recording.plot import HEIGHT, WIDTH
+from reports.recording.story import Frames, Story, choose_frames
+from reports.run.curves import curve_sets
+from reports.run.frame_view import frame_views
+from reports.run.overlay import apply_transform, points_of_depth, world_from_camera
+from rescore.results.run_folder import Run, boxes_px, load_run
 
 IMAGE = "/world/camera/image"
 RERUN = Path(rerun_cli.__file__).parent / "rerun"

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from reports.rerun_plot import HEIGHT, WIDTH, Axis, Plot, dashes
+from reports.recording.plot import HEIGHT, WIDTH, Axis, Plot, dashes
 
 
 def test_axes_map_linearly_or_by_decades():

@@ -6,8 +6,8 @@ import pytest
 import rerun as rr
 from recording_reader import read
 
-from reports.rerun_log import write_recording
-from reports.rerun_tape import Tape
+from reports.recording.log import write_recording
+from reports.recording.tape import Tape
 
 
 def test_a_pickled_tape_keeps_order_types_and_what_may_be_missing():
@@ -31,7 +31,7 @@ def test_a_pickled_tape_keeps_order_types_and_what_may_be_missing():
 def test_two_processes_record_what_one_does(
     run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entity: str
 ):
-    monkeypatch.setattr("reports.rerun_frames._FRAMES_WORTH_A_PROCESS", 1)
+    monkeypatch.setattr("reports.recording.log._FRAMES_WORTH_A_PROCESS", 1)
     one, two = (
         write_recording(run_dir, tmp_path / f"{n}.rrd", max_frames=3, show=False, jobs=n) for n in (1, 2)
     )

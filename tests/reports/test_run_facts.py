@@ -4,9 +4,9 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from reports.evidence_view import run_dataset
-from reports.run_facts import differing_settings, id_lists, made_from
-from reports.run_folder import Run, load_run
+from reports.page.run_facts import differing_settings, id_lists, made_from
+from reports.run.frame_view import run_dataset
+from rescore.results.run_folder import Run, load_run
 
 
 def test_the_hash_is_that_of_ids_and_names(run: Run):

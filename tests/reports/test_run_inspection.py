@@ -11,14 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from recon.errors import RescoreError
-from reports.curves import match_table
-from reports.run_folder import Run, load_run
-from reports.run_inspection import GROUP_TEXT, PLAIN_COLUMNS, inspect_run, note, summary, terminal_table
-from reports.viewer import open_recording
-from rescore.changes import Group, OperatingPoint
+from reports.recording.viewer import open_recording
+from reports.run.curves import match_table
+from reports.run.inspection import GROUP_TEXT, PLAIN_COLUMNS, inspect_run, note, summary, terminal_table
 from rescore.cli import main
-from rescore.inspection import Only, Sort
-from rescore.metrics import fppi_at_recall, recall_curve
+from rescore.metrics.curves import fppi_at_recall, recall_curve
+from rescore.results.changes import Group, OperatingPoint
+from rescore.results.inspection import Only, Sort
+from rescore.results.run_folder import Run, load_run
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -164,7 +164,7 @@ def test_the_viewer_opens_at_the_frame(
 ) -> None:
     from rerun.experimental import ViewerClient  # noqa: PLC0415
 
-    from reports.rerun_log import write_recording  # noqa: PLC0415
+    from reports.recording.log import write_recording  # noqa: PLC0415
 
     recording = write_recording(run_dir, tmp_path / "a.rrd", max_frames=2, show=False)
     with pytest.raises(RescoreError, match="expected frame 3 among the 2 recorded"):

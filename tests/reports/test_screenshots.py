@@ -3,10 +3,10 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from reports import screenshots
-from reports.browser import CHROMIUM
-from reports.run_folder import Run
-from reports.screenshots import SHOTS, write_screenshots
+from reports.publishing import screenshots
+from reports.publishing.browser import CHROMIUM
+from reports.publishing.screenshots import SHOTS, write_screenshots
+from rescore.results.run_folder import Run
 
 
 @pytest.mark.skipif(

@@ -8,8 +8,8 @@ import numpy as np
 from true_pairs import kitti_2015, noise, scene, untrue, write_png
 from typer.testing import CliRunner
 
-from reports.stereo_page import PUBLIC
-from reports.stereo_pairs import lay_out_aloe, lay_out_motorcycle
+from reports.publishing.stereo_pairs import lay_out_aloe, lay_out_motorcycle
+from reports.studies.stereo import PUBLIC
 from rescore.cli import app
 from rescore.formats.stereo_truth import find_true_scenes
 

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from reports.distractor_page import Example, distractor_text, draw_boxes, draw_examples
-from reports.evidence_page import ablation_sentence, evidence_text
-from reports.sweep_page import FIGURES, losses_text, sweep_text, write_sweep_page
+from reports.studies.distractors import Example, distractor_text, draw_boxes, draw_examples
+from reports.studies.evidence import ablation_sentence, evidence_text
+from reports.studies.sweep import FIGURES, losses_text, sweep_text, write_sweep_page
 
 
 def interval(value: Any, low: Any, high: Any) -> dict[str, Any]:

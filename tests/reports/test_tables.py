@@ -3,8 +3,7 @@ import io
 import numpy as np
 from rich.console import Console
 
-from reports.run_folder import Run
-from reports.tables import (
+from reports.run.tables import (
     difficulty_table,
     kind_table,
     reason_table,
@@ -13,6 +12,7 @@ from reports.tables import (
     stereo_table,
     terminal_table,
 )
+from rescore.results.run_folder import Run
 
 
 def test_the_result_table_shows_metrics_json(run: Run):

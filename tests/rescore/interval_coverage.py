@@ -10,8 +10,8 @@ import numpy as np
 from simulated_matches import Simulated, simulate
 
 from recon.arrays import FloatArray
-from rescore.bootstrap import Bootstrap, BootstrapConfig, Interval, bootstrap, reduction_factor
-from rescore.weighted import Levels, weighted_figures
+from rescore.metrics.bootstrap import Bootstrap, BootstrapConfig, Interval, bootstrap, reduction_factor
+from rescore.metrics.resampled import Levels, weighted_figures
 
 PAIR = ("before", "after")
 TRUE_IMAGES = 200_000

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
-from recon.stereo import SgbmConfig
+from recon.stereo.sgbm import SgbmConfig
 
 WIDTH, HEIGHT = 96, 64
 SHIFT = 6

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import FloatArray, IntArray
-from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
 
 
 @dataclass(frozen=True, eq=False)

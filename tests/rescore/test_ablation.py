@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rescore.ablation import GROUPS, AblationInput, AblationRow, ablate
-from rescore.candidates import Candidates
-from rescore.cues import CUES, Registration
-from rescore.evidence import CandidateTable
-from rescore.evidence_model import EvidenceConfig
-from rescore.frames import SPLITS, DataSet, FrameRecord, Splits, Truth
-from rescore.tune import TuneConfig
+from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
+from rescore.data.splits import Splits
+from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.model import EvidenceConfig
+from rescore.evidence.registration import CUES, Registration
+from rescore.fusion.tune import TuneConfig
+from rescore.studies.ablation import GROUPS, AblationInput, AblationRow, ablate
 
 # one worker makes what all of them need
 pytestmark = pytest.mark.xdist_group("ablation")

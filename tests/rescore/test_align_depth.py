@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from recon.camera import PinholeCamera, StereoCamera
 from recon.depth_map import DepthMap
-from recon.outcome import Failure, Reason
-from rescore.align_depth import (
+from recon.errors import Failure, Reason
+from rescore.evidence.align_depth import (
     AlignConfig,
     DepthAlignment,
     Normalisation,

@@ -6,7 +6,7 @@ from interval_coverage import PAIR, named, names, plain_figures
 from simulated_matches import simulate
 
 from recon.errors import RescoreError
-from rescore.bootstrap import (
+from rescore.metrics.bootstrap import (
     KINDS,
     BootstrapConfig,
     Interval,
@@ -16,9 +16,9 @@ from rescore.bootstrap import (
     interval,
     reduction_factor,
 )
-from rescore.matching import FALSE_ALARM, HIT, MatchTable
-from rescore.metrics import RECALL_LEVELS, summarise
-from rescore.weighted import Levels
+from rescore.metrics.curves import RECALL_LEVELS, summarise
+from rescore.metrics.matching import FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.resampled import Levels
 
 QUICK = BootstrapConfig(n_resamples=300)
 

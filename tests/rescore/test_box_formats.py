@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from recon.errors import RescoreError
 from rescore.cli import main
-from rescore.evidence import CandidateTable
+from rescore.data.frames import DataSet, Truth, load_frame
+from rescore.evidence.candidates import CandidateTable
 from rescore.formats.coco import write_detections
 from rescore.formats.coco_write import write_dataset
 from rescore.formats.kitti import (
@@ -22,7 +23,6 @@ from rescore.formats.kitti import (
     write_kitti_labels,
 )
 from rescore.formats.open import read_dataset, read_detections
-from rescore.frames import DataSet, Truth, load_frame
 
 
 def same_truth(a: Truth, b: Truth, exact: bool = True) -> None:

@@ -3,9 +3,9 @@ import pytest
 from scipy.optimize import minimize
 
 from recon.errors import RescoreError
-from rescore.calibration import PlattScaling, fit_platt, label_candidates
+from rescore.data.frames import Truth
 from rescore.detectors.base import Detections
-from rescore.frames import Truth
+from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
 
 
 def sample(n, a, b, seed=0):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from rescore.car_share import as_used_for, log_odds_shift
-from rescore.cues import CUES, Registration
-from rescore.evidence_model import EvidenceModel
+from rescore.evidence.car_share import as_used_for, log_odds_shift
+from rescore.evidence.model import EvidenceModel
+from rescore.evidence.registration import CUES, Registration
 
 
 def test_shift_of_equal_candidates_is_the_difference_of_log_odds() -> None:

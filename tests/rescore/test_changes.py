@@ -6,9 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from recon.errors import RescoreError
-from rescore.changes import GAINS, LOSSES, Changes, Group, OperatingPoint, default_point
-from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable, TruthTable, greedy_match
-from rescore.metrics import index_at_fppi, index_at_recall, recall_ceiling, recall_curve
+from rescore.metrics.curves import index_at_fppi, index_at_recall, recall_ceiling, recall_curve
+from rescore.metrics.matching import (
+    DUPLICATE,
+    FALSE_ALARM,
+    HIT,
+    IGNORED,
+    MatchTable,
+    TruthTable,
+    greedy_match,
+)
+from rescore.results.changes import GAINS, LOSSES, Changes, Group, OperatingPoint, default_point
 
 N_IMAGES = 4
 

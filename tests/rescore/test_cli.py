@@ -11,13 +11,13 @@ from spoiling import Run
 from typer.testing import CliRunner
 
 from rescore.cli import PANELS, app
-from rescore.cues import Registration
-from rescore.evidence import CandidateTable
-from rescore.evidence_model import load_models
+from rescore.data.frames import DataSet
+from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.model import load_models
+from rescore.evidence.registration import Registration
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import DataSet
-from rescore.matching import FALSE_ALARM, HIT, TruthTable, greedy_match, ranking_of
+from rescore.metrics.matching import FALSE_ALARM, HIT, TruthTable, greedy_match, ranking_of
 
 Command = Callable[..., "Outcome"]
 COMMANDS = tuple(name for panel in PANELS.values() for name in panel)

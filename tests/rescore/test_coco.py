@@ -6,14 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recon.errors import RescoreError
-from recon.outcome import Failure, Reason
-from rescore.align_depth import DepthAlignment
-from rescore.candidates import Candidates
-from rescore.evidence import CandidateTable
+from recon.errors import Failure, Reason, RescoreError
+from rescore.data.frames import DataSet
+from rescore.evidence.align_depth import DepthAlignment
+from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.formats.coco import read_detections, write_detections, write_rescored
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import DataSet
 
 Json = dict[str, Any]
 Edit = Callable[[Json], object]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from coco_boxes import coco_average_precision, coco_sets, random_boxes
 
-from rescore.matching import DUPLICATE, HIT, IGNORED, greedy_match, ranking_of
-from rescore.metrics import average_precision
+from rescore.metrics.curves import average_precision
+from rescore.metrics.matching import DUPLICATE, HIT, IGNORED, greedy_match, ranking_of
 
 
 def test_average_precision_equals_faster_coco_eval_on_200_random_sets() -> None:

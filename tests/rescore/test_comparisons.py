@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from simulated_matches import simulate
 
-from datasets_synth.distractors import PROPS
-from rescore.bootstrap import BootstrapConfig
-from rescore.comparisons import certainty, on_pictures, without_pictures
-from rescore.kinds import PICTURE_KINDS
-from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
-from rescore.metrics import fppi_at_recall, recall_curve, summarise
+from datasets_synth.street.distractors import PROPS
+from rescore.data.rendered_kinds import PICTURE_KINDS
+from rescore.metrics.bootstrap import BootstrapConfig
+from rescore.metrics.curves import fppi_at_recall, recall_curve, summarise
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.results.comparisons import certainty, on_pictures, without_pictures
 
 CONFIG = BootstrapConfig(n_resamples=200)
 

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.errors import RescoreError
-from recon.outcome import Failure, Reason
-from rescore.confusion import Confusion, count_choices, load_confusions, save_confusions
+from recon.errors import Failure, Reason, RescoreError
+from rescore.studies.view_bins import Confusion, count_choices, load_confusions, save_confusions
 
 NO_OUTLINE = Failure(Reason.NO_OUTLINE, "an outline expected")
 # true bin, chosen bin: exact, a neighbour over the end, mirrored, ends exchanged, opposite, none

@@ -5,25 +5,27 @@ from toy_street import random_car, toy_picture
 from typer.testing import CliRunner
 
 from recon.errors import RescoreError
-from rescore.boxes import iou_matrix
 from rescore.cli import app
+from rescore.data.boxes import iou_matrix
 from rescore.detectors.boosted import BoostedConfig
 from rescore.detectors.boosting import BoostConfig
 from rescore.detectors.crop_training import (
+    Crops,
     SceneConfig,
     at_one_size,
+    config_for_crops,
     cross_validate,
+    read_crops,
     scenes_of,
     train_on_crops,
 )
-from rescore.detectors.crops import Crops, config_for_crops, read_crops
-from rescore.detectors.files import load_detector
 from rescore.detectors.fragments import FragmentConfig
 from rescore.detectors.hog_svm import HogConfig
 from rescore.detectors.mining import MiningConfig
+from rescore.detectors.registry import load_detector
 from rescore.detectors.windows import WindowGeometry
 from rescore.formats.uiuc import CARS_PATTERN, STREET_PATTERN, read_uiuc
-from rescore.uiuc_evaluation import evaluate_uiuc
+from rescore.studies.uiuc import evaluate_uiuc
 
 WIDTH, HEIGHT = 100, 40
 MINING = MiningConfig(jitter_copies=1, hard_per_frame=5, rounds=2)

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from rescore.bootstrap import BootstrapConfig, bootstrap
-from rescore.curve_bands import Band, curve_bands
-from rescore.matching import FALSE_ALARM, HIT, MatchTable
-from rescore.metrics import recall_curve
-from rescore.weighted import Levels
+from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
+from rescore.metrics.curve_bands import Band, curve_bands
+from rescore.metrics.curves import recall_curve
+from rescore.metrics.matching import FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.resampled import Levels
 
 
 def table(n_images: int = 30, per_image: int = 6, seed: int = 0) -> tuple[MatchTable, np.ndarray]:

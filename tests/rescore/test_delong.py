@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 from simulated_matches import simulate
 from sklearn.metrics import roc_auc_score
 
-from rescore.bootstrap import draw_images
-from rescore.delong import compare_areas, delong_test
-from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
-from rescore.weighted import Levels, weighted_figures
+from rescore.metrics.bootstrap import draw_images
+from rescore.metrics.delong import compare_areas, delong_test
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
+from rescore.metrics.resampled import Levels, weighted_figures
 
 
 def wins(hit: float, false: float) -> float:

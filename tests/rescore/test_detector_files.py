@@ -6,10 +6,10 @@ import pytest
 from recon.errors import RescoreError
 from rescore.detectors.boosted import BoostedConfig, BoostedDetector, train_boosted_on_crops
 from rescore.detectors.boosting import BoostConfig
-from rescore.detectors.files import load_detector
 from rescore.detectors.fragments import FragmentConfig
 from rescore.detectors.hog_svm import HogConfig, HogDetector, train_hog_on_crops
 from rescore.detectors.mining import ScanRange
+from rescore.detectors.registry import load_detector
 from rescore.detectors.windows import WindowGeometry
 
 

@@ -2,9 +2,9 @@ import cv2
 import numpy as np
 import pytest
 
+from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections
-from rescore.difficulty import difficulty
-from rescore.frames import DataSet, FrameRecord, Truth
+from rescore.results.difficulty import difficulty
 
 KINDS = {1: "ground", 2: "hedge", 3: "poster", 4: "car"}
 CAR = [10.0, 10, 50, 30]

@@ -12,7 +12,7 @@ import own_data as own
 import pytest
 
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
-from recon.stereo import write_disparity
+from recon.stereo.sgbm import write_disparity
 from rescore.doctor import examine_dataset, examine_installation
 from rescore.doctor.findings import Finding, Level
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import logit
 
-from recon.errors import RescoreError
-from recon.outcome import Reason
-from rescore.candidates import Candidates
-from rescore.cues import CUES, LEARNED, Registration
-from rescore.evidence import OK, CandidateTable
-from rescore.evidence_model import (
+from recon.errors import Reason, RescoreError
+from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.data.splits import FittingSet, Splits
+from rescore.evidence.candidates import OK, Candidates, CandidateTable
+from rescore.evidence.model import (
     EvidenceConfig,
     EvidenceModel,
     fit_evidence,
@@ -20,7 +19,7 @@ from rescore.evidence_model import (
     save_models,
     with_difference,
 )
-from rescore.frames import DataSet, FittingSet, FrameRecord, Splits, Truth
+from rescore.evidence.registration import CUES, LEARNED, Registration
 
 CONFIG = EvidenceConfig()
 

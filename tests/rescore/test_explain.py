@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.cue_words import CUE_WORDS, STATUS_TEXT, favourable, range_text, words_of
-from rescore.cues import CUES, Registration
-from rescore.evidence_model import EvidenceModel
-from rescore.explain import ExplainConfig, explain
+from rescore.evidence.model import EvidenceModel
+from rescore.evidence.registration import CUES, Registration
+from rescore.results.explain import ExplainConfig, explain
+from rescore.results.words import CUE_WORDS, STATUS_TEXT, favourable, range_text, words_of
 
 HEIGHT, FOOT, SCALE = (CUES.index(name) for name in ("height", "foot", "relief_scale"))
 

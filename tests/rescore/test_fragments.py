@@ -4,7 +4,7 @@ import pytest
 from toy_street import random_car, toy_dataset, toy_picture
 
 from recon.errors import RescoreError
-from rescore.boxes import iou_matrix
+from rescore.data.boxes import iou_matrix
 from rescore.detectors.boosted import BoostedConfig, train_boosted, train_boosted_on_crops
 from rescore.detectors.boosting import BoostConfig
 from rescore.detectors.fragments import (

@@ -7,19 +7,11 @@ import pytest
 
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from recon.stereo import SgbmConfig, write_disparity
-from recon.stereo_ground import GroundDoubt
-from rescore.frames import (
-    SPLITS,
-    DataSet,
-    Frame,
-    FrameRecord,
-    GroundSource,
-    Splits,
-    Truth,
-    load_frame,
-    read_rgb,
-)
+from recon.stereo.ground import GroundDoubt
+from recon.stereo.sgbm import SgbmConfig, write_disparity
+from rescore.data.frames import SPLITS, DataSet, Frame, FrameRecord, GroundSource, Truth, load_frame
+from rescore.data.pictures import read_rgb
+from rescore.data.splits import Splits
 
 
 def record(image_id: int, path: Path, split: str = "test") -> FrameRecord:

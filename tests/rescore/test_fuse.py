@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rescore.fuse import fuse
+from rescore.fusion.fuse import fuse
 
 UNIT = st.floats(0, 1)
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from test_tune import data_set, table
 
-from rescore.evidence import CandidateTable
-from rescore.frames import Splits, ValidationSet
-from rescore.fuse import fuse
-from rescore.fusion_rules import LearnedFusion, fit_fusion, posteriors
+from rescore.data.splits import Splits, ValidationSet
+from rescore.evidence.candidates import CandidateTable
+from rescore.fusion.fuse import LearnedFusion, fit_fusion, fuse, posteriors
 
 
 def noisy(data: ValidationSet, rng: np.random.Generator) -> CandidateTable:

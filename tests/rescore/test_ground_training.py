@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from recon.ground_region import GroundPixels
+from recon.reconstruction.ground_region import GroundPixels
 from rescore.cli import app
-from rescore.frames import DataSet, FrameRecord
-from rescore.ground_training import GroundTrainingConfig, score_ground, train_ground
+from rescore.data.frames import DataSet, FrameRecord
+from rescore.experiment.ground_training import GroundTrainingConfig, score_ground, train_ground
 
 CAMERA = StereoCamera(PinholeCamera(150.0, 150.0, 79.5, 59.5, 160, 120), 0.3)
 QUICK = GroundTrainingConfig(copies=4, cells_per_copy=500, hidden=(8,), epochs=10)
@@ -100,7 +100,7 @@ def test_the_command(frames: list[FrameRecord], tmp_path: Path, monkeypatch: pyt
     categories = [{"id": 1, "name": "car"}]
     file = {"images": images, "annotations": [], "categories": categories}
     (tmp_path / "annotations.json").write_text(json.dumps(file))
-    monkeypatch.setattr("rescore.ground_training.GroundTrainingConfig", lambda: QUICK)
+    monkeypatch.setattr("rescore.experiment.ground_training.GroundTrainingConfig", lambda: QUICK)
     out = tmp_path / "ground.npz"
     arguments = ["learn-ground", str(tmp_path), "--out", str(out), "--seed", "3", "--check", str(tmp_path)]
     done = CliRunner().invoke(app, arguments, catch_exceptions=False)

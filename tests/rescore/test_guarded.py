@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from recon.depth_map import DepthMap
-from rescore.guarded import GuardedAlignment, GuardedConfig, guarded_alignment
+from rescore.evidence.guarded import GuardedAlignment, GuardedConfig, guarded_alignment
 
 BOX = np.array([0.0, 0.0, 60.0, 40.0])
 CONFIG = GuardedConfig()

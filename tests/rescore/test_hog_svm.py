@@ -6,7 +6,7 @@ import pytest
 from toy_street import random_car, toy_dataset, toy_picture
 
 from recon.errors import RescoreError
-from rescore.boxes import iou_matrix
+from rescore.data.boxes import iou_matrix
 from rescore.detectors.hog_svm import (
     HogConfig,
     HogDetector,

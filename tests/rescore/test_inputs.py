@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane
-from recon.stereo import SgbmConfig
+from recon.stereo.sgbm import SgbmConfig
 from rescore import Boxes, Camera, RescoreError, StereoFrame
-from rescore.frames import GroundSource
+from rescore.data.frames import GroundSource
 
 RGB = np.zeros((40, 60, 3), np.uint8)
 MAP = np.ones((40, 60), np.float32)

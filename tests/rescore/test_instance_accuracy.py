@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane
-from recon.single_plane import SinglePlane
-from rescore.instance_accuracy import BoxTruth, instance_errors, surface_errors
+from recon.localization.single_plane import SinglePlane
+from rescore.studies.instance_accuracy import BoxTruth, instance_errors, surface_errors
 
 # x forward (to the right of the picture), y left (away), z up
 TURN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])

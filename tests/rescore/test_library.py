@@ -15,14 +15,15 @@ import numpy as np
 import pytest
 from scipy.special import logit
 
-from recon.reconstruct import Reconstruction
+from recon.reconstruction.reconstruct import Reconstruction
 from rescore import Boxes, Camera, Rescored, RescoreError, Rescorer, StereoFrame
-from rescore.cues import Registration
+from rescore.data.frames import DataSet, FrameRecord
+from rescore.data.pictures import read_rgb
+from rescore.evidence.registration import Registration
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import DataSet, FrameRecord, read_rgb
-from rescore.run_folder import RunFolder
-from rescore.threads import one_thread
+from rescore.parallel import one_thread
+from rescore.results.run_folder import RunFolder
 from tests.bank_judge import stored_judge
 from tests.single_car import car_from
 

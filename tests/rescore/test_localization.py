@@ -3,11 +3,20 @@ import json
 import numpy as np
 import pytest
 
-from recon.outcome import Failure, Reason
-from recon.single_plane import UprightSurface
-from recon.standing_box import StandingBox
-from rescore.localization import METHODS, Score, as_row, from_row, markdown_table, score, summary
-from rescore.table_segment import EmptyTable, TableSegmentConfig, linear_from_srgb, segment_table
+from recon.errors import Failure, Reason
+from recon.localization.single_plane import UprightSurface
+from recon.localization.standing_box import StandingBox
+from recon.pixels import linear_from_srgb
+from rescore.studies.localization.scores import (
+    METHODS,
+    Score,
+    as_row,
+    from_row,
+    markdown_table,
+    score,
+    summary,
+)
+from rescore.studies.localization.segment import EmptyTable, TableSegmentConfig, segment_table
 
 LOST = Failure(Reason.NO_OUTLINE, "a region expected, got none")
 

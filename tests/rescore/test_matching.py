@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rescore.boxes import iou_matrix
-from rescore.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
+from rescore.data.boxes import iou_matrix
+from rescore.metrics.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
 
 CAR = [0.0, 0.0, 10.0, 10.0]
 

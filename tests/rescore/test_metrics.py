@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score, roc_curve
 
-from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
-from rescore.metrics import (
+from rescore.metrics.curves import (
     area_under_recall,
     area_under_roc,
     average_precision,
@@ -15,6 +14,7 @@ from rescore.metrics import (
     recall_curve,
     summarise,
 )
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
 
 
 def table(ranking: list[float], outcome: list[int], n_images: int = 2, n_cars: int = 4) -> MatchTable:

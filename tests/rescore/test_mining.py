@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.boxes import iou_matrix
+from rescore.data.boxes import iou_matrix
+from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections
 from rescore.detectors.mining import (
     CropStyle,
@@ -15,7 +16,6 @@ from rescore.detectors.mining import (
     street_crops,
 )
 from rescore.detectors.windows import WindowGeometry, crop_windows
-from rescore.frames import DataSet, FrameRecord, Truth
 
 WINDOW = WindowGeometry(40, 16, 4, 4)
 

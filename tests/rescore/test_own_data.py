@@ -13,11 +13,11 @@ import own_data as own
 import pytest
 
 from recon.errors import RescoreError
+from rescore.data.frames import DataSet, load_frame
+from rescore.data.measured import MeasuredFile, Quantity, read_measured
 from rescore.formats.calibration_files import read_calibration
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
-from rescore.frames import DataSet, load_frame
-from rescore.measured import MeasuredFile, Quantity, read_measured
 
 
 def check_cameras(data: DataSet) -> None:

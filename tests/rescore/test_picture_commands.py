@@ -12,7 +12,7 @@ from spoiling import Run
 
 from recon.camera import DEFAULT_GROUND
 from recon.errors import RescoreError
-from rescore.single_picture import load_class, open_photo, parse_box
+from rescore.library.single_picture import load_class, open_photo, parse_box
 
 
 @pytest.fixture(scope="module")

@@ -6,25 +6,18 @@ import pytest
 
 from recon.camera import DEFAULT_GROUND, default_camera
 from recon.class_model import ClassModel
-from recon.errors import RescoreError
-from recon.outcome import Failure, Reason
-from recon.reconstruct import Reconstruction
-from recon.stereo import SgbmConfig
-from rescore.align_depth import DepthAlignment
-from rescore.candidates import Candidates
-from rescore.evidence import CandidateTable
-from rescore.evidence_files import evidence_path, read_evidence, write_evidence
+from recon.errors import Failure, Reason, RescoreError
+from recon.reconstruction.reconstruct import Reconstruction
+from recon.stereo.sgbm import SgbmConfig
+from rescore.data.frames import DataSet, Frame, load_frame
+from rescore.evidence.align_depth import DepthAlignment
+from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.files import evidence_path, read_evidence, write_evidence
+from rescore.evidence.pipeline import depth_evidence, evidence_of_frames
+from rescore.evidence.settings import CameraChoice, RescoreConfig, assumed_camera
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import DataSet, Frame, load_frame
-from rescore.pipeline import (
-    CameraChoice,
-    RescoreConfig,
-    assumed_camera,
-    depth_evidence,
-    evidence_of_frames,
-    rescore_frame,
-)
+from rescore.fusion.rescore_frame import rescore_frame
 
 
 @pytest.fixture(scope="module")

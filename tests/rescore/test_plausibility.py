@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane, StereoCamera, default_camera
-from rescore.cues import CUES, Registration
-from rescore.evidence_model import EvidenceConfig, fit_evidence
-from rescore.plausibility import CHECKS, PlausibilityConfig, plausibility
+from rescore.evidence.model import EvidenceConfig, fit_evidence
+from rescore.evidence.plausibility import CHECKS, PlausibilityConfig, plausibility
+from rescore.evidence.registration import CUES, Registration
 
 CAMERA = StereoCamera(default_camera(640, 480), 0.35)
 GROUND = GroundPlane(1.5, np.radians(2))

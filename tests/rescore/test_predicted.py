@@ -11,18 +11,24 @@ import numpy as np
 import pytest
 
 from recon.camera import PinholeCamera, StereoCamera
-from recon.outcome import Failure, Reason
-from recon.stereo import SgbmConfig
+from recon.errors import Failure, Reason
+from recon.stereo.sgbm import SgbmConfig
 from rescore import Boxes, Camera, PredictedDepth, RescoreError, Rescorer, StereoFrame
-from rescore.align_depth import AlignConfig, DepthAlignment, Normalisation
-from rescore.candidates import Candidates
-from rescore.cues import CUES, LEARNED, Registration
-from rescore.evidence import CandidateTable
-from rescore.evidence_files import read_evidence, write_evidence
+from rescore.data.frames import Frame, load_frame
+from rescore.evidence.align_depth import AlignConfig, DepthAlignment, Normalisation
+from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.files import read_evidence, write_evidence
+from rescore.evidence.pipeline import FrameEvidence, compared_with_prediction
+from rescore.evidence.predicted import (
+    BoxPrediction,
+    another_system,
+    check_mode,
+    cut_to_boxes,
+    prediction_doubts,
+)
+from rescore.evidence.registration import CUES, LEARNED, Registration
+from rescore.evidence.settings import RescoreConfig
 from rescore.formats.coco_dataset import read_dataset
-from rescore.frames import Frame, load_frame
-from rescore.pipeline import FrameEvidence, RescoreConfig, compared_with_prediction
-from rescore.predicted import BoxPrediction, another_system, check_mode, cut_to_boxes, prediction_doubts
 from tests.bank_judge import stored_judge
 
 WIDTH, HEIGHT = 96, 64

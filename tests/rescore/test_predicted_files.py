@@ -10,11 +10,11 @@ import pytest
 from spoiling import Run
 
 from recon.errors import RescoreError
-from reports.evidence_view import frame_views
-from reports.run_folder import load_run
+from reports.run.frame_view import frame_views
+from rescore.evidence.predicted import PredictedAs, PredictedUnit
+from rescore.evidence.predicted_files import PredictionFolder, Predictions
 from rescore.formats.open import read_dataset
-from rescore.predicted import PredictedAs, PredictedUnit
-from rescore.predicted_files import PredictionFolder, Predictions
+from rescore.results.run_folder import load_run
 
 BOX = [20, 10, 50, 40]
 """Left, top, width, height."""

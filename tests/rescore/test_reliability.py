@@ -7,7 +7,7 @@ from sklearn.calibration import calibration_curve
 from sklearn.metrics import brier_score_loss
 
 from recon.errors import RescoreError
-from rescore.reliability import clopper_pearson, equal_count_bins, reliability
+from rescore.metrics.reliability import clopper_pearson, equal_count_bins, reliability
 
 
 def calibrated(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

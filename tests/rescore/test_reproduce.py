@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.config import run_preset, with_changes
-from rescore.cues import CUES, Registration
-from rescore.reproduce import Run
-from rescore.run_folder import RunFolder
-from rescore.stages import Done, Stage
-from rescore.steps import DetectorKind
-from rescore.store import imported_modules, module_file, read_candidates
+from rescore.detectors.registry import DetectorKind
+from rescore.evidence.registration import CUES, Registration
+from rescore.experiment.config import run_preset, with_changes
+from rescore.experiment.reproduce import Run
+from rescore.experiment.source_digest import imported_modules, module_file
+from rescore.experiment.stages import Done, Stage
+from rescore.results.candidate_file import read_candidates
+from rescore.results.run_folder import RunFolder
 
 ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall", "intervals"}
 
@@ -101,16 +102,16 @@ def test_report_and_recording_are_made_again_where_what_draws_them_changed(
         stages.append(stage)
         return Done(stage.name, reused=True, seconds=0)
 
-    monkeypatch.setattr("rescore.reproduce.run_stage_in_place", note)
+    monkeypatch.setattr("rescore.experiment.reproduce.run_stage_in_place", note)
     again(tiny_run)[0].write_report()
     page, recording = stages
     keys = [s.key(tiny_run) for s in stages]
-    for stage, drawing in ((page, "reports.gallery"), (recording, "reports.rerun_frames")):
+    for stage, drawing in ((page, "reports.page.gallery"), (recording, "reports.recording.log")):
         entry = module_file(stage.code[0])
         assert entry is not None
         assert drawing in imported_modules(entry)
     # words of the templates
-    monkeypatch.setattr("rescore.reproduce.digest_of", lambda _path: "another")
+    monkeypatch.setattr("rescore.experiment.reproduce.digest_of", lambda _path: "another")
     stages.clear()
     again(tiny_run)[0].write_report()
     assert [s.key(tiny_run) == key for s, key in zip(stages, keys, strict=True)] == [False, False]

@@ -5,10 +5,9 @@ import pytest
 
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from recon.stereo import KITTI_SGBM
-from rescore.frames import DataSet, FrameRecord, Truth
-from rescore.pipeline import RescoreConfig
-from rescore.steps import automatic_stereo, with_stereo_for
+from recon.stereo.sgbm import KITTI_SGBM
+from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.evidence.settings import RescoreConfig, automatic_stereo, with_stereo_for
 
 
 def data_set(width: int, height: int, camera: StereoCamera | None) -> DataSet:

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from true_pairs import HEIGHT, SHIFT, WIDTH, kitti_2015, noise, scene, untrue
 
-from recon.stereo import KITTI_SGBM, SgbmConfig
-from reports.stereo_pairs import lay_out_aloe
+from recon.stereo.sgbm import KITTI_SGBM, SgbmConfig
+from reports.publishing.stereo_pairs import lay_out_aloe
+from rescore.data.pictures import read_rgb
 from rescore.formats.open import read_dataset
 from rescore.formats.stereo_truth import TruePair, find_true_scenes
-from rescore.frames import read_rgb
-from rescore.stereo_study import (
+from rescore.studies.stereo import (
     METHODS,
     Method,
     accuracies,

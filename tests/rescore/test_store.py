@@ -7,19 +7,9 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.store import (
-    CANDIDATE_COLUMNS,
-    atomic_path,
-    digest_of,
-    imported_modules,
-    module_file,
-    read_candidates,
-    read_json,
-    source_digest,
-    versions,
-    write_candidates,
-    write_json,
-)
+from rescore.experiment.source_digest import imported_modules, module_file, source_digest
+from rescore.files import atomic_path, digest_of, read_json, versions, write_json
+from rescore.results.candidate_file import CANDIDATE_COLUMNS, read_candidates, write_candidates
 
 
 def test_atomic_path_moves_a_whole_file_into_place(tmp_path: Path) -> None:
@@ -95,16 +85,16 @@ def test_digest_sees_content_and_names(tmp_path: Path) -> None:
 
 
 def test_source_digest_follows_imports() -> None:
-    file = module_file("rescore.fuse")
+    file = module_file("rescore.fusion.fuse")
     assert file is not None
     assert file.name == "fuse.py"
     assert module_file("numpy") is None
     assert module_file("rescore.nothing") is None
-    tune = module_file("rescore.tune")
+    tune = module_file("rescore.fusion.tune")
     assert tune is not None
-    assert "rescore.fuse" in imported_modules(tune)
-    assert source_digest("rescore.fuse") != source_digest("rescore.tune")
-    assert source_digest("rescore.tune") == source_digest("rescore.tune", "rescore.fuse")
+    assert "rescore.fusion.fuse" in imported_modules(tune)
+    assert source_digest("rescore.fusion.fuse") != source_digest("rescore.fusion.tune")
+    assert source_digest("rescore.fusion.tune") == source_digest("rescore.fusion.tune", "rescore.fusion.fuse")
 
 
 def test_versions_name_what_results_depend_on() -> None:

@@ -4,18 +4,18 @@ import cv2
 import numpy as np
 import pytest
 
-from datasets_synth.car_models import cars_of_splits
-from datasets_synth.distractor_bank import BankConfig, bank_item
-from datasets_synth.distractor_kinds import KIND
+from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.photos.distractor_bank import BankConfig, bank_item
+from datasets_synth.photos.distractor_kinds import KIND
 from recon.errors import RescoreError
-from recon.stereo import write_disparity
-from rescore.bootstrap import BootstrapConfig, Interval
-from rescore.candidates import Candidates
-from rescore.cues import CUES, Registration
-from rescore.degrade import dials_named
-from rescore.frames import DataSet, FrameRecord, Truth
-from rescore.pipeline import RescoreConfig
-from rescore.sweep import (
+from recon.stereo.sgbm import write_disparity
+from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.evidence.candidates import Candidates
+from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.settings import RescoreConfig
+from rescore.metrics.bootstrap import BootstrapConfig, Interval
+from rescore.studies.degrade import dials_named
+from rescore.studies.sweep import (
     ALONE,
     Figures,
     FinishedRun,

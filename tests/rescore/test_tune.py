@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.candidates import Candidates
-from rescore.evidence import CandidateTable
-from rescore.frames import DataSet, FrameRecord, Splits, Truth, ValidationSet
-from rescore.matching import TruthTable
-from rescore.metrics import average_precision
-from rescore.tune import Objective, TuneConfig, match_at, middle_of_plateau, tune_weight
+from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.data.splits import Splits, ValidationSet
+from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.fusion.tune import Objective, TuneConfig, match_at, middle_of_plateau, tune_weight
+from rescore.metrics.curves import average_precision
+from rescore.metrics.matching import TruthTable
 
 CAR = np.array([[0.0, 0.0, 10.0, 10.0]])
 ELSEWHERE = np.array([[50.0, 50.0, 60.0, 60.0]])

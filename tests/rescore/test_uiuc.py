@@ -4,8 +4,8 @@ import pytest
 
 from recon.errors import RescoreError
 from rescore.detectors.base import Detections
+from rescore.detectors.uiuc_rule import hits, lone, recall_precision
 from rescore.formats.uiuc import CARS_PATTERN, STREET_PATTERN, read_locations, read_uiuc
-from rescore.uiuc_rule import hits, lone, recall_precision
 
 NO_CARS = np.zeros((0, 2))
 

@@ -8,16 +8,15 @@ import pytest
 
 from recon.camera import StereoCamera
 from recon.class_model import ClassModel
-from recon.errors import RescoreError
-from recon.outcome import Failure, Reason
-from recon.reconstruct import Reconstruction, reconstruct
-from recon.view_selection import ViewChoice, best_view_bin
-from rescore.candidates import Candidates
-from rescore.cues import CUES
-from rescore.evidence import CandidateTable
-from rescore.frames import Frame
-from rescore.pipeline import RescoreConfig, depth_evidence
-from rescore.views import NO_BIN
+from recon.errors import Failure, Reason, RescoreError
+from recon.reconstruction.reconstruct import Reconstruction, reconstruct
+from recon.reconstruction.view_selection import ViewChoice, best_view_bin
+from rescore.data.frames import Frame
+from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.pipeline import depth_evidence
+from rescore.evidence.registration import CUES
+from rescore.evidence.settings import RescoreConfig
+from rescore.evidence.views import NO_BIN
 from tests.bank_judge import stored_judge
 from tests.single_car import CarPicture, car_from
 

@@ -4,14 +4,28 @@ import numpy as np
 import pytest
 from test_tune import data_set, table
 
-from rescore import steps
-from rescore.cues import Registration
-from rescore.evidence import CandidateTable
-from rescore.frames import DataSet, Splits
-from rescore.matching import TruthTable
-from rescore.metrics import area_under_roc, candidate_roc, fppi_at_recall, recall_curve
-from rescore.tune import Objective, TuneConfig, match_at, objective_on_grid, tune_weight
-from rescore.weight_interval import WeightUncertainty, choices, describe, run_around, weight_uncertainty
+from rescore.data.frames import DataSet
+from rescore.data.splits import Splits
+from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.registration import Registration
+from rescore.fusion.tune import (
+    Objective,
+    TuneConfig,
+    match_at,
+    objective_on_grid,
+    tune_on_validation,
+    tune_weight,
+)
+from rescore.fusion.tuning_file import load_tuning, tuning_as_json
+from rescore.fusion.weight_interval import (
+    WeightUncertainty,
+    choices,
+    describe,
+    run_around,
+    weight_uncertainty,
+)
+from rescore.metrics.curves import area_under_roc, candidate_roc, fppi_at_recall, recall_curve
+from rescore.metrics.matching import TruthTable
 
 GRID = np.linspace(0, 1, 5)
 
@@ -158,15 +172,15 @@ def test_a_tuned_weight_is_read_back_and_so_is_one_of_an_older_version(tmp_path)
     data = data_set(12)
     t = random_table(data.split("validation"), 2)
     config = TuneConfig(n_grid=11, n_resamples=100)
-    tuning = steps.tune("hog", t, data, config, Registration.METRIC, 0)
-    value = steps.tuning_as_json(tuning)
+    tuning = tune_on_validation("hog", t, data, config, Registration.METRIC, 0)
+    value = tuning_as_json(tuning)
     file = tmp_path / "w.json"
     file.write_text(json.dumps(value, allow_nan=False))
-    again = steps.load_tuning(file)
-    assert steps.tuning_as_json(again) == value
+    again = load_tuning(file)
+    assert tuning_as_json(again) == value
     assert again.learned == tuning.learned is not None
     assert again.sentence == tuning.sentence != ""
     older = {k: v for k, v in value.items() if k not in ("uncertainty", "sentence", "learned")}
     file.write_text(json.dumps(older))
-    old = steps.load_tuning(file)
+    old = load_tuning(file)
     assert (old.w, old.uncertainty, old.learned, old.sentence) == (tuning.w, None, None, "")

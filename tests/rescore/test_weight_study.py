@@ -8,13 +8,14 @@ from typer.testing import CliRunner
 
 from datasets_synth.presets import synth_preset
 from recon.errors import RescoreError
-from reports.weight_page import width_table, write_weight_study
+from reports.studies.weight import width_table, write_weight_study
 from rescore.cli import app
-from rescore.cues import Registration
-from rescore.evidence import CandidateTable
-from rescore.frames import DataSet, Splits
-from rescore.tune import Objective, TuneConfig
-from rescore.weight_study import WeightStudy, study_weight
+from rescore.data.frames import DataSet
+from rescore.data.splits import Splits
+from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.registration import Registration
+from rescore.fusion.tune import Objective, TuneConfig
+from rescore.studies.weight import WeightStudy, study_weight
 
 CONFIG = TuneConfig(objective=Objective.LOG_LOSS, n_grid=51)
 

@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score
 
-from rescore.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
-from rescore.metrics import summarise
-from rescore.weighted import Levels, weighted_figures
+from rescore.metrics.curves import summarise
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
+from rescore.metrics.resampled import Levels, weighted_figures
 
 LEVELS = Levels(fppi=(0.25, 1.0), recalls=(0.3, 0.5, 0.8))
 
@@ -67,7 +67,7 @@ def test_many_weights_at_once_equal_one_by_one(monkeypatch: pytest.MonkeyPatch) 
     match, cars = random_table(rng, 12, 60)
     weight = rng.multinomial(12, np.full(12, 1 / 12), size=20).astype(np.int32)
     whole = weighted_figures(match, cars, weight, LEVELS)
-    monkeypatch.setattr("rescore.weighted.CELLS", 7 * 60)
+    monkeypatch.setattr("rescore.metrics.resampled.CELLS", 7 * 60)
     np.testing.assert_array_equal(weighted_figures(match, cars, weight, LEVELS), whole)
 
 

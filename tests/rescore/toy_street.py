@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rescore.frames import DataSet, FrameRecord, Truth
+from rescore.data.frames import DataSet, FrameRecord, Truth
 
 WIDTH_PX, HEIGHT_PX = 320, 240
 ASPECT = 2.75  # of the pattern: that of the HOG detector's object (88 x 32)

@@ -1,0 +1,1 @@
+"""Triangle meshes: solids, lofts, materials and textures that all objects are built of."""

@@ -1,0 +1,99 @@
+"""What the gallery of reconstructions shows: class models from train shapes, photographs of test shapes."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from datasets_synth.objects.object_classes import labelled_views, object_class
+from datasets_synth.photos.single_object import ObjectPhoto, Viewpoint, photograph
+from recon.arrays import BoolArray, FloatArray
+from recon.camera import PinholeCamera
+from recon.class_model import ClassModel
+from recon.learning.learn import learn_class_model
+from recon.part_views import PartView
+
+CAMERA = PinholeCamera(560.0, 560.0, 239.5, 179.5, 480, 360)
+_INSTANCES = 6
+_LABEL_SIZE_PX = 160
+_JITTER_RAD = float(np.deg2rad(8.0))
+"""Objects are seen from up to this angle beside the middle of their view bin."""
+_INDOORS = ("chair", "basket")
+_BASKET_BIN = 8
+_CARD_RGB = (176, 160, 132)
+_CARD_MARGIN_PX = 4
+
+
+@dataclass(frozen=True, eq=False)
+class OccludedBasket:
+    """A basket whose handle is behind a card."""
+
+    shape_id: str
+    photo: ObjectPhoto
+    """With the card in the picture."""
+    card: BoolArray
+    """Pixels of the card, shape (h, w)."""
+    xyxy_px: FloatArray
+    """Box of what is to be seen of the basket, pixel edges, shape (4,)."""
+    view_bin: int
+    handle: int
+    """Label of the handle."""
+    handle_middle_m: FloatArray
+    """Middle of its true box along the camera's axes, shape (3,), camera frame."""
+
+
+def learned_model(name: str, models: Path | None) -> ClassModel:
+    """The class model of six train shapes in all view bins; kept in a folder where one is given."""
+    path = None if models is None else models / f"{name}.json"
+    if path is not None and path.is_file():
+        return ClassModel.load(path)
+    shown = object_class(name)
+    shapes = shown.train[:: max(1, len(shown.train) // _INSTANCES)][:_INSTANCES]
+    views = labelled_views(shown, shapes, shown.bins, _LABEL_SIZE_PX)
+    model = learn_class_model(views, name, shown.part_names)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        model.save(path)
+    return model
+
+
+def gallery_photo(name: str, view_bin: int, seed: int) -> tuple[str, ObjectPhoto]:
+    """Name of a test shape and its photograph from a view bin; another shape for each bin."""
+    shown = object_class(name)
+    rng = np.random.default_rng([seed, view_bin])
+    shape = shown.test[view_bin % len(shown.test)]
+    azimuth = shown.bins.azimuth_rad(view_bin) + float(rng.uniform(-_JITTER_RAD, _JITTER_RAD))
+    setting = "room" if name in _INDOORS and view_bin % 2 else "street"
+    viewpoint = Viewpoint(azimuth, shown.elevation_rad)
+    return shape.shape_id, photograph(shown, shape, viewpoint, CAMERA, rng, setting)
+
+
+def occluded_basket(seed: int) -> OccludedBasket:
+    """A basket of the test shapes on whose handle a card hides every pixel."""
+    shown = object_class("basket")
+    shape_id, photo = gallery_photo("basket", _BASKET_BIN, seed)
+    handle = shown.part_names.index("handle") + 1
+    rows, cols = np.nonzero(photo.part_labels == handle)
+    card = np.zeros(photo.mask.shape, bool)
+    margin = _CARD_MARGIN_PX
+    top, left = max(rows.min() - margin, 0), max(cols.min() - margin, 0)
+    card[top : rows.max() + margin + 1, left : cols.max() + margin + 1] = True
+    rgb = photo.rgb.copy()
+    rgb[card] = _CARD_RGB
+    body = (photo.part_labels > 0) & ~card
+    rows, cols = np.nonzero(body)
+    box = np.array([cols.min(), rows.min(), cols.max() + 1, rows.max() + 1], float)
+    points = photo.mesh.vertices_m[np.unique(photo.mesh.faces[photo.mesh.face_part == handle])]
+    in_camera = points @ photo.cam_from_object[:3, :3].T + photo.cam_from_object[:3, 3]
+    middle = (in_camera.min(axis=0) + in_camera.max(axis=0)) / 2
+    seen = replace(photo, rgb=rgb)
+    return OccludedBasket(shape_id, seen, card, box, _BASKET_BIN, handle, middle)
+
+
+def views_without(model: ClassModel, label: int) -> ClassModel:
+    """The class model with labelled images in which one part is hidden; the part stays in the model."""
+    hidden = tuple(
+        PartView(v.view_bin, np.where(v.labels == label, 0, v.labels).astype(np.uint8), v.instance_id)
+        for v in model.views
+    )
+    return replace(model, views=hidden)

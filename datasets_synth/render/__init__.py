@@ -1,0 +1,1 @@
+"""Rays to bytes: a scene in, a stereo pair with its truth out."""

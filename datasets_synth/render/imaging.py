@@ -1,0 +1,56 @@
+"""From radiance to the bytes of a cheap stereo head: blur, vignetting, exposure, noise, gamma."""
+
+import cv2
+import numpy as np
+
+from datasets_synth.meshes.mesh import Imaging
+from datasets_synth.render.mip_textures import srgb_from_linear
+from recon.arrays import Float32Array, UInt8Array
+
+
+def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Generator) -> UInt8Array:
+    """The picture (h, w, 3) sRGB that one eye delivers of linear radiance (h, w, 3).
+
+    In the order of a real camera: the lens blurs and darkens the corners, the sensor counts light (so noise
+    grows with the root of the signal, and read noise is added) and saturates, the electronics apply gamma.
+
+    Args:
+        radiance: 1 is full scale at a gain of 1.
+        imaging: The camera model.
+        eye: 0 for the left, 1 for the right.
+        rng: Source of the noise; draws h * w * 3 normal numbers.
+    """
+    signal = radiance
+    sigma = imaging.blur_sigma_px[eye]
+    if sigma > 0:
+        signal = np.asarray(
+            cv2.GaussianBlur(signal, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), np.float32
+        )
+    height, width = radiance.shape[:2]
+    gain = np.float32(imaging.exposure[eye]) * vignette(height, width, imaging.vignetting)
+    signal = signal * gain[..., None]
+    variance = np.float32(imaging.read_noise**2) + np.float32(imaging.shot_noise**2) * np.clip(signal, 0, 1)
+    signal += np.sqrt(variance) * rng.standard_normal(signal.shape, dtype=np.float32)
+    return srgb_from_linear(signal)
+
+
+def vignette(height_px: int, width_px: int, loss: float) -> Float32Array:
+    """Share of light (h, w) that arrives: 1 in the middle, 1 - loss in the corners, quadratic."""
+    y = np.linspace(-1, 1, height_px, dtype=np.float32)[:, None]
+    x = np.linspace(-1, 1, width_px, dtype=np.float32)[None, :]
+    aspect = width_px / height_px
+    return np.asarray(1 - loss * (y * y + (aspect * x) ** 2) / (1 + aspect**2), np.float32)
+
+
+def rectification_shift(uv_px: Float32Array, imaging: Imaging, width_px: int, height_px: int) -> Float32Array:
+    """Where pixels (n, 2) of the right picture look in an ideal right picture, (n, 2).
+
+    The picture lies ``rectification_error_px[0]`` too low, and is rolled so that this grows by
+    ``rectification_error_px[1]`` over half the width. Rays are bent instead of resampling the picture, which
+    would blur it.
+    """
+    offset, growth = imaging.rectification_error_px
+    roll = np.float32(growth / (width_px / 2))
+    x = uv_px[:, 0] - np.float32((width_px - 1) / 2)
+    y = uv_px[:, 1] - np.float32((height_px - 1) / 2)
+    return np.stack([uv_px[:, 0] + roll * y, uv_px[:, 1] - np.float32(offset) - roll * x], axis=1)

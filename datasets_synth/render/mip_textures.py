@@ -1,0 +1,148 @@
+"""Textures with smaller copies of themselves, sampled at the level that suits the size of a pixel.
+
+Mip levels keep a far texture from aliasing; aliasing would differ between the two eyes and spoil stereo.
+"""
+
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import Float32Array, UInt8Array
+from recon.pixels import sample_bilinear
+
+MAX_TEXTURE_PX = 1024
+"""Larger textures are halved first: no object covers more of a picture than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class MipTexture:
+    """A texture and its mip levels side by side in one picture, each with a wrapped border of one texel."""
+
+    picture: UInt8Array
+    """Shape (rows, columns, 3), sRGB."""
+    level_box: Float32Array
+    """Shape (n_levels, 4): left, top, width, height of each level without its border."""
+
+    def sample(self, uv: Float32Array, level: Float32Array) -> Float32Array:
+        """Linear colours (n, 3), interpolated between texels and between levels.
+
+        Args:
+            uv: Texture coordinates (n, 2), repeating outside [0, 1]; v = 1 is the top row.
+            level: Mip level (n,), 0 for the full texture; clipped to the levels there are.
+        """
+        coarsest = len(self.level_box) - 1
+        level = np.clip(level, 0, coarsest).astype(np.float32)
+        lower = level.astype(np.intp)
+        share = (level - lower)[:, None]
+        fraction = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
+        fraction -= np.floor(fraction)
+        fine = self._bilinear(lower, fraction)
+        return fine + share * (self._bilinear(np.minimum(lower + 1, coarsest), fraction) - fine)
+
+    def _bilinear(self, level: NDArray[np.intp], fraction: Float32Array) -> Float32Array:
+        """Linear colours at fractions (n, 2) of whole levels (n,), from 0 at the edge of the first texel."""
+        box = np.take(self.level_box, level, axis=0)
+        xy = box[:, :2] + fraction * box[:, 2:] - np.float32(0.5)
+        return linear_from_srgb(sample_bilinear(self.picture, xy, cv2.BORDER_REPLICATE))
+
+
+def sample_textures(
+    textures: Sequence[MipTexture], index: NDArray[np.int32], uv: Float32Array, level: Float32Array
+) -> Float32Array:
+    """Linear colours (n, 3) of points that lie on different textures.
+
+    Args:
+        textures: The textures.
+        index: Which of them each point lies on, shape (n,).
+        uv: Texture coordinates (n, 2).
+        level: Mip levels (n,).
+    """
+    colour = np.empty((len(index), 3), np.float32)
+    order = np.argsort(index, kind="stable")
+    ends = np.searchsorted(index[order], np.arange(len(textures) + 1))
+    for i, texture in enumerate(textures):
+        at = order[ends[i] : ends[i + 1]]
+        if len(at):
+            colour[at] = texture.sample(np.take(uv, at, axis=0), level[at])
+    return colour
+
+
+@lru_cache(maxsize=1)
+def _linear_table() -> Float32Array:
+    c = np.arange(256) / 255
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def linear_from_srgb(srgb: UInt8Array) -> Float32Array:
+    """Linear colour in [0, 1] of sRGB bytes, same shape (IEC 61966-2-1)."""
+    return np.asarray(np.take(_linear_table(), srgb))
+
+
+@lru_cache(maxsize=1)
+def _srgb_table() -> UInt8Array:
+    x = np.arange(65536) / 65535
+    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255 * encoded), np.uint8)
+
+
+def srgb_from_linear(linear: Float32Array) -> UInt8Array:
+    """The sRGB bytes of linear colour, same shape; clipped to [0, 1]."""
+    return np.take(_srgb_table(), (np.clip(linear, 0, 1) * 65535 + 0.5).astype(np.uint16))
+
+
+_known: dict[int, tuple[weakref.ref[UInt8Array], MipTexture]] = {}
+
+
+def mip_texture(texture: UInt8Array) -> MipTexture:
+    """The mip levels of a texture (h, w, 3) sRGB, which must not be changed afterwards.
+
+    They are kept as long as the texture lives, since scenes share textures.
+    """
+    key = id(texture)
+    if key in _known and _known[key][0]() is texture:
+        return _known[key][1]
+    built = _build(texture)
+    _known[key] = weakref.ref(texture, lambda _: _known.pop(key, None)), built
+    return built
+
+
+def _build(texture: UInt8Array) -> MipTexture:
+    pyramid = _pyramid(texture)
+    width = sum(t.shape[1] + 2 for t in pyramid)
+    picture = np.zeros((pyramid[0].shape[0] + 2, width, 3), np.uint8)
+    box = np.empty((len(pyramid), 4), np.float32)
+    x = 0
+    for level, texels in enumerate(pyramid):
+        h, w = texels.shape[:2]
+        picture[: h + 2, x : x + w + 2] = np.pad(texels, ((1, 1), (1, 1), (0, 0)), mode="wrap")
+        box[level] = x + 1, 1, w, h
+        x += w + 2
+    return MipTexture(picture, box)
+
+
+def _pyramid(texture: UInt8Array) -> list[UInt8Array]:
+    """The texture and its halves down to one texel on the shorter side; averaged in linear light."""
+    linear = np.take(_linear_16bit_table(), texture)  # 16 bits are enough to average, and quick
+    while max(linear.shape[:2]) > MAX_TEXTURE_PX:
+        linear = _half(linear)
+    levels = [np.take(_srgb_table(), linear)]
+    while min(linear.shape[:2]) > 1:
+        linear = _half(linear)
+        levels.append(np.take(_srgb_table(), linear))
+    return levels
+
+
+@lru_cache(maxsize=1)
+def _linear_16bit_table() -> NDArray[np.uint16]:
+    return np.asarray(np.rint(65535 * _linear_table()), np.uint16)
+
+
+def _half(linear: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    h, w = linear.shape[:2]
+    half = cv2.resize(linear, (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA)
+    return np.asarray(half, np.uint16)

@@ -1,0 +1,287 @@
+"""Pose and bounding box of an object on a known ground plane from its outline (section 5.1).
+
+Two ways: by the report's construction, and by a joint fit of pose and shape.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from recon.arrays import Float32Array, FloatArray, UInt8Array
+from recon.camera import GroundPlane, PinholeCamera
+from recon.class_model import ClassModel
+from recon.errors import Failure, Reason
+from recon.localization.heading import Heading, Posed, read_surface
+from recon.localization.joint_fit import FittedInstance, JointFitConfig, joint_fits
+from recon.localization.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
+from recon.localization.shape_space import ShapeSpace
+from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground
+from recon.outlines import fill_polygon
+from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
+from recon.reconstruction.instance import Instance3D, build_instance
+from recon.reconstruction.occluded_parts import TransformConfig
+from recon.reconstruction.reconstruct import reconstruct_outline
+from recon.reconstruction.view_selection import ViewSelectionConfig, best_view_bin
+from recon.view_bins import ViewBins
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """Settings of localisation by the joint fit."""
+
+    view_bins: int = 12
+    """Directions that the fit starts from."""
+    outline_points: int = 160
+    """Points on the outline."""
+    max_cost: float = 600.0
+    """A larger cost is a failure: the class does not explain the outline. That of cars is about 25."""
+    max_deviation: float = 12.0
+    """A larger length of the shape coefficients is a failure: no object of the class looks like this. Where
+    k of them are standard normal, it is about the root of k."""
+    edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
+    borders_weight: float = 80.0
+    """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts. It tells
+    front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
+    heading_weight: float = 16.0
+    """Cost of a unit of log odds against the nose where a fit has it, from how the surface looks."""
+    window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
+    fit: JointFitConfig = field(default_factory=JointFitConfig)
+
+
+@dataclass(frozen=True)
+class PartsConfig:
+    """Settings of localisation by the report's construction."""
+
+    view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
+    """Choice of the view bin; its ``reconstruct`` also rules the reconstruction."""
+    transform: TransformConfig = field(default_factory=lambda: TransformConfig(calibrated_ground=True))
+    tried_bins: int = 4
+    """View bins of least cost that are reconstructed."""
+    turns_deg: tuple[float, ...] = (-12.0, -6.0, 0.0, 6.0, 12.0)
+    """Ways in which the object may be turned from the middle of a view bin of 30 degrees."""
+    fine_deg: tuple[float, ...] = (-3.0, 3.0)
+    """Turns from the best one that are tried after it."""
+    overlap_weight: float = 20.0
+    """Nats of what the projected instance and the outline do not share (1 - IoU), beside the bin's cost."""
+    borders_weight: float = 80.0
+    """Nats of 1 minus the correlation of edges with the borders of the projected instance's visible parts."""
+    window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class PartsLocalization:
+    """What the report's construction says of one outline."""
+
+    box: StandingBox
+    instance: Instance3D
+    turn_deg: float
+    """How far the object is turned from the middle of its view bin."""
+    cost: float
+    """Cost of the view bin and of what the projected instance and the outline do not share, nats."""
+
+
+def localize_by_parts(
+    rgb: UInt8Array,
+    ring_px: FloatArray,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: PartsConfig,
+) -> PartsLocalization | Failure:
+    """The report's construction from the likeliest view bins; the instance that fits the outline best.
+
+    Parts are registered to the outline and placed from the ground line up (section 4.3); the transform from
+    the class model to the placed parts places the others (section 4.4), and all together give the box.
+
+    Args:
+        rgb: the picture, shape (h, w, 3).
+        ring_px: outline from the segmentation, shape (m, 2), centres of its border pixels.
+        model: the class model.
+        camera: M.
+        ground: Q_g.
+        config: settings.
+    """
+    xyxy = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
+    choice = best_view_bin(rgb, xyxy, model, config.view, ring_px)
+    if isinstance(choice, Failure):
+        return choice
+    trial = _PartsTrial(EdgeWindow(rgb, ring_px, config.window), ring_px, model, camera, ground, config)
+    found: list[PartsLocalization] = []
+    failures: list[Failure] = []
+    bins_left = config.tried_bins
+    for view_bin in choice.order.tolist():
+        good, bad = trial.from_bin(view_bin, float(choice.cost[view_bin]), config.turns_deg)
+        found, failures, bins_left = found + good, failures + bad, bins_left - bool(good)
+        if not bins_left:
+            break
+    if not found:
+        return failures[0]
+    best = min(found, key=lambda t: t.cost)
+    near = [best.turn_deg + step for step in config.fine_deg]
+    view_bin = best.instance.view_bin
+    found += trial.from_bin(view_bin, float(choice.cost[view_bin]), near)[0]
+    return min(found, key=lambda t: t.cost)
+
+
+@dataclass(frozen=True, eq=False)
+class _PartsTrial:
+    """What is the same for all view bins of one outline."""
+
+    window: EdgeWindow
+    ring_px: FloatArray
+    model: ClassModel
+    camera: PinholeCamera
+    ground: GroundPlane
+    config: PartsConfig
+
+    def from_bin(
+        self, view_bin: int, cost: float, turns_deg: Sequence[float]
+    ) -> tuple[list[PartsLocalization], list[Failure]]:
+        """What one view bin of this cost gives, turned in each way, and why it gives nothing."""
+        found: list[PartsLocalization] = []
+        failures: list[Failure] = []
+        rules, turns_rad = self.config.view.reconstruct, np.deg2rad(turns_deg).tolist()
+        tried = reconstruct_outline(
+            self.ring_px, view_bin, self.model, self.camera, self.ground, rules, turns_rad
+        )
+        for turn_deg, built in zip(turns_deg, tried, strict=True):
+            instance = (
+                built
+                if isinstance(built, Failure)
+                else build_instance(
+                    built,
+                    view_bin,
+                    self.model,
+                    self.camera,
+                    self.ground,
+                    rules.registration,
+                    self.config.transform,
+                )
+            )
+            if isinstance(instance, Failure):
+                failures.append(instance)
+            else:
+                box = _standing_box(instance, self.ground)
+                found.append(PartsLocalization(box, instance, turn_deg, cost + self._misfit(instance)))
+        return found, failures
+
+    def _misfit(self, instance: Instance3D) -> float:
+        """Cost of an instance in the picture, nats."""
+        visible, iou = _project_model(instance, self.model, self.ring_px, self.camera)
+        agree = float(self.window.agreement([visible])[0])
+        return self.config.overlap_weight * (1 - iou) + self.config.borders_weight * (1 - agree)
+
+
+def _standing_box(instance: Instance3D, ground: GroundPlane) -> StandingBox:
+    pose = cam_from_ground(ground)
+    middle = (instance.cam_from_object[:3, 3] - pose[:3, 3]) @ pose[:3, :3]
+    return StandingBox(middle[:2], instance.yaw_rad, instance.size_m)
+
+
+def _project_model(
+    instance: Instance3D, model: ClassModel, ring_px: FloatArray, camera: PinholeCamera
+) -> tuple[list[FloatArray], float]:
+    """Outlines in pixels of the visible parts of the class model carried onto an instance, and the
+    intersection over union of all parts with the outline's region, in [0, 1]."""
+    low = np.floor(ring_px.min(axis=0)) - 20
+    width, height = (np.ceil(ring_px.max(axis=0)) + 21 - low).astype(int)
+    region = fill_polygon(ring_px - low, height, width)
+    covered = np.zeros_like(region)
+    visible = []
+    for part in model.parts:
+        cam = instance.class_to_instance.points(part.outline)
+        if (cam[:, 2] <= 0).any():
+            continue
+        uv = camera.project(cam)
+        covered |= fill_polygon(uv - low, height, width)
+        if instance.class_to_instance.plane(part.plane)[3] > 0:  # the camera is on the outer side
+            visible.append(uv)
+    return visible, float((region & covered).sum() / (region | covered).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class FitLocalization:
+    """What the joint fit says of one outline."""
+
+    box: StandingBox
+    fit: FittedInstance
+    outline: OutlinePoints
+    """The points that were fitted."""
+    runner_up: FittedInstance | None
+    """The best fit of another direction of the nose; None where all starts led to one."""
+
+
+def localize_by_fit(
+    light: Float32Array,
+    background: Float32Array,
+    ring_px: FloatArray,
+    space: ShapeSpace,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: FitConfig,
+    heading: Heading | None = None,
+) -> FitLocalization | Failure:
+    """The joint fit of pose and shape, started from the middle of every view bin; the least cost wins.
+
+    The cost is that of the outline, of how far the borders of the parts are from edges of the picture, and of
+    a surface that looks turned round.
+
+    Args:
+        light: linear light of the picture, shape (h, w, 3).
+        background: the same of the empty scene.
+        ring_px: outline from the segmentation, shape (m, 2), centres of its border pixels.
+        space: the shape space of the class.
+        camera: M.
+        ground: Q_g.
+        config: settings.
+        heading: what front and rear look like; None where no pictures were learned from.
+    """
+    if not np.isfinite(ground.intersect(camera.rays(ring_px))).all():
+        return Failure(Reason.ABOVE_HORIZON, "an outline below the horizon expected, got points above it")
+    outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
+    fits = joint_fits(outline, space, camera, ground, ViewBins(config.view_bins), config.fit)
+    visible = [_visible_parts(f.parts_m(space, config.fit.model_scale), camera, ground) for f in fits]
+    agree = EdgeWindow(light, ring_px, config.window).agreement(visible)
+    total = [f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)]
+    if heading is not None:
+        odds = [
+            _nose_log_odds(light, f, space, camera, ground, config.fit.model_scale, heading) for f in fits
+        ]
+        total = [t - config.heading_weight * o for t, o in zip(total, odds, strict=True)]
+    fits = [fits[i] for i in np.argsort(total)]
+    best = fits[0]
+    deviation = float(np.linalg.norm(best.coefficients))
+    if best.cost > config.max_cost or deviation > config.max_deviation:
+        return Failure(
+            Reason.REGISTRATION_FAILED,
+            f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
+            f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
+        )
+    others = [f for f in fits[1:] if angle_between(f.yaw_rad, best.yaw_rad) > np.deg2rad(15)]
+    return FitLocalization(
+        best.box(space, config.fit.model_scale), best, outline, others[0] if others else None
+    )
+
+
+def _nose_log_odds(
+    light: Float32Array,
+    fit: FittedInstance,
+    space: ShapeSpace,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    scale: float,
+    heading: Heading,
+) -> float:
+    """Log odds of the heading of a fit against its reverse."""
+    shape = Posed(space.hull(fit.coefficients), space.reach, fit.box(space, scale))
+    return heading.log_odds(read_surface(light, shape, camera, ground, heading.config))
+
+
+def _visible_parts(parts_m: FloatArray, camera: PinholeCamera, ground: GroundPlane) -> list[FloatArray]:
+    """Those outlines (p, m, 3) in pixels that turn their outer side, counter-clockwise, to the camera."""
+    pose = cam_from_ground(ground)
+    cam = parts_m @ pose[:3, :3].T + pose[:3, 3]
+    normal = np.cross(cam, np.roll(cam, -1, axis=1)).sum(axis=1)
+    facing = (normal * cam.mean(axis=1)).sum(axis=1) < 0
+    return [camera.project(outline) for outline in cam[facing]]

@@ -1,0 +1,71 @@
+"""The gradient of a smoothed picture, as edge and border measures take it."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import Float32Array, UInt8Array
+
+_COLUMNS = 1024
+
+
+_ROWS = 16384
+"""cv2.remap refuses 32,767 rows or columns, so the list is folded, and cut where it is very long."""
+
+
+def sample_bilinear(
+    picture: NDArray[Any], xy: Float32Array, border: int, border_value: float = 0.0
+) -> NDArray[Any]:
+    """Values (n,) or (n, channels) of a picture at points, in the picture's type.
+
+    Args:
+        picture: Shape (h, w) or (h, w, channels), uint8 or float32; h and w below 32,767.
+        xy: Points (n, 2), column and row; whole numbers at the centres of its pixels. OpenCV rounds them to
+            1/32 pixel.
+        border: One of cv2.BORDER_*: what lies outside.
+        border_value: With BORDER_CONSTANT.
+    """
+    n = len(xy)
+    if n == 0:
+        return np.zeros((0, *picture.shape[2:]), picture.dtype)
+    folded = np.zeros((-(-n // _COLUMNS) * _COLUMNS, 2), np.float32)
+    folded[:n] = xy
+    grid = folded.reshape(-1, _COLUMNS, 2)
+    parts = [
+        cv2.remap(
+            picture,
+            grid[i : i + _ROWS, :, 0],
+            grid[i : i + _ROWS, :, 1],
+            cv2.INTER_LINEAR,
+            borderMode=border,
+            borderValue=border_value,
+        )
+        for i in range(0, len(grid), _ROWS)
+    ]
+    return np.concatenate(parts).reshape(-1, *picture.shape[2:])[:n]
+
+
+def smooth_gradient(window: Float32Array, sigma_px: float) -> tuple[Float32Array, Float32Array]:
+    """Change a pixel to the right and downwards of a window (h, w, c), each of shape (h, w, c).
+
+    Args:
+        window: colours.
+        sigma_px: standard deviation of the Gaussian before.
+    """
+    smooth = cv2.GaussianBlur(window, (0, 0), sigma_px)
+    dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    return np.asarray(dx, np.float32), np.asarray(dy, np.float32)
+
+
+_LINEAR = np.where(
+    np.arange(256) <= 10, np.arange(256) / 255 / 12.92, ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4
+).astype(np.float32)
+"""Linear light in [0, 1] of an sRGB byte (IEC 61966-2-1)."""
+
+
+def linear_from_srgb(rgb: UInt8Array) -> Float32Array:
+    """Linear light in [0, 1] of sRGB bytes, same shape."""
+    return np.take(_LINEAR, rgb)

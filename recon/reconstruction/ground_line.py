@@ -1,0 +1,279 @@
+"""The ground line (section 4.3): where the object touches the ground in the image, and its points in 3D."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
+from recon.camera import GroundPlane, PinholeCamera
+from recon.errors import Failure, Reason
+from recon.reconstruction.ground_region import MIN_GROUND, ground_below, reach_px
+
+_MIN_FACING = float(np.sin(np.deg2rad(8.0)))
+"""A side of the footprint turned to the camera by less than this sine is seen end-on."""
+
+
+@dataclass(frozen=True)
+class GroundLineConfig:
+    """Settings of the ground line."""
+
+    contact_height: float = 0.06
+    """Columns of a part whose lowest pixel is within this share of the object's height of the part's lowest
+    are its contact; at least one pixel."""
+    slope_from_view: float = 1.0
+    """How far the slope of the line is that of the view bin: 1 takes the direction in which the parts
+    stand in the class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of
+    error in one contact is metres of depth far away, so that a free line tilts far objects at random."""
+    line_tolerance: float = 0.08
+    """Parts whose contact is within this share of the object's height of the line stand on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundLine:
+    """The line l_g and the parts that stand on it, or on the second line of a corner view."""
+
+    line_px: FloatArray
+    """Its two ends, shape (2, 2), left one first, pixel centres."""
+    points_m: dict[int, FloatArray]
+    """For each part that stands on a line the 3D point of its contact, shape (3,), camera frame."""
+
+
+def ground_line(
+    labels: UInt8Array,
+    x0_px: int,
+    y0_px: int,
+    feet_cam: Mapping[int, FloatArray],
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: GroundLineConfig,
+    ground_region: Float32Array | None = None,
+    bottom_px: float | None = None,
+) -> GroundLine | Failure:
+    """Line through the lower ends of the parts that touch the ground, and its points by eqs. 2 to 5.
+
+    A corner view shows parts on two lines, the sides of the object's footprint that face the camera. l_g is
+    the one whose feet show the most; the other starts at the corner that they share, and the view bin says
+    where it leads on the ground. Parts on hidden sides get no point: what is seen of them is not their lower
+    end.
+
+    Args:
+        labels: part labels of a window, shape (h, w), 0 for none.
+        x0_px: image column of the window's first column.
+        y0_px: image row of the window's first row.
+        feet_cam: where the parts that may touch the ground stand in the class model, by label, shape (3,),
+            turned into the camera frame; any origin and scale.
+        camera: the camera M.
+        ground: the ground plane Q_g.
+        config: settings.
+        ground_region: probability of ground at each pixel of the whole image, shape (h, w); contacts with
+            less than one half of it below them are left out. None keeps all contacts.
+        bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
+            together; None takes them from the labels alone.
+    """
+    contacts = _contacts(labels, x0_px, y0_px, list(feet_cam), config)
+    if not contacts:
+        return Failure(
+            Reason.NO_GROUND_CONTACT,
+            f"one of the parts {list(feet_cam)} expected in the image, found none",
+        )
+    height = float(np.ptp(np.nonzero(labels)[0]) + 1)
+    if ground_region is not None:
+        below = {k: _ground_share(c, ground_region, height) for k, c in contacts.items()}
+        contacts = {k: c for k, c in contacts.items() if below[k] >= MIN_GROUND}
+        if not contacts:
+            shares = ", ".join(f"{k}: {share:.2f}" for k, share in below.items())
+            return Failure(
+                Reason.NO_GROUND_CONTACT,
+                f"ground of probability {MIN_GROUND} below a contact expected, got ({shares})",
+            )
+    shown = {k: np.array(_middle(c)) for k, c in contacts.items()}
+    if bottom_px is not None:
+        down = bottom_px - max(float(at[1]) for at in shown.values())
+        shown = {k: at + np.array([0.0, down]) for k, at in shown.items()}
+    sides = _facing_sides(feet_cam, shown, camera, ground)
+    area = np.bincount(labels.ravel(), minlength=256)
+    sides.sort(key=lambda side: -min(area[k] for k in side))
+    first = list(sides[0]) if sides else [max(shown, key=lambda k: (shown[k][1], -k))]
+    at = np.array([shown[k] for k in first])
+    slope, offset, on_line = _fit(at, config.line_tolerance * height)
+    first = [label for label, use in zip(first, on_line, strict=True) if use]
+    at = at[on_line]
+    expected = _view_slope(at, np.array([feet_cam[k] for k in first]), camera, ground)
+    if expected is not None:
+        slope += config.slope_from_view * (expected - slope)
+        offset = float(np.mean(at[:, 1] - slope * at[:, 0]))
+    feet = np.stack([at[:, 0], slope * at[:, 0] + offset], axis=1)
+    points = ground.intersect(camera.rays(feet))
+    if not np.isfinite(points).all():
+        return Failure(
+            Reason.ABOVE_HORIZON,
+            f"ground contact below the horizon expected, got rows {np.round(feet[:, 1], 1).tolist()}",
+        )
+    # a line that ends at a corner is as long as its contacts; a single one goes under the whole object
+    columns = np.nonzero(labels.any(axis=0))[0][[0, -1]] + float(x0_px)
+    if len(sides) > 1:
+        columns = np.array([at[:, 0].min(), at[:, 0].max()])
+    line = np.stack([columns, slope * columns + offset], axis=1)
+    known = dict(zip(first, points, strict=True))
+    for side in sides[1:]:
+        known |= _second_line(side, known, shown, feet_cam, camera, ground)
+    return GroundLine(line, known)
+
+
+def _facing_sides(
+    feet_cam: Mapping[int, FloatArray],
+    shown: Mapping[int, FloatArray],
+    camera: PinholeCamera,
+    ground: GroundPlane,
+) -> list[tuple[int, ...]]:
+    """Labels of the contacts on each side of the footprint that faces the camera, two or more a side.
+
+    The footprint is the convex hull of the feet on the ground.
+    """
+    labels = np.array(list(feet_cam))
+    ray = camera.rays(np.mean(list(shown.values()), axis=0))
+    forward = ray - (ray @ ground.up) * ground.up
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, ground.up)
+    flat = np.array([[foot @ right, foot @ forward] for foot in feet_cam.values()])
+    if len(flat) < 2:
+        return []
+    hull = _hull(flat)
+    size = float(np.ptp(flat, axis=0).max())
+    sides = []
+    for a, b in zip(hull, np.roll(hull, -1), strict=True):
+        along = flat[b] - flat[a]
+        length = float(np.linalg.norm(along))
+        outward = np.array([along[1], -along[0]]) / max(length, 1e-9)
+        if length < 1e-6 * max(size, 1e-9) or outward[1] > -_MIN_FACING:
+            continue
+        on_side = np.abs((flat - flat[a]) @ outward) <= 0.1 * size
+        members = tuple(int(k) for k in labels[on_side] if int(k) in shown)
+        if len(members) >= 2:
+            sides.append(members)
+    return sides
+
+
+def _hull(flat: FloatArray) -> NDArray[np.intp]:
+    """Indices of the convex hull of points (n, 2), counter-clockwise; of two points or a line both ends."""
+    order = np.lexsort((flat[:, 1], flat[:, 0]))
+
+    def chain(indices: NDArray[np.intp]) -> list[int]:
+        out: list[int] = []
+        for i in indices:
+            while len(out) >= 2:
+                (ax, ay), (bx, by) = flat[out[-1]] - flat[out[-2]], flat[i] - flat[out[-2]]
+                if ax * by - ay * bx > 1e-9:
+                    break
+                out.pop()
+            out.append(int(i))
+        return out[:-1]
+
+    return np.array(chain(order) + chain(order[::-1]), np.intp)
+
+
+def _second_line(
+    side: Sequence[int],
+    known_m: Mapping[int, FloatArray],
+    shown: Mapping[int, FloatArray],
+    feet_cam: Mapping[int, FloatArray],
+    camera: PinholeCamera,
+    ground: GroundPlane,
+) -> dict[int, FloatArray]:
+    """Ground points (3,) of the contacts of a further side that have none yet, by label.
+
+    Along the direction that the view bin gives from the corner, at the column of the contact; from the
+    contact alone where the side has no corner yet or its direction is steep in the picture.
+    """
+    corner = next((k for k in side if k in known_m), None)
+    found = {}
+    for label in (k for k in side if k not in known_m):
+        at = shown[label].copy()
+        if corner is not None:
+            start = camera.project(known_m[corner])
+            slope = _view_slope(
+                np.stack([start, at]), np.stack([feet_cam[corner], feet_cam[label]]), camera, ground
+            )
+            at[1] = at[1] if slope is None else start[1] + slope * (at[0] - start[0])
+        point = ground.intersect(camera.rays(at))
+        if np.isfinite(point).all():
+            found[label] = point
+    return found
+
+
+def _contacts(
+    labels: UInt8Array, x0_px: int, y0_px: int, ground_labels: Sequence[int], config: GroundLineConfig
+) -> dict[int, FloatArray]:
+    """For each ground part the lowest pixels (n, 2) of the columns that touch, image coordinates."""
+    rows = np.nonzero(labels.any(axis=1))[0]
+    if not len(rows):
+        return {}
+    tolerance = max(1.0, config.contact_height * (rows[-1] - rows[0] + 1))
+    found: dict[int, FloatArray] = {}
+    for label in ground_labels:
+        mask = labels == label
+        columns = np.nonzero(mask.any(axis=0))[0]
+        if not len(columns):
+            continue
+        lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0)
+        touching = lowest >= lowest.max() - tolerance
+        found[label] = np.stack([columns[touching] + x0_px, lowest[touching] + y0_px], axis=1).astype(float)
+    return found
+
+
+def _middle(contact_px: FloatArray) -> tuple[float, float]:
+    """Middle column and lower edge of a contact: the object ends at the lower edge of its lowest pixel."""
+    return float(contact_px[:, 0].mean()), float(contact_px[:, 1].max()) + 0.5
+
+
+def _ground_share(contact_px: FloatArray, ground_region: Float32Array, height_px: float) -> float:
+    """Mean probability of ground below a contact; 0 where all of that is outside the picture."""
+    below = ground_below(contact_px, ground_region, reach_px(height_px))
+    seen = np.isfinite(below)
+    return float(below[seen].mean()) if seen.any() else 0.0
+
+
+def _view_slope(
+    at: FloatArray, feet_cam: FloatArray, camera: PinholeCamera, ground: GroundPlane
+) -> float | None:
+    """Slope in the image of the direction from the left to the right foot, at the middle of contacts (n, 2).
+
+    None where there is one foot, the middle is not on the ground, or the direction points along the ray.
+    """
+    first, last = np.argmin(at[:, 0]), np.argmax(at[:, 0])
+    along = feet_cam[last] - feet_cam[first]
+    along = along - (along @ ground.up) * ground.up
+    middle = ground.intersect(camera.rays(at.mean(axis=0)))
+    if first == last or not np.isfinite(middle).all() or np.linalg.norm(along) < 1e-6:
+        return None
+    # a short step: the line is straight in the image, and both ends stay in front of the camera
+    step = 0.01 * middle[2] * along / np.linalg.norm(along)
+    du, dv = camera.project(middle + step) - camera.project(middle - step)
+    return float(dv / du) if abs(du) > abs(dv) else None
+
+
+def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, BoolArray]:
+    """Slope and offset of v = slope u + offset, and which contacts (n, 2) it is fitted to.
+
+    The line is the one that most contacts agree with, the longer where several do; steep lines are no ground
+    lines. A single contact gives a level line.
+    """
+    best: tuple[int, float] = (0, 0.0)
+    on_line = np.zeros(len(at), bool)
+    for i, j in combinations(range(len(at)), 2):
+        du, dv = at[j] - at[i]
+        if abs(dv) >= abs(du):
+            continue
+        residual = np.abs(at[i, 1] + (at[:, 0] - at[i, 0]) * dv / du - at[:, 1])
+        use = residual <= tolerance_px
+        key = (int(use.sum()), abs(float(du)))
+        if key > best:
+            best, on_line = key, use
+    if best[0] < 2:
+        on_line[np.argmax(at[:, 1])] = True
+        return 0.0, float(at[:, 1].max()), on_line
+    slope, offset = np.polyfit(at[on_line, 0], at[on_line, 1], 1)
+    return float(slope), float(offset), on_line

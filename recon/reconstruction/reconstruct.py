@@ -1,0 +1,355 @@
+"""Reconstruction of candidates (section 4): outline, parts, ground line, planes, predicted depth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
+from recon.camera import GroundPlane, PinholeCamera
+from recon.class_model import ClassModel
+from recon.depth_map import DepthMap
+from recon.errors import Failure, Reason, RescoreError
+from recon.outlines import fill_polygon
+from recon.reconstruction.canonical_window import GridToImage, canonical_windows, grid_to_image, zero_level
+from recon.reconstruction.ground_line import GroundLineConfig, ground_line
+from recon.reconstruction.part_registration import (
+    CanonicalGrid,
+    PreparedView,
+    RegisteredParts,
+    RegistrationConfig,
+    prepare_view,
+    register_parts,
+)
+from recon.reconstruction.predict_depth import PlacingConfig, feet, place_instance
+from recon.reconstruction.segment import SegmentConfig, colour_evidence, edge_indicator, evolve
+
+
+@dataclass(frozen=True)
+class ReconstructConfig:
+    """Settings of all stages."""
+
+    min_inside: float = 0.5
+    """Smallest share of the box that must lie inside the image."""
+    max_aspect_change: float = 1.8
+    """A box whose width to height differs by more than this factor from that of the labelled outline shows
+    the object from elsewhere, or something else: stretched to such a box, any outline would seem to fit."""
+    min_outline_iou: float = 0.4
+    """Smallest intersection over union of the outline with the one it started from."""
+    box_bottom_is_ground: bool = False
+    """Whether boxes are drawn tightly: then the contacts go down to the lower edge of the box, which an
+    outline that has lost a foot does not reach. The boxes of a detector are too coarse for that."""
+    segment: SegmentConfig = field(default_factory=SegmentConfig)
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    ground_line: GroundLineConfig = field(default_factory=GroundLineConfig)
+    placing: PlacingConfig = field(default_factory=PlacingConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """The 3D instance of one candidate, and how it came about."""
+
+    outline_px: FloatArray
+    """Outline after the evolution, shape (m, 2), pixel centres of the image."""
+    initial_outline_px: FloatArray
+    """The labelled outline of the view bin scaled to the box, where the evolution started, shape (k, 2)."""
+    x0_px: int
+    """Image column of the first column of part_labels and depth."""
+    y0_px: int
+    """Image row of their first row."""
+    part_labels: UInt8Array
+    """Registered parts, shape (h, w): 0 for none."""
+    part_planes: dict[int, FloatArray]
+    """Plane (a, b, c, d) of each placed part by label, camera frame, metres; in the order of placing."""
+    unplaced_parts: dict[int, str]
+    """Why each other part of the image has no plane."""
+    depth: DepthMap
+    """Predicted z-depth of the same window; NaN outside placed parts."""
+    ground_line_px: FloatArray
+    """Left and right end of the ground line, shape (2, 2)."""
+    cam_from_object: FloatArray
+    """Rotation (3, 3) of the view bin at this place of the image."""
+    registration_cost: float
+    """Mean chi-squared cost of the outline match, in [0, 1]."""
+    placed_share: float
+    """Share of the labelled pixels that have a depth, in [0, 1]."""
+    part_regions: tuple[tuple[int, FloatArray], ...] = ()
+    """Label and outline (m, 2) of each region of the labelled image where registration puts it, pixel
+    centres; point i is where point i of ``PreparedView.region_points`` comes to lie. Evidence files leave it
+    out."""
+    ground_points_m: dict[int, FloatArray] = field(default_factory=dict)
+    """Ground contact (3,) of each part that stands on a ground line by label, camera frame. Evidence files
+    leave it out."""
+
+
+def reconstruct(
+    rgb: UInt8Array,
+    xyxy_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig | None = None,
+    ground_region: Float32Array | None = None,
+) -> tuple[Reconstruction | Failure, ...]:
+    """The 3D instance in each box, or why there is none; one result a box, in order.
+
+    Args:
+        rgb: the picture, shape (h, w, 3).
+        xyxy_px: boxes, shape (n, 4), pixel edges.
+        view_bin: the bin that all boxes are seen from.
+        model: the class model.
+        camera: M; ``default_camera`` where none is known.
+        ground: Q_g; ``DEFAULT_GROUND`` where none is known.
+        config: settings; None for the defaults.
+        ground_region: probability of ground at each pixel, shape (h, w) (``ground_probability``), which keeps
+            parts that do not stand on ground out of the ground line; None trusts the outline alone.
+
+    Raises:
+        RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
+    """
+    config = config or ReconstructConfig()
+    if rgb.shape != (camera.height_px, camera.width_px, 3):
+        raise RescoreError(
+            f"picture: expected {camera.width_px} x {camera.height_px} pixels as the camera says, "
+            f"got shape {rgb.shape}; calibrate for this picture size"
+        )
+    if ground_region is not None and ground_region.shape != rgb.shape[:2]:
+        raise RescoreError(
+            f"ground region: expected shape {rgb.shape[:2]} as the picture has, got {ground_region.shape}; "
+            "take it from this picture"
+        )
+    boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
+    view = prepare_view(model, view_bin, config.registration)
+    results: list[Reconstruction | Failure | None] = [
+        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config) for box in boxes
+    ]
+    todo = [i for i, result in enumerate(results) if result is None]
+    for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
+        results[i] = (
+            outline
+            if isinstance(outline, Failure)
+            else _from_outline(
+                boxes[i], outline, view, view_bin, model, camera, ground, config, ground_region
+            )
+        )
+    return tuple(r for r in results if r is not None)
+
+
+def reconstruct_outline(
+    ring_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+    turns_rad: Sequence[float] = (0.0,),
+) -> tuple[Reconstruction | Failure, ...]:
+    """The 3D instances of an outline that is already known, such as one from colour segmentation.
+
+    One for each way in which the object may be turned about the vertical from the middle of its view bin.
+
+    Args:
+        ring_px: the closed outline, shape (m, 2), centres of its border pixels.
+        view_bin: the bin that it is taken to be seen from.
+        model: the class model.
+        camera: M.
+        ground: Q_g.
+        config: settings.
+        turns_rad: azimuth of the camera seen from the object, less that of the bin.
+    """
+    view = prepare_view(model, view_bin, config.registration)
+    box = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
+    failure = check_box(box, view.grid, (camera.width_px, camera.height_px), config)
+    if failure is not None:
+        return (failure,) * len(turns_rad)
+    to_image = grid_to_image(view.grid, box)
+    outline = (ring_px - to_image.shift) / to_image.scale
+    parts = register_parts(outline, view, config.registration)
+    if isinstance(parts, Failure):
+        return (parts,) * len(turns_rad)
+    level = view_rotation(model, view_bin, box, camera, ground)
+    return tuple(
+        _instance(
+            outline, parts, view, to_image, level @ _about_z(-turn), model, camera, ground, config, None
+        )
+        for turn in turns_rad
+    )
+
+
+def segment(
+    rgb: UInt8Array, xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
+) -> tuple[FloatArray | Failure, ...]:
+    """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
+    if not len(xyxy_px):
+        return ()
+    windows = canonical_windows(rgb, xyxy_px, view.grid)
+    start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
+    region = colour_evidence(windows, start) if config.segment.region_weight else None
+    phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
+    return tuple(zero_level(p, view.phi, config.min_outline_iou) for p in phi)
+
+
+def _from_outline(
+    box_px: FloatArray,
+    outline: FloatArray,
+    view: PreparedView,
+    view_bin: int,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+    ground_region: Float32Array | None,
+) -> Reconstruction | Failure:
+    """From the outline on: register parts, find the ground line, place the planes."""
+    parts = register_parts(outline, view, config.registration)
+    if isinstance(parts, Failure):
+        return parts
+    to_image = grid_to_image(view.grid, box_px)
+    turned = view_rotation(model, view_bin, box_px, camera, ground)
+    return _instance(outline, parts, view, to_image, turned, model, camera, ground, config, ground_region)
+
+
+def _instance(
+    outline: FloatArray,
+    parts: RegisteredParts,
+    view: PreparedView,
+    to_image: GridToImage,
+    cam_from_object: FloatArray,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+    ground_region: Float32Array | None,
+) -> Reconstruction | Failure:
+    """From the registered parts on: find the ground line, place the planes."""
+    outline_px = to_image(outline)
+    labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
+    feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
+    box_bottom = np.array([0.0, view.grid.margin_px + view.grid.box_height_px - 0.5])
+    bottom_px = float(to_image(box_bottom)[1]) if config.box_bottom_is_ground else None
+    line = ground_line(
+        labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region, bottom_px
+    )
+    if isinstance(line, Failure):
+        return line
+    placed = place_instance(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
+    if placed.placed_share < config.placing.min_placed:
+        why = "; ".join(f"{model.part_names[k - 1]}: {text}" for k, text in placed.unplaced.items())
+        return Failure(
+            Reason.PARTS_NOT_PLACED,
+            f"at least {config.placing.min_placed:.0%} of the object placed expected, "
+            f"got {placed.placed_share:.0%} ({why or 'depth limits'})",
+        )
+    return Reconstruction(
+        outline_px=outline_px,
+        initial_outline_px=to_image(view.outline),
+        x0_px=x0_px,
+        y0_px=y0_px,
+        part_labels=labels,
+        part_planes=placed.planes,
+        unplaced_parts=placed.unplaced,
+        depth=DepthMap(x0_px, y0_px, placed.depth),
+        ground_line_px=line.line_px,
+        cam_from_object=cam_from_object,
+        registration_cost=parts.cost,
+        placed_share=placed.placed_share,
+        part_regions=tuple((label, to_image(polygon)) for label, polygon in parts.regions),
+        ground_points_m=line.points_m,
+    )
+
+
+def view_rotation(
+    model: ClassModel, view_bin: int, box_px: FloatArray, camera: PinholeCamera, ground: GroundPlane
+) -> FloatArray:
+    """Rotation (3, 3) from the object frame to the camera frame for an object in a box.
+
+    T_alpha says how the object is turned towards the ray on which it is seen. Under perspective that ray is
+    not the optical axis, so the view frame is turned about the vertical onto the ray through the middle of
+    the box; and the vertical is that of the ground plane, which replaces the elevation of the labelled views.
+    """
+    centre = (box_px[:2] + box_px[2:]) / 2 - 0.5
+    ray = camera.rays(centre)
+    forward = ray - (ray @ ground.up) * ground.up
+    forward /= np.linalg.norm(forward)
+    cam_from_view = np.stack([np.cross(-ground.up, forward), -ground.up, forward], axis=1)
+    return np.asarray(cam_from_view @ model.bins.level_view_from_object(view_bin))
+
+
+def _about_z(angle_rad: float) -> FloatArray:
+    """Rotation (3, 3) about the vertical of the object."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def check_box(
+    box_px: FloatArray, grid: CanonicalGrid, picture_px: tuple[int, int], config: ReconstructConfig
+) -> Failure | None:
+    """Why nothing of this grid's aspect can be looked for in a box (4,) of a picture; None where it can.
+
+    ``picture_px`` is the width and height of the picture.
+    """
+    failure = check_extent(box_px, picture_px, config.min_inside)
+    if failure is not None:
+        return failure
+    size = box_px[2:] - box_px[:2]
+    aspect, expected = float(size[0] / size[1]), grid.box_width_px / grid.box_height_px
+    if max(aspect / expected, expected / aspect) > config.max_aspect_change:
+        return Failure(
+            Reason.REGISTRATION_FAILED,
+            f"a box {expected:.2f} times as wide as high expected for this view, got {aspect:.2f}",
+        )
+    return None
+
+
+def check_extent(box_px: FloatArray, picture_px: tuple[int, int], min_inside: float) -> Failure | None:
+    """Why a box (4,) is too small, or too far outside a picture of a width and height; None where it is not.
+
+    ``min_inside`` is the smallest share of it that must lie in the picture.
+    """
+    size = box_px[2:] - box_px[:2]
+    if not (np.isfinite(box_px).all() and (size >= 4).all()):
+        return Failure(
+            Reason.BOX_OUTSIDE_IMAGE,
+            f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
+        )
+    clipped = np.clip(box_px, 0, [*picture_px, *picture_px])
+    inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
+    if inside < min_inside:
+        return Failure(
+            Reason.BOX_OUTSIDE_IMAGE,
+            f"at least {min_inside:.0%} of the box inside the image expected, got {inside:.0%}",
+        )
+    return None
+
+
+def _part_labels(
+    parts: RegisteredParts, outline_px: FloatArray, to_image: GridToImage, camera: PinholeCamera
+) -> tuple[UInt8Array, int, int]:
+    """Labels of the pixels inside the outline, in the outline's window, and the window's place (x0, y0)."""
+    size = np.array([camera.width_px, camera.height_px])
+    low = np.clip(np.floor(outline_px.min(axis=0)), 0, size - 1).astype(int)
+    high = np.clip(np.ceil(outline_px.max(axis=0)) + 1, low + 1, size).astype(int)
+    width, height = (high - low).tolist()
+    labels = np.zeros((height, width), np.uint8)
+    for label, polygon in parts.regions:
+        points = np.round((to_image(polygon) - low) * 16).astype(np.int32)
+        cv2.fillPoly(labels, [points], label, shift=4)
+    inside = fill_polygon(outline_px - low, height, width)
+    return fill_gaps(labels, inside), int(low[0]), int(low[1])
+
+
+def fill_gaps(labels: UInt8Array, inside: BoolArray) -> UInt8Array:
+    """Labels inside the outline; pixels that no region covers get the nearest region's label."""
+    known = (labels > 0) & inside
+    if not known.any():
+        return np.zeros_like(labels)
+    if not (inside & ~known).any():
+        return np.where(inside, labels, 0).astype(np.uint8)
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    label_of = np.zeros(int(nearest.max()) + 1, np.uint8)
+    label_of[nearest[known]] = labels[known]
+    return np.where(inside, label_of[nearest], 0).astype(np.uint8)

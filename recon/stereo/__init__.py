@@ -1,0 +1,1 @@
+"""Measured depth: disparity of a rectified pair, the ground plane in it, and how far it can be trusted."""

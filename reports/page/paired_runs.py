@@ -1,0 +1,205 @@
+"""Several runs side by side: what changes from one to another, paired over the frames that both evaluated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from recon.arrays import IntArray
+from recon.errors import RescoreError
+from reports.palette import detector_name, mode_name
+from reports.run.curves import match_table
+from reports.run.frame_view import run_data
+from reports.run.tables import Table, difference, factor, number
+from rescore.data.frames import DataSet
+from rescore.files import digest_of
+from rescore.metrics.bootstrap import BootstrapConfig, Comparison, bootstrap
+from rescore.metrics.curve_bands import CurveBands, curve_bands
+from rescore.metrics.matching import MatchTable, TruthTable
+from rescore.results.comparisons import figure_as_json
+from rescore.results.run_folder import Run
+
+MIN_SHARED = 2
+"""Fewer frames give no interval."""
+LEVEL = 0.7
+"""Recall at which false positives are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """A run with the truth that it was evaluated on."""
+
+    name: str
+    """For people; unique on a page."""
+    run: Run
+
+    @cached_property
+    def data(self) -> DataSet:
+        """The frames that were evaluated.
+
+        Raises:
+            RescoreError: the data set is not where the run says.
+        """
+        return run_data(self.run)
+
+    @cached_property
+    def truth(self) -> TruthTable:
+        """Images and cars in the order of the data set; raises as ``data`` does."""
+        return TruthTable.of(self.data)
+
+    @cached_property
+    def frame_keys(self) -> tuple[str, ...]:
+        """What makes each frame the same in two runs: its left picture and its cars, in the order of the
+        truth."""
+        truths = ((f, self.data.truth[f.image_id]) for f in self.data.frames)
+        return tuple(
+            f"{digest_of(f.left_path)} {t.xyxy_px.round(3).tolist()} {t.ignore.tolist()}" for f, t in truths
+        )
+
+    def match(self, detector: str, mode: str) -> MatchTable:
+        """The match table, its images counted in the order of the truth."""
+        ids = self.run.of(detector)["image_id"]
+        order = np.argsort(self.truth.image_id)
+        place = np.searchsorted(self.truth.image_id, ids, sorter=order)
+        return replace(match_table(self.run, detector, mode), image=order[place])
+
+    def bands(self) -> dict[tuple[str, str], CurveBands | None]:
+        """Bands around all curves, by detector and mode.
+
+        Raises:
+            RescoreError: the data set is not where the run says.
+        """
+        seed = int(self.run.metrics.get("bootstrap", {}).get("seed", 0))
+        cars = self.truth.cars_of_image
+        rows = [(row["detector"], row["mode"]) for row in self.run.metrics["rows"]]
+        return {key: curve_bands(self.match(*key), cars, seed) for key in rows}
+
+
+@dataclass(frozen=True, eq=False)
+class PairedRuns:
+    """What changes from the first run to another."""
+
+    first: str
+    other: str
+    note: str
+    """On which frames they were compared, or why they were not."""
+    table: Table | None
+
+
+def compare_runs(runs: Sequence[Evaluated]) -> tuple[PairedRuns, ...]:
+    """Each later run against the first."""
+    return tuple(_compare(runs[0], other) for other in runs[1:])
+
+
+def side_by_side(runs: Sequence[Evaluated]) -> Table:
+    """The figures of all runs, a row a run, detector and mode."""
+    rows = tuple(
+        (
+            one.name,
+            detector_name(row["detector"]),
+            mode_name(row["mode"]),
+            number(row["w"], 2),
+            number(row["auc"]),
+            number(row["average_precision"]),
+            number(row["fppi_at_recall"].get(f"{LEVEL:g}"), 2),
+            number(row["recall_ceiling"]),
+        )
+        for detector in dict.fromkeys(d for one in runs for d in one.run.detectors)
+        for one in runs
+        for row in one.run.metrics["rows"]
+        if row["detector"] == detector
+    )
+    head = (
+        "run",
+        "detector",
+        "scores",
+        "w",
+        "area (ROC)",
+        "average precision",
+        "FP/image at 70%",
+        "recall ceiling",
+    )
+    return Table("All runs", head, rows, text_columns=3)
+
+
+def _compare(first: Evaluated, other: Evaluated) -> PairedRuns:
+    try:
+        pairs = shared_frames(first.frame_keys, other.frame_keys)
+    except RescoreError as error:
+        return PairedRuns(first.name, other.name, f"Not compared: a data set cannot be read ({error}).", None)
+    counts = f"{first.name} has {len(first.frame_keys)} images, {other.name} {len(other.frame_keys)}"
+    if len(pairs) < MIN_SHARED:
+        shared = "no image" if not len(pairs) else "one image"
+        note = (
+            f"{counts}; they share {shared} (same picture, same annotated cars). So nothing can be paired: "
+            "the figures above differ by chance of the images too, and their intervals are each run's own."
+        )
+        return PairedRuns(first.name, other.name, note, None)
+    keys = [
+        (row["detector"], row["mode"])
+        for row in first.run.metrics["rows"]
+        if any(
+            (r["detector"], r["mode"]) == (row["detector"], row["mode"]) for r in other.run.metrics["rows"]
+        )
+    ]
+    if not keys:
+        note = "The runs share no detector and mode of one name, so nothing can be paired."
+        return PairedRuns(first.name, other.name, note, None)
+    changes = _paired_changes(first, other, keys, pairs)
+    all_images = len(pairs) == len(first.frame_keys) == len(other.frame_keys)
+    which = f"all {len(pairs)} images" if all_images else f"the {len(pairs)} images that both have; {counts}"
+    note = f"{other.name} less {first.name}, on {which}."
+    return PairedRuns(first.name, other.name, note, _table(changes))
+
+
+def shared_frames(first: Sequence[str], other: Sequence[str]) -> IntArray:
+    """Places in both lists of the frames that both hold, shape (k, 2), in the order of the first."""
+    place = {key: i for i, key in enumerate(other)}
+    # a frame that is there twice is taken once
+    pairs = [(i, place.pop(key)) for i, key in enumerate(first) if key in place]
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def restricted(match: MatchTable, images: IntArray, n_cars: int) -> MatchTable:
+    """The table of some images, counted from 0 in the order given.
+
+    Args:
+        match: the whole table.
+        images: places of the images to keep, none twice.
+        n_cars: annotated cars in these images.
+    """
+    new = np.full(match.n_images, -1, np.int64)
+    new[images] = np.arange(len(images))
+    keep = new[match.image] >= 0
+    columns = {name: getattr(match, name)[keep] for name in ("ranking", "outcome", "annotation_id")}
+    return replace(match, n_images=len(images), n_cars=n_cars, image=new[match.image[keep]], **columns)
+
+
+def _paired_changes(
+    first: Evaluated, other: Evaluated, keys: Sequence[tuple[str, str]], pairs: IntArray
+) -> Mapping[tuple[str, str], Comparison]:
+    cars = first.truth.cars_of_image[pairs[:, 0]]
+    n_cars = int(cars.sum())
+    tables, names = {}, []
+    for i, key in enumerate(keys):
+        for one, column in ((first, 0), (other, 1)):
+            tables[f"{i} {column}"] = restricted(one.match(*key), pairs[:, column], n_cars)
+        names.append((f"{i} 0", f"{i} 1"))
+    found = bootstrap(tables, cars, names, np.random.default_rng(0), BootstrapConfig())
+    return {key: found.comparisons[name] for key, name in zip(keys, names, strict=True)}
+
+
+def _table(changes: Mapping[tuple[str, str], Comparison]) -> Table:
+    rows = tuple(
+        (
+            detector_name(detector),
+            mode_name(mode),
+            factor(figure_as_json(c.reduction[LEVEL])),
+            difference(figure_as_json(c.difference.auc)),
+            difference(figure_as_json(c.difference.average_precision)),
+        )
+        for (detector, mode), c in changes.items()
+    )
+    head = ("detector", "scores", f"times fewer FP at {LEVEL:.0%}", "area", "average precision")
+    return Table("Paired differences", head, rows, text_columns=2)

@@ -1,0 +1,123 @@
+"""What was run: settings, versions, seed, and which frames, so that two runs can be told apart or matched."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from reports.run.frame_view import run_dataset
+from reports.run.tables import Table
+from rescore.data.frames import SPLITS, DataSet
+from rescore.results.run_folder import Run
+
+HASH_DIGITS = 16
+"""Hexadecimal digits shown of a hash."""
+
+
+@dataclass(frozen=True)
+class IdList:
+    """The frames of one split."""
+
+    split: str
+    n_images: int
+    n_cars: int
+    images: str
+    """SHA-256 of the lines "image id, tab, file name", by id, as hexadecimal digits."""
+    shapes: str
+    """SHA-256 of the names of the car shapes, a line each, by name; empty where they have none."""
+
+
+def id_lists(data: DataSet) -> tuple[IdList, ...]:
+    """The lists of every split that has frames, the usual splits first."""
+    splits = {f.split for f in data.frames}
+    order = [*(s for s in SPLITS if s in splits), *sorted(splits - set(SPLITS))]
+    return tuple(_id_list(split, data.split(split), data) for split in order)
+
+
+def _id_list(name: str, part: DataSet, data: DataSet) -> IdList:
+    files = {f.image_id: f.left_path for f in part.frames}
+    names = [
+        p.relative_to(data.root).as_posix() if p.is_relative_to(data.root) else p.name for p in files.values()
+    ]
+    images = sorted(zip(files, names, strict=True))
+    shapes = sorted({s for t in part.truth.values() for s in t.shape_id if s})
+    return IdList(
+        name,
+        len(images),
+        sum(int((~t.ignore).sum()) for t in part.truth.values()),
+        _digest(f"{i}\t{file}" for i, file in images),
+        _digest(shapes) if shapes else "",
+    )
+
+
+def _digest(lines: Any) -> str:
+    return hashlib.sha256("".join(f"{line}\n" for line in lines).encode()).hexdigest()
+
+
+def id_table(run: Run) -> Table:
+    """The splits of a run's data set with their hashes.
+
+    Raises:
+        RescoreError: the data set is not where the run says.
+    """
+    rows = tuple(
+        (
+            one.split or "without a split",
+            one.images[:HASH_DIGITS],
+            one.shapes[:HASH_DIGITS] or "–",
+            str(one.n_images),
+            str(one.n_cars),
+        )
+        for one in id_lists(run_dataset(run))
+    )
+    head = ("split", "hash of the image ids", "hash of the car shapes", "images", "cars")
+    return Table("Frames of the data set", head, rows, text_columns=3)
+
+
+def made_from(run: Run) -> list[tuple[str, str]]:
+    """What was run, as name and value."""
+    config = run.config
+    settings = config.get("config", {})
+    rows = [
+        ("run folder", run.root.name),
+        ("command", config.get("command")),
+        ("preset", settings.get("preset") if isinstance(settings, dict) else None),
+        ("seed", config.get("seed")),
+        ("evaluated", f"{run.metrics['n_images']} images of split {run.split}"),
+        ("versions", ", ".join(f"{n} {v}" for n, v in config.get("versions", {}).items()) or None),
+    ]
+    return [(name, str(value)) for name, value in rows if value is not None]
+
+
+def differing_settings(runs: Mapping[str, Run]) -> Table | None:
+    """A row a setting, seed or version that is not the same in all runs; None where all are."""
+    flat = {name: _flat(_comparable(run.config)) for name, run in runs.items()}
+    # what only one kind of command has cannot differ
+    keys = [key for key in next(iter(flat.values())) if all(key in values for values in flat.values())]
+    rows = [(key, *(flat[name][key] for name in runs)) for key in keys]
+    differing = tuple(row for row in rows if len(set(row[1:])) > 1)
+    if not differing:
+        return None
+    return Table("Settings that differ", ("setting", *runs), differing, text_columns=1 + len(runs))
+
+
+def _comparable(config: Mapping[str, Any]) -> dict[str, Any]:
+    settings = config.get("config")
+    return {
+        **{name: config.get(name) for name in ("command", "seed", "stereo")},
+        **(settings if isinstance(settings, dict) else {}),
+        "versions": config.get("versions", {}),
+    }
+
+
+def _flat(value: Any, name: str = "") -> dict[str, str]:
+    """Settings by their dotted name, as text."""
+    if isinstance(value, Mapping):
+        parts = [_flat(v, f"{name}.{k}" if name else str(k)) for k, v in value.items()]
+        return {k: v for part in parts for k, v in part.items()}
+    text = (
+        ", ".join(str(v) for v in value)
+        if isinstance(value, Sequence) and not isinstance(value, str)
+        else value
+    )
+    return {name: "–" if text is None else str(text)}

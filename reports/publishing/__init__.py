@@ -1,0 +1,1 @@
+"""What is run to make the published pages and pictures; not part of an installed package."""

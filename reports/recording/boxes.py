@@ -1,0 +1,216 @@
+"""The candidates of a frame as boxes over the picture, before and after rescoring, and as a table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from recon.arrays import BoolArray, FloatArray
+from reports.palette import OUTCOME_NAME
+from reports.recording.names import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
+from reports.recording.story import Story
+from reports.recording.tape import Recorder
+from reports.run.frame_view import CandidateView, FrameView
+from reports.run.inspection import GROUP_TEXT
+from rescore.data.frames import Truth
+from rescore.results.candidate_file import ALONE
+from rescore.results.words import status_text
+
+LEGEND = ("hit", "false_alarm", "duplicate", "missed")
+LEGEND_TEXT = {"hit": "hit", "false_alarm": "false alarm", "duplicate": "duplicate", "missed": "missed car"}
+_MAX_TABLE = 15
+_MAX_LABELS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """The candidates of one detector and mode in one frame, with what is accepted of them."""
+
+    candidates: tuple[CandidateView, ...]
+    accepted: BoolArray
+    """Shape (n,)."""
+    labelled: BoolArray
+    """Whose label is shown, shape (n,); the others have theirs where the pointer is."""
+    alone: bool
+    """Whether this is the detector alone."""
+
+
+def log_boxes(rec: Recorder, story: Story, view: FrameView) -> None:
+    """Log the candidates of all detectors and modes, and the tables, at the time that is set."""
+    for detector in story.run.detectors:
+        for mode in story.modes_of(detector):
+            log_shown(rec, boxes_path(detector, mode), shown(story, view, detector, mode), view)
+        rec.log(f"tables/{part(detector)}", text(frame_table(story, view, detector)))
+        _log_legend(rec, f"{IMAGE}/{part(detector)}/legend", view)
+
+
+def candidates_of(story: Story, view: FrameView, detector: str, mode: str) -> tuple[CandidateView, ...]:
+    """The candidates of a frame in any mode, best detector score first."""
+    if mode == story.mode:
+        return view.candidates[detector]
+    return view.other_modes[detector, mode]
+
+
+def shown(story: Story, view: FrameView, detector: str, mode: str, least_score: float | None = None) -> Shown:
+    """What is shown of a detector and mode: accepted at its operating point, or from a score on."""
+    some = candidates_of(story, view, detector, mode)
+    rows = [c.row for c in some]
+    if least_score is None:
+        accepted = story.accepted(detector, mode)[rows]
+    else:
+        accepted = np.array([c.posterior >= least_score for c in some], bool)
+    return Shown(some, accepted, labelled(story, view, detector), mode == ALONE)
+
+
+def labelled(story: Story, view: FrameView, detector: str) -> BoolArray:
+    """Which candidates of a frame have their label shown, the same before and after: the foremost."""
+    before = story.accepted(detector, ALONE)
+    after = story.accepted(detector, story.mode_of(detector))
+    some = view.candidates[detector]
+    wanted = [c for c in some if before[c.row] or after[c.row] or c.outcome == "hit"] or some[:1]
+    best = sorted(wanted, key=lambda c: min(c.rank, c.new_rank))[:_MAX_LABELS]
+    return np.array([any(c is b for b in best) for c in some], bool)
+
+
+def log_shown(rec: Recorder, path: str, what: Shown, view: FrameView, labels: bool = True) -> None:
+    """Log boxes, labels and annotated cars at an entity path."""
+    _log_rectangles(rec, f"{path}/accepted", what, what.accepted)
+    _log_rectangles(rec, f"{path}/rejected", what, ~what.accepted)
+    if labels:
+        _log_labels(rec, f"{path}/labels", what, view)
+    _log_cars(rec, f"{path}/cars", what, view.truth)
+
+
+def candidate_label(c: CandidateView, alone: bool) -> str:
+    """The label of a box: rank and l; after rescoring also both places, D and the score."""
+    if alone:
+        return f"#{c.rank + 1}   l {c.likelihood:.2f}"
+    d = f"D {c.depth_difference:.2f}" if np.isfinite(c.depth_difference) else "no D"
+    moved = f"#{c.rank + 1}" if c.rank == c.new_rank else f"#{c.rank + 1} → #{c.new_rank + 1}"
+    return f"{moved}   l {c.likelihood:.2f} → {c.posterior:.2f}   {d}"
+
+
+def frame_table(story: Story, view: FrameView, detector: str) -> str:
+    """The candidates of a frame as Markdown, best after rescoring first."""
+    after = story.accepted(detector, story.mode_of(detector))
+    some = sorted(view.candidates[detector], key=lambda c: c.new_rank)
+    found = {c.annotation_id for c in some if c.outcome == "hit" and after[c.row]}
+    cars = [int(i) for i in view.truth.annotation_id[~view.truth.ignore]]
+    lines = [
+        f"**{view.file}** (image {view.image_id}): {len(cars)} annotated "
+        f"{'car' if len(cars) == 1 else 'cars'}, {sum(i in found for i in cars)} found after rescoring.\n\n",
+        "| place | l | D | score | is | became |\n",
+        "| :--- | :--- | :--- | :--- | :--- | :--- |\n",
+    ]
+    for c in some[:_MAX_TABLE]:
+        d = f"{c.depth_difference:.3f}" if np.isfinite(c.depth_difference) else "–"
+        kind = f" ({c.kind.replace('_', ' ')})" if c.kind and c.outcome == "false_alarm" else ""
+        became = GROUP_TEXT[story.group(detector, c)]
+        if c.status != "ok":
+            became += f"; no evidence: {status_text(c.status)}"
+        lines.append(
+            f"| {c.rank + 1} → {c.new_rank + 1} | {c.likelihood:.3f} | {d} | {c.posterior:.3f} | "
+            f"{OUTCOME_NAME[c.outcome]}{kind} | {became} |\n"
+        )
+    if len(some) > _MAX_TABLE:
+        lines.append(f"\nand {len(some) - _MAX_TABLE} more candidates\n")
+    return "".join(lines)
+
+
+def label_spots(xyxy_px: FloatArray, width_px: int, height_px: int, share: float = 0.38) -> FloatArray:
+    """Where labels (n, 2) stand: under their boxes, moved down where they would lie on an earlier label.
+
+    The size of a label in picture pixels depends on the zoom; assumed is a picture as wide as its view, of
+    which a label takes the ``share``.
+    """
+    w, h = share * width_px, 0.046 * width_px
+    spots: list[tuple[float, float]] = []
+    for x0, _, x1, y1 in xyxy_px:
+        x = float(np.clip((x0 + x1) / 2, w / 2, width_px - w / 2))
+        y = float(min(y1, height_px - 1.5 * h))
+        while any(abs(x - ox) < w and abs(y - oy) < h for ox, oy in spots):
+            y += h / 4
+        spots.append((x, y))
+    return np.array(spots).reshape(-1, 2)
+
+
+def _log_rectangles(rec: Recorder, path: str, what: Shown, use: BoolArray) -> None:
+    some = [c for c, u in zip(what.candidates, use, strict=True) if u]
+    bright = path.endswith("accepted")
+    rec.log(
+        path,
+        rr.Boxes2D(
+            array=np.array([c.xyxy_px for c in some]).reshape(-1, 4),
+            array_format=rr.Box2DFormat.XYXY,
+            class_ids=[outcome_class(c.outcome, bright) for c in some],
+            labels=[candidate_label(c, what.alone) for c in some],
+            show_labels=False,
+            radii=rr.Radius.ui_points(2.0 if bright else 0.8),
+            draw_order=20 if bright else 12,
+        ),
+        *values(
+            rank=np.array([c.rank for c in some], np.int64),
+            new_rank=np.array([c.new_rank for c in some], np.int64),
+            likelihood=np.array([c.likelihood for c in some], np.float64),
+            score=np.array([c.posterior for c in some], np.float64),
+            depth_difference=np.array([c.depth_difference for c in some], np.float64),
+            annotation_id=np.array([c.annotation_id for c in some], np.int64),
+        ),
+    )
+
+
+def _log_labels(rec: Recorder, path: str, what: Shown, view: FrameView) -> None:
+    """Labels apart from the boxes, for the viewer would break them into lines as wide as the box."""
+    h, w = view.measured.shape
+    some = [c for c, named in zip(what.candidates, what.labelled, strict=True) if named]
+    some.sort(key=lambda c: float(c.xyxy_px[3]))
+    boxes = np.array([c.xyxy_px for c in some]).reshape(-1, 4)
+    rec.log(
+        path,
+        rr.Points2D(
+            label_spots(boxes, w, h, 0.2 if what.alone else 0.38),
+            class_ids=[outcome_class(c.outcome, accepted=True) for c in some],
+            labels=[candidate_label(c, what.alone) for c in some],
+            show_labels=True,
+            radii=rr.Radius.ui_points(0),
+            draw_order=30,
+        ),
+    )
+
+
+def _log_cars(rec: Recorder, path: str, what: Shown, truth: Truth) -> None:
+    pairs = zip(what.candidates, what.accepted, strict=True)
+    found = {c.annotation_id for c, accepted in pairs if accepted and c.outcome == "hit"}
+    names = [
+        "ignored_car" if ignore else "found" if int(i) in found else "missed"
+        for i, ignore in zip(truth.annotation_id, truth.ignore, strict=True)
+    ]
+    rec.log(
+        path,
+        rr.Boxes2D(
+            array=truth.xyxy_px,
+            array_format=rr.Box2DFormat.XYXY,
+            class_ids=[OUTCOME_CLASSES.index(n) for n in names],
+            labels=[{"missed": "missed car", "found": "found car"}.get(n, "") for n in names],
+            show_labels=False,
+            radii=rr.Radius.ui_points(1.3),
+            draw_order=14,
+        ),
+        *values(annotation_id=truth.annotation_id),
+    )
+
+
+def _log_legend(rec: Recorder, path: str, view: FrameView) -> None:
+    """The colours, in a row below the picture."""
+    h, w = view.measured.shape
+    at = (np.arange(len(LEGEND)) + 0.5) / len(LEGEND) * w
+    rec.log(
+        path,
+        rr.Points2D(
+            np.stack([at, np.full(len(at), 1.02 * h)], axis=1),
+            class_ids=[OUTCOME_CLASSES.index(n) for n in LEGEND],
+            labels=[f"■ {LEGEND_TEXT[n]}" for n in LEGEND],
+            show_labels=True,
+            radii=rr.Radius.ui_points(0),
+        ),
+    )

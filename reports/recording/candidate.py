@@ -1,0 +1,340 @@
+"""One candidate of a recording: crops, the registered model in 3D, parts of the evidence, why it moved."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from recon.arrays import Float32Array, FloatArray
+from recon.class_model import ClassModel
+from reports.palette import ORANGE, SKY, on_dark, part_colour, rgb
+from reports.recording.frame import in_metres, log_depth
+from reports.recording.names import (
+    OUTCOME_CLASSES,
+    class_colour,
+    crop_path,
+    models_path,
+    object_path,
+    outcome_class,
+    picture,
+    pinhole,
+    text,
+    values,
+    why_path,
+)
+from reports.recording.plot import BACKGROUND
+from reports.recording.story import Story
+from reports.recording.tape import Recorder
+from reports.recording.words import Bar, ColourRange, evidence_bars, why
+from reports.run.frame_view import CandidateView, FrameView
+from reports.run.overlay import (
+    PartMesh,
+    apply_transform,
+    merge_meshes,
+    oriented_box,
+    part_mesh,
+    points_of_depth,
+    world_from_camera,
+)
+from reports.run.pictures import RESIDUAL_LIMIT_M, colourise
+
+CROP_WIDTH_PX, CROP_HEIGHT_PX = 160, 96
+SHOWN_MODELS = 3
+"""So many best candidates show their models in the 3D view of a frame."""
+_AROUND = 1.45
+_OUTLINE_POINTS = 90
+_VIEWED_WIDTH_M = 4.4
+_BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
+_BARS_ZERO, _BARS_REACH = 480.0, 100.0
+_SHORTEST_SCALE = 0.5
+"""Log odds of the longest bar are taken to be at least this."""
+_PART_COLOURS = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)
+"""Colour of each part label."""
+
+
+@dataclass(frozen=True)
+class Crop:
+    """The window of the picture around a box, drawn at a fixed size so that all candidates fill the view."""
+
+    left: float
+    """Pixel edge of the picture."""
+    top: float
+    zoom: float
+
+    @classmethod
+    def around(cls, xyxy_px: FloatArray) -> "Crop":
+        """The crop of a box."""
+        x0, y0, x1, y1 = xyxy_px
+        width = _AROUND * max(x1 - x0, (y1 - y0) * CROP_WIDTH_PX / CROP_HEIGHT_PX, 8.0)
+        height = width * CROP_HEIGHT_PX / CROP_WIDTH_PX
+        return cls((x0 + x1 - width) / 2, (y0 + y1 - height) / 2, CROP_WIDTH_PX / width)
+
+    def points(self, edges_px: FloatArray) -> FloatArray:
+        """Pixel edges (..., 2) of the picture as those of the crop."""
+        return (edges_px - [self.left, self.top]) * self.zoom
+
+    def matrix(self, camera_matrix: FloatArray) -> FloatArray:
+        """The camera matrix (3, 3) of the crop; origin in the middle of the first pixel, as that given."""
+        shift = np.array([[0, 0, 0.5 - self.left], [0, 0, 0.5 - self.top], [0, 0, 0]])
+        matrix = np.diag([self.zoom, self.zoom, 1.0]) @ (camera_matrix + shift)
+        return np.asarray(matrix - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]))
+
+    def cut(self, image: NDArray[Any], how: int, fill: float) -> NDArray[Any]:
+        """The window of an image (h, w) or (h, w, 3); ``fill`` where it reaches beyond."""
+        step = 1 / self.zoom
+        inverse = np.array([[step, 0, step / 2 + self.left - 0.5], [0, step, step / 2 + self.top - 0.5]])
+        return cv2.warpAffine(
+            image,
+            inverse,
+            (CROP_WIDTH_PX, CROP_HEIGHT_PX),
+            flags=how | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=[fill] * 3,
+        )
+
+
+def shown_models(candidates: tuple[CandidateView, ...]) -> tuple[CandidateView, ...]:
+    """The best candidates after rescoring that have a model to show."""
+    able = sorted((c for c in candidates if c.registered is not None), key=lambda c: c.new_rank)
+    return tuple(able[:SHOWN_MODELS])
+
+
+def log_models(rec: Recorder, story: Story, view: FrameView, model: ClassModel | None) -> None:
+    """Log the registered models of the best candidates of a frame, and their boxes, in 3D."""
+    for detector, candidates in view.candidates.items():
+        root, top = models_path(detector), shown_models(candidates)
+        accepted = story.accepted(detector, story.mode_of(detector))
+        _log_mesh(rec, f"{root}/parts", [_mesh(c, view, 600) for c in top], view)
+        colours = [
+            class_colour(OUTCOME_CLASSES[outcome_class(c.outcome, bool(accepted[c.row]))]) for c in top
+        ]
+        _log_boxes(rec, f"{root}/boxes", top, colours, view, model)
+
+
+def log_candidate(
+    rec: Recorder,
+    story: Story,
+    detector: str,
+    view: FrameView,
+    c: CandidateView,
+    model: ClassModel | None,
+) -> None:
+    """Log one candidate at the time that is set."""
+    colour = class_colour(OUTCOME_CLASSES[outcome_class(c.outcome, accepted=True)])
+    colours_m = _log_crops(rec, crop_path(detector), c, view, colour)
+    root = object_path(detector)
+    _log_mesh(rec, f"{root}/parts", [_mesh(c, view, 450)], view)
+    _log_boxes(rec, f"{root}/box", (c,), [colour], view, model)
+    _log_place(rec, f"{root}/place", c, view)
+    rec.log(f"{why_path(detector)}/text", text(why(story, detector, view, c, colours_m)))
+    _log_bars(rec, f"{why_path(detector)}/bars", evidence_bars(story, detector, c))
+
+
+def bars_view(story: Story, detector: str) -> rrb.Spatial2DView:
+    """The blueprint's view of the bars."""
+    known = detector in story.models
+    name = "what the depth says (log odds that it is a car)" if known else "terms of eq. 7 (log of the score)"
+    return rrb.Spatial2DView(
+        origin=f"{why_path(detector)}/bars",
+        name=name,
+        background=BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[0, _BARS_WIDTH], y_range=[-0.3 * _BAR_HEIGHT, 10.6 * _BAR_HEIGHT]
+        ),
+    )
+
+
+def _log_crops(
+    rec: Recorder, root: str, c: CandidateView, view: FrameView, colour: tuple[int, int, int]
+) -> ColourRange:
+    """Log the crops of a candidate; returns what their colours mean."""
+    crop = Crop.around(c.xyxy_px)
+    rec.log(
+        root,
+        pinhole(crop.matrix(view.camera.matrix), CROP_WIDTH_PX, CROP_HEIGHT_PX, image_plane_distance=2.0),
+    )
+    rec.log(
+        f"{root}/picture", picture(np.asarray(crop.cut(view.rgb, cv2.INTER_LINEAR, 40), np.uint8), quality=80)
+    )
+    x0, y0, x1, y1 = c.xyxy_px
+    corners = crop.points(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]))
+    rec.log(
+        f"{root}/box",
+        rr.LineStrips2D([corners], colors=[colour], radii=rr.Radius.ui_points(1.2), draw_order=20),
+    )
+    _log_outline(rec, f"{root}/outline", c, crop)
+    labels = np.zeros(view.measured.shape, np.uint8)
+    fitted = np.full(view.measured.shape, np.nan, np.float32)
+    if c.instance is not None:
+        labels[c.instance.depth.window] = c.instance.part_labels
+    if c.predicted is not None and c.registered is not None:
+        fitted[c.predicted.window] = c.registered
+    rec.log(
+        f"{root}/parts",
+        rr.SegmentationImage(np.asarray(crop.cut(labels, cv2.INTER_NEAREST, 0), np.uint8), opacity=0.75),
+    )
+    measured, fitted = (
+        np.asarray(crop.cut(in_metres(d, view), cv2.INTER_NEAREST, np.nan), np.float32)
+        for d in (view.measured, fitted)
+    )
+    near, far = _depth_range(measured, fitted)
+    log_depth(rec, f"{root}/measured_depth", measured, range_m=(near, far))
+    log_depth(rec, f"{root}/predicted_depth", fitted, range_m=(near, far))
+    limit = _residual_limit(fitted)
+    rec.log(f"{root}/residual", picture(colourise(measured - fitted, -limit, limit, "RdBu"), quality=90))
+    return ColourRange(near, far, limit)
+
+
+def _log_outline(rec: Recorder, path: str, c: CandidateView, crop: Crop) -> None:
+    # pixel centres to pixel edges, and back to the first point to close the line
+    ring = np.zeros((0, 2)) if c.instance is None else c.instance.outline_px
+    ring = ring[:: max(1, len(ring) // _OUTLINE_POINTS)]
+    strips = [crop.points(ring[[*range(len(ring)), 0]] + 0.5)] if len(ring) else []
+    rec.log(
+        path,
+        rr.LineStrips2D(
+            strips, colors=[(255, 255, 255)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21
+        ),
+    )
+
+
+def _depth_range(measured: Float32Array, fitted: Float32Array) -> tuple[float, float]:
+    """Depths of the first and last colour: those of the prediction widened, or around the crop's middle."""
+    if not np.isfinite(fitted).any():
+        h, w = measured.shape
+        middle = measured[h // 4 : -h // 4, w // 4 : -w // 4]
+        depth_m = float(np.nanmedian(middle)) if np.isfinite(middle).any() else 16.0
+        return 0.75 * depth_m, 1.25 * depth_m
+    low, high = (float(v) for v in np.percentile(fitted[np.isfinite(fitted)], [2, 98]))
+    wide = max(high - low, 0.06 * abs(high), 0.5)
+    return max(low - 0.6 * wide, 0.0), high + 0.9 * wide
+
+
+def _residual_limit(fitted: Float32Array) -> float:
+    """Residual of the end colours: a metre, or more where stereo is coarse."""
+    if not np.isfinite(fitted).any():
+        return RESIDUAL_LIMIT_M
+    return max(RESIDUAL_LIMIT_M, 0.05 * float(np.nanmedian(fitted)))
+
+
+def _mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | None:
+    """The registered prediction of a candidate as a surface in the camera frame; None without one."""
+    if c.predicted is None or c.registered is None:
+        return None
+    corner = (c.predicted.x0_px, c.predicted.y0_px)
+    # another system has no parts: its surface is of one colour
+    labels = np.ones(c.registered.shape, np.uint8) if c.instance is None else c.instance.part_labels
+    return part_mesh(in_metres(c.registered, view), labels, view.camera, corner, max_vertices)
+
+
+def _log_mesh(rec: Recorder, path: str, meshes: list[PartMesh | None], view: FrameView) -> None:
+    some = [m for m in meshes if m is not None and len(m.triangles)]
+    if not some:
+        # a mesh without triangles is refused; clearing removes that of the time before
+        rec.log(path, rr.Clear(recursive=False))
+        return
+    mesh = merge_meshes(some)
+    rec.log(
+        path,
+        rr.Mesh3D(
+            vertex_positions=apply_transform(world_from_camera(view.ground), mesh.xyz_m),
+            triangle_indices=mesh.triangles,
+            vertex_colors=_PART_COLOURS[mesh.label],
+        ),
+    )
+
+
+def _log_boxes(
+    rec: Recorder,
+    path: str,
+    some: tuple[CandidateView, ...],
+    colours: list[tuple[int, int, int]],
+    view: FrameView,
+    model: ClassModel | None,
+) -> None:
+    """Log the oriented boxes of candidates with a registered 3D model; another system's depth has none."""
+    world = world_from_camera(view.ground)
+    centres, halves, turns, shown = [], [], [], []
+    for c, colour in zip(some, colours, strict=True):
+        if c.instance is None or c.registered is None:
+            continue
+        points = points_of_depth(
+            in_metres(c.registered, view), view.camera, c.instance.depth.x0_px, c.instance.depth.y0_px
+        )
+        points = points[np.isfinite(points[..., 2])]
+        turn = c.instance.cam_from_object
+        extents = None if model is None else model.extents
+        centre, half = oriented_box(points, turn, extents, points.mean(axis=0))
+        centres.append(apply_transform(world, centre))
+        halves.append(half)
+        shown.append(colour)
+        turns.append(rr.Quaternion(xyzw=Rotation.from_matrix(world[:3, :3] @ turn).as_quat()))
+    rec.log(
+        path,
+        rr.Boxes3D(
+            centers=np.array(centres).reshape(-1, 3),
+            half_sizes=np.array(halves).reshape(-1, 3),
+            quaternions=turns,
+            colors=shown,
+            radii=rr.Radius.ui_points(1.2),
+            fill_mode="MajorWireframe",
+        ),
+    )
+
+
+def _log_place(rec: Recorder, path: str, c: CandidateView, view: FrameView) -> None:
+    """Log where the candidate stands: a frame at the foot of its box that looks along the ray to it."""
+    world = world_from_camera(view.ground)
+    x0, y0, x1, y1 = c.xyxy_px
+    ray = view.camera.rays(np.array([(x0 + x1) / 2, y1]) - 0.5)
+    seen = in_metres(view.measured, view)[
+        max(int(y0), 0) : max(int(y1), 1), max(int(x0), 0) : max(int(x1), 1)
+    ]
+    distance = float(np.nanmedian(seen)) if np.isfinite(seen).any() else 12.0
+    if c.registered is not None and np.isfinite(c.registered).any():
+        distance = float(np.nanmedian(in_metres(c.registered, view)))
+    # small things come nearer, so that what fills the box fills the view
+    size = float(np.clip((x1 - x0) / view.camera.fx_px * distance / _VIEWED_WIDTH_M, 0.1, 4.0))
+    spot = apply_transform(world, ray * distance)
+    forward = (world[:3, :3] @ ray) * [1, 1, 0]
+    forward /= np.linalg.norm(forward)
+    axes = np.stack([np.cross(forward, [0, 0, 1]), forward, [0, 0, 1]], axis=1)
+    rec.log(path, rr.Transform3D(translation=spot, mat3x3=axes * size))
+
+
+def _log_bars(rec: Recorder, path: str, bars: tuple[Bar, ...]) -> None:
+    """Horizontal bars with their names at the left and their values at the ends."""
+    if not bars:
+        bars = (Bar("no evidence", 0.0),)
+    y = (np.arange(len(bars)) + 0.5) * _BAR_HEIGHT
+    amount = np.array([b.value for b in bars], float)
+    longest = max(float(np.abs(amount).max(initial=0.0)), _SHORTEST_SCALE)
+    ends = _BARS_ZERO + amount / longest * _BARS_REACH
+    colours = [rgb(on_dark(SKY if v >= 0 else ORANGE)) for v in amount]
+    strips = np.stack([np.full(len(y), _BARS_ZERO), y, ends, y], axis=1).reshape(-1, 2, 2)
+    rec.log(
+        f"{path}/bars",
+        rr.LineStrips2D(strips, colors=colours, radii=[0.2 * _BAR_HEIGHT] * len(strips)),
+        *values(log_odds=amount),
+    )
+    bottom = max(len(bars), 1) * _BAR_HEIGHT
+    axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[(150, 156, 165)])
+    rec.log(f"{path}/zero", axis)
+    side = np.where(amount >= 0, 34.0, -34.0)
+    spots = [(200.0, row - 0.28 * _BAR_HEIGHT) for row in y]
+    spots += list(zip(ends + side, y - 0.28 * _BAR_HEIGHT, strict=True))
+    rec.log(
+        f"{path}/names",
+        rr.Points2D(
+            spots,
+            labels=[b.name for b in bars] + [f"{b.value:+.2f}".replace("-", "−") for b in bars],
+            colors=[(225, 228, 232)] * len(bars) + colours,
+            radii=rr.Radius.ui_points(0),
+            show_labels=True,
+        ),
+    )

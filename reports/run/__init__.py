@@ -1,0 +1,1 @@
+"""A run made ready to show: tables, curves, frames and words that the report and the recording share."""

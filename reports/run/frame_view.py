@@ -1,0 +1,242 @@
+"""What a picture shows of one frame: its pixels, depth, cars, candidates and their reconstructions."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
+from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.depth_map import DepthMap
+from recon.errors import Failure
+from recon.reconstruction.reconstruct import Reconstruction
+from recon.stereo.sgbm import SgbmConfig
+from reports.run.curves import scores
+from reports.run.overlay import registered_depth, registered_relief
+from rescore.data.frames import DataSet, FrameRecord, Truth, load_frame
+from rescore.data.pictures import read_rgb
+from rescore.evidence.align_depth import DepthAlignment, measured_depth
+from rescore.evidence.files import Predicted, evidence_path, read_evidence
+from rescore.evidence.predicted import BoxPrediction
+from rescore.evidence.registration import CUES
+from rescore.formats.open import read_dataset
+from rescore.results.candidate_file import difference, of_mode, status
+from rescore.results.run_folder import Run, boxes_px
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateView:
+    """One candidate of one detector with all that led to its score."""
+
+    row: int
+    """Its row in the table of candidates of its detector."""
+    rank: int
+    """Place by detector score in its frame, 0 is best."""
+    new_rank: int
+    """Place after rescoring."""
+    xyxy_px: FloatArray
+    likelihood: float
+    posterior: float
+    depth_difference: float
+    """D of the mode shown; NaN where there is none."""
+    status: str
+    """Whether the mode shown had evidence, and why not."""
+    reason_detail: str
+    outcome: str
+    """Outcome in the mode shown."""
+    outcome_detector: str
+    annotation_id: int
+    """The car it is matched with in the mode shown, -1 for none."""
+    kind: str
+    instance: Reconstruction | None
+    """The 3D instance before registration; None where there is none, or another system predicts depth."""
+    predicted: DepthMap | None
+    """Depth before registration, of the instance or of another system; None where there is none."""
+    registered: Float32Array | None
+    """Predicted depth of the window after the registration of the mode shown, in the unit of the measured
+    depth; None where there is no registration."""
+    cues: FloatArray
+    """Parts of the depth evidence (k,), columns ``rescore.evidence.registration.CUES``; NaN where one is missing."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameView:
+    """One frame with the candidates of every detector."""
+
+    image_id: int
+    rgb: UInt8Array
+    measured: Float32Array
+    """Metres where the camera is known, else 1 / disparity; NaN in holes."""
+    metric: bool
+    """Whether ``measured`` is in metres."""
+    camera: PinholeCamera
+    ground: GroundPlane
+    truth: Truth
+    candidates: Mapping[str, tuple[CandidateView, ...]]
+    """By detector, best detector score first, in the mode shown."""
+    file: str
+    """Path of the left picture in the data set."""
+    right_rgb: UInt8Array | None
+    """None where the data set has no right picture."""
+    baseline: float
+    """Distance of the two eyes, metres; 0 where it is not known."""
+    other_modes: Mapping[tuple[str, str], tuple[CandidateView, ...]]
+    """Candidates by detector and mode, without their reconstructions, of the other modes asked for."""
+
+
+def run_dataset(run: Run) -> DataSet:
+    """The data set of a run, with all its splits."""
+    return read_dataset(run.data_dir, run.class_name)
+
+
+def run_data(run: Run) -> DataSet:
+    """The frames that the run was evaluated on."""
+    data = run_dataset(run)
+    return data if run.split == "all" else data.split(run.split)
+
+
+def frame_views(
+    run: Run, mode: str, image_ids: IntArray | None = None, others: Sequence[str] = ()
+) -> Iterator[FrameView]:
+    """The frames of a run one after another.
+
+    Args:
+        run: the run.
+        mode: the way of scoring that is shown.
+        image_ids: the frames to read, in this order; None for all, in the order of the data set.
+        others: other modes whose candidates are wanted too.
+    """
+    reader = FrameReader(run, run_data(run), mode, others)
+    for image_id in reader.records if image_ids is None else image_ids.tolist():
+        yield reader.read(image_id)
+
+
+class FrameReader:
+    """Reads single frames of a run, in any order.
+
+    Args:
+        run: the run.
+        data: the frames that it was evaluated on.
+        mode: the way of scoring that is shown.
+        others: other modes whose candidates are wanted too.
+    """
+
+    def __init__(self, run: Run, data: DataSet, mode: str, others: Sequence[str] = ()) -> None:
+        self.records = {r.image_id: r for r in data.frames}
+        self._run, self._data = run, data
+        self._tables = {d: _Table(run, d, mode) for d in run.detectors}
+        self._more = {(d, m): _Table(run, d, m, with_instances=False) for d in run.detectors for m in others}
+
+    def read(self, image_id: int) -> FrameView:
+        """The frame of an image."""
+        record = self.records[image_id]
+        frame = load_frame(record, SgbmConfig(**self._run.config.get("stereo", {})))
+        camera = frame.camera.left if frame.camera else default_camera(record.width_px, record.height_px)
+        measured = measured_depth(frame.disparity_px, frame.camera)
+        root = self._data.root
+        return FrameView(
+            image_id=frame.image_id,
+            rgb=frame.left_rgb,
+            measured=measured,
+            metric=frame.camera is not None,
+            camera=camera,
+            ground=frame.ground or DEFAULT_GROUND,
+            truth=self._data.truth[record.image_id],
+            candidates={d: table.frame(frame.image_id, measured) for d, table in self._tables.items()},
+            file=record.left_path.relative_to(root).as_posix()
+            if record.left_path.is_relative_to(root)
+            else record.left_path.name,
+            right_rgb=_right_picture(record),
+            baseline=frame.camera.baseline_m if frame.camera else 0.0,
+            other_modes={key: table.frame(frame.image_id, measured) for key, table in self._more.items()},
+        )
+
+
+def _right_picture(record: FrameRecord) -> UInt8Array | None:
+    if record.right_path is None or not record.right_path.is_file():
+        return None
+    return read_rgb(record.right_path, record.width_px, record.height_px)
+
+
+class _Table:
+    """The candidates of one detector in one mode, looked up by frame."""
+
+    def __init__(self, run: Run, detector: str, mode: str, with_instances: bool = True) -> None:
+        self._rows = rows = run.of(detector)
+        self._posterior = scores(run, detector, mode)
+        self._difference = difference(rows, mode)
+        self._status = status(rows, mode)
+        self._outcome = of_mode(rows, "outcome", mode)
+        self._annotation_id = of_mode(rows, "annotation_id", mode)
+        nothing = np.full(len(rows["rank"]), np.nan)
+        self._cues = np.stack([rows.get(f"cue_{name}", nothing) for name in CUES], axis=1)
+        # eq. 6 has a scale and an offset of depth, the other modes a scale of relief
+        self._of_relief = f"difference_{mode}" in rows
+        self._folder = run.root / "evidence" if with_instances else None
+        self._detector = detector
+
+    def frame(self, image_id: int, measured: Float32Array) -> tuple[CandidateView, ...]:
+        """The candidates of one frame, best detector score first."""
+        rows = self._rows
+        index = np.flatnonzero(rows["image_id"] == image_id)
+        index = index[np.argsort(rows["rank"][index], kind="stable")]
+        order = np.lexsort((rows["rank"][index], -rows["detector_score"][index], -self._posterior[index]))
+        new_rank = np.empty(len(index), int)
+        new_rank[order] = np.arange(len(index))
+        instances: tuple[Predicted, ...] = ()
+        if self._folder is not None:
+            path = evidence_path(self._folder, self._detector, image_id)
+            instances = read_evidence(path) if path.is_file() else ()
+        return tuple(
+            self._view(int(i), int(new), _found(instances, int(rows["rank"][i])), measured)
+            for i, new in zip(index, new_rank, strict=True)
+        )
+
+    def _view(
+        self,
+        i: int,
+        new_rank: int,
+        found: Reconstruction | BoxPrediction | None,
+        measured: Float32Array,
+    ) -> CandidateView:
+        rows = self._rows
+        box = boxes_px({k: rows[k][i : i + 1] for k in ("x0", "y0", "x1", "y1")})[0]
+        return CandidateView(
+            row=i,
+            rank=int(rows["rank"][i]),
+            new_rank=new_rank,
+            xyxy_px=box,
+            likelihood=float(rows["likelihood"][i]),
+            posterior=float(self._posterior[i]),
+            depth_difference=float(self._difference[i]),
+            status=str(self._status[i]),
+            reason_detail=str(rows["reason_detail"][i]) if "reason_detail" in rows else "",
+            outcome=str(self._outcome[i]),
+            outcome_detector=str(rows["outcome_detector"][i]),
+            annotation_id=int(self._annotation_id[i]),
+            kind=str(rows["kind"][i]) if "kind" in rows else "",
+            instance=found if isinstance(found, Reconstruction) else None,
+            predicted=None if found is None else found.depth,
+            registered=None if found is None else self._registered(i, found, box, measured),
+            cues=self._cues[i],
+        )
+
+    def _registered(
+        self, i: int, found: Reconstruction | BoxPrediction, box: FloatArray, measured: Float32Array
+    ) -> Float32Array | None:
+        if self._of_relief:
+            scale = float(np.exp(self._cues[i, CUES.index("relief_scale")]))
+            return registered_relief(found.depth, measured, box, scale) if np.isfinite(scale) else None
+        if not np.isfinite(self._rows["scale"][i]):
+            return None
+        inverse = isinstance(found, BoxPrediction) and found.inverse
+        return registered_depth(found.depth, self._alignment(i), inverse)
+
+    def _alignment(self, i: int) -> DepthAlignment:
+        names = ("scale", "offset", "depth_difference", "valid_share", "stereo_low", "stereo_span")
+        return DepthAlignment(*(float(self._rows[name][i]) for name in names))
+
+
+def _found(found: Sequence[Predicted], rank: int) -> Reconstruction | BoxPrediction | None:
+    one = found[rank] if rank < len(found) else None
+    return None if isinstance(one, Failure) else one

@@ -1,0 +1,194 @@
+"""Pictures of single candidates: what was seen, measured, predicted, and what is left between them."""
+
+import base64
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+
+from recon.arrays import Float32Array, FloatArray, UInt8Array
+from reports.palette import OUTCOME_COLOUR, part_colour, rgb
+from reports.run.frame_view import CandidateView, FrameView
+
+PICTURE_WIDTH_PX = 480
+"""Width of the enlarged left picture."""
+DEPTH_COLOURS, RESIDUAL_COLOURS = "viridis", "RdBu"
+"""Both can be told apart by the colour-blind."""
+RESIDUAL_LIMIT_M = 1.0
+"""Residuals beyond this are drawn in the end colours."""
+_DEPTH_WIDTH_PX = 240
+"""Narrower depth maps are enlarged by whole numbers, so that their pixels stay sharp."""
+_MARGIN = 0.2
+_ASPECT = 1.8
+"""Width over height of what is cut out, so that cards are alike."""
+_HOLE = (105, 105, 105)
+_STEPS = 256
+"""Colours of a map of matplotlib."""
+_QUALITY = 80
+_FRAME_QUALITY = 72
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture to put into a page."""
+
+    uri: str
+    """The WebP file as a data URI."""
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True)
+class CandidatePanels:
+    """The pictures of one candidate, and the range of the depth colours."""
+
+    frame: Picture
+    """The whole left picture with the box."""
+    picture: Picture
+    measured: Picture
+    predicted: Picture | None
+    """None, like ``residual``, where there is no registered prediction."""
+    residual: Picture | None
+    near: float
+    far: float
+    """Depth of the first and the last colour, in the unit of the measured depth."""
+    limit: float
+    """Residual of the last colour, in the same unit."""
+
+
+def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
+    """The pictures of a candidate: frame, crop with outline and parts, measured and predicted depth,
+    residual."""
+    rows, columns = crop_window(c, view.measured.shape)
+    measured = view.measured[rows, columns]
+    predicted = np.full(view.measured.shape, np.nan, np.float32)
+    if c.predicted is not None and c.registered is not None:
+        predicted[c.predicted.window] = c.registered
+    predicted = predicted[rows, columns]
+    near, far = _depth_range(c, view, predicted)
+    has = bool(np.isfinite(predicted).any())
+    limit = RESIDUAL_LIMIT_M if view.metric else (far - near) / 4
+    residual = colourise(measured - predicted, -limit, limit, RESIDUAL_COLOURS)
+    return CandidatePanels(
+        frame=as_webp(_with_box(view.rgb, c), _FRAME_QUALITY),
+        picture=as_webp(_draw_outline(_widened(_tint_parts(view, c)[rows, columns]), c, rows, columns)),
+        measured=as_webp(_enlarged(colourise(measured, near, far))),
+        predicted=as_webp(_enlarged(colourise(predicted, near, far))) if has else None,
+        residual=as_webp(_enlarged(residual)) if has else None,
+        near=near,
+        far=far,
+        limit=limit,
+    )
+
+
+def colourise(values: Float32Array, low: float, high: float, colormap: str = DEPTH_COLOURS) -> UInt8Array:
+    """Values (h, w) as colours (h, w, 3) from ``low`` to ``high``; NaN is grey."""
+    span = high - low if high > low else 1.0
+    unit = np.clip((np.nan_to_num(values, nan=low) - low) / span, 0, 1)
+    steps = np.minimum(unit * _STEPS, _STEPS - 1).astype(np.uint8)
+    colours = _colour_table(colormap)[steps]
+    colours[~np.isfinite(values)] = _HOLE
+    return np.asarray(colours, np.uint8)
+
+
+@cache
+def _colour_table(colormap: str) -> UInt8Array:
+    """The colours (256, 3) of a map: looked up by hand, as matplotlib converts every pixel in floats."""
+    colours = mpl.colormaps[colormap](np.arange(_STEPS))[:, :3]
+    return np.asarray((colours * 255).round(), np.uint8)
+
+
+def colour_stops(colormap: str, count: int = 9) -> str:
+    """The colours of a map from low to high, for a gradient of CSS."""
+    colours = (mpl.colormaps[colormap](np.linspace(0, 1, count))[:, :3] * 255).round().astype(int)
+    return ", ".join("rgb({}, {}, {})".format(*c) for c in colours.tolist())
+
+
+def as_webp(picture: UInt8Array, quality: int = _QUALITY) -> Picture:
+    """A picture as WebP."""
+    _, data = cv2.imencode(".webp", picture[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
+    uri = "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode()
+    return Picture(uri, picture.shape[1], picture.shape[0])
+
+
+def crop_window(c: CandidateView, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns around the box, of one aspect as far as the image allows."""
+    x0, y0, x1, y1 = c.xyxy_px
+    pad = 2 * _MARGIN * max(x1 - x0, y1 - y0)
+    width, height = x1 - x0 + pad, y1 - y0 + pad
+    width, height = max(width, _ASPECT * height), max(height, width / _ASPECT)
+    return _within((y0 + y1) / 2, height, shape[0]), _within((x0 + x1) / 2, width, shape[1])
+
+
+def _within(middle: float, length: float, size: int) -> slice:
+    """So many pixels around a place, moved into the image."""
+    count = int(np.clip(round(length), 2, size))
+    first = int(np.clip(round(middle - count / 2), 0, size - count))
+    return slice(first, first + count)
+
+
+def _depth_range(c: CandidateView, view: FrameView, predicted: Float32Array) -> tuple[float, float]:
+    """The measured depths of the predicted region, or of the box, widened a little."""
+    x0, y0, x1, y1 = np.round(c.xyxy_px).astype(int)
+    values = view.measured[max(y0, 0) : y1, max(x0, 0) : x1]
+    values = np.concatenate([values[np.isfinite(values)], predicted[np.isfinite(predicted)]])
+    if not len(values):
+        return 0.0, 1.0
+    low, high = np.percentile(values, [3, 97])
+    return float(low), float(max(high, low + 0.05 * abs(low) + 1e-6))
+
+
+def _tint_parts(view: FrameView, c: CandidateView) -> UInt8Array:
+    """The left picture with the registered parts tinted."""
+    rgb_image = view.rgb.copy()
+    if c.instance is not None:
+        window = c.instance.depth.window
+        labels = c.instance.part_labels
+        tint = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)[labels]
+        part = rgb_image[window]
+        mixed = (0.7 * part + 0.3 * tint).astype(np.uint8)
+        rgb_image[window] = np.where((labels > 0)[..., None], mixed, part)
+    return rgb_image
+
+
+def _draw_outline(picture: UInt8Array, c: CandidateView, rows: slice, columns: slice) -> UInt8Array:
+    """The enlarged crop with box and outline, drawn after enlarging so that their lines stay thin."""
+    zoom = picture.shape[1] / (columns.stop - columns.start)
+    corner = np.array([columns.start, rows.start])
+    lines = [(_corners(c), rgb(OUTCOME_COLOUR[c.outcome]), 3)]
+    if c.instance is not None:
+        lines.append((c.instance.outline_px + 0.5, (255, 255, 255), 2))
+    for points, colour, width in lines:
+        at = np.round((points - corner) * zoom).astype(np.int32)
+        cv2.polylines(picture, [at], isClosed=True, color=colour, thickness=width, lineType=cv2.LINE_AA)
+    return picture
+
+
+def _with_box(picture: UInt8Array, c: CandidateView) -> UInt8Array:
+    """The picture with the box of a candidate, white around its colour so that it is seen on anything."""
+    drawn = picture.copy()
+    at = np.round(_corners(c)).astype(np.int32)
+    for colour, width in (((255, 255, 255), 4), (rgb(OUTCOME_COLOUR[c.outcome]), 2)):
+        cv2.polylines(drawn, [at], isClosed=True, color=colour, thickness=width, lineType=cv2.LINE_AA)
+    return drawn
+
+
+def _corners(c: CandidateView) -> FloatArray:
+    x0, y0, x1, y1 = c.xyxy_px
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def _widened(picture: UInt8Array) -> UInt8Array:
+    """The picture at the common width, smooth."""
+    h, w = picture.shape[:2]
+    height = max(1, round(h * PICTURE_WIDTH_PX / w))
+    size = (PICTURE_WIDTH_PX, height)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def _enlarged(picture: UInt8Array) -> UInt8Array:
+    """The picture with each pixel as a square of pixels, where it is narrow."""
+    times = -(-_DEPTH_WIDTH_PX // picture.shape[1])
+    return np.asarray(picture.repeat(times, axis=0).repeat(times, axis=1), np.uint8)

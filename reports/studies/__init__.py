@@ -1,0 +1,1 @@
+"""A page for each study of rescore/studies, under the same name."""

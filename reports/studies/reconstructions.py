@@ -1,0 +1,182 @@
+"""Sheets of reconstructions: the steps as in figure 5 of the report, pop-ups as in figures 10 and 12."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from recon.arrays import UInt8Array
+from recon.camera import PinholeCamera
+from recon.errors import Failure
+from reports import palette
+from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about
+from reports.objects.object_mesh import object_meshes
+from reports.objects.popup import close_camera, object_texture, scene_layers, source_similarity
+from rescore.files import atomic_path
+from rescore.library.single_picture import FoundObject, Photo
+from rescore.studies.instance_accuracy import InstanceErrors
+
+_PANEL_PX = (240, 180)
+"""Width and height of one picture of a sheet."""
+_GAP_PX = 6
+_COLOURS = 160
+"""Colours of a file; more make it larger than a page wants."""
+_OTHER_SIDE_RAD = float(np.deg2rad(40.0))
+_TURN_RAD = float(np.deg2rad(30.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Exhibit:
+    """One photograph and what was made of it."""
+
+    class_name: str
+    shape_id: str
+    view_bin: int
+    photo: Photo
+    found: FoundObject | Failure
+
+    @property
+    def title(self) -> str:
+        """Shape and view bin."""
+        return f"{self.shape_id}, bin {self.view_bin}"
+
+    @property
+    def similarity(self) -> float | None:
+        """Structural similarity of the pop-up seen from its own camera, inside the outline; None for none."""
+        if isinstance(self.found, Failure):
+            return None
+        return source_similarity(self.photo, [self.found], scene_layers(self.photo, [self.found]))
+
+
+def steps_strip(exhibit: Exhibit) -> UInt8Array | None:
+    """Photograph, outline, parts, the object from another side, as in figure 5; None for a failure."""
+    if isinstance(exhibit.found, Failure):
+        return None
+    one, rgb = exhibit.found, exhibit.photo.rgb
+    camera = close_camera(exhibit.photo, [one], *_fine())
+    panels = [_cut(p, exhibit.photo.camera, camera) for p in (rgb, _outlined(rgb, one), _tinted(rgb, one))]
+    texture = object_texture(rgb, one)
+    meshes = object_meshes(texture, one.picture, one.instance, exhibit.photo.camera, one.occluded)
+    view = MeshView([(mesh, texture) for mesh in meshes])
+    # towards the side that the photograph shows less of
+    side = np.sign(_nose_right(one)) * _OTHER_SIDE_RAD
+    turn = turned_about(one.instance.centroid_m, exhibit.photo.ground.up, float(side))
+    panels.append(view.picture(camera, turn)[0])
+    return _sheet([[_small(p) for p in panels]])
+
+
+def popup_sheet(exhibits: Sequence[Exhibit]) -> UInt8Array | None:
+    """A column an object: photograph, then two views of its pop-up turned to either side; as in figure 12.
+
+    Failures are left out; None where all failed.
+    """
+    columns = []
+    for exhibit in exhibits:
+        if isinstance(exhibit.found, Failure):
+            continue
+        camera = close_camera(exhibit.photo, [exhibit.found], *_fine())
+        layers = scene_layers(exhibit.photo, [exhibit.found])
+        view = MeshView([(mesh, rgb) for _, mesh, rgb in layers])
+        centre, up = exhibit.found.instance.centroid_m, exhibit.photo.ground.up
+        turned = [view.picture(camera, turned_about(centre, up, a))[0] for a in (-_TURN_RAD, _TURN_RAD)]
+        whole = _cut(exhibit.photo.rgb, exhibit.photo.camera, camera)
+        columns.append([_small(p) for p in (whole, *turned)])
+    return _sheet([list(row) for row in zip(*columns, strict=True)]) if columns else None
+
+
+def write_small_png(path: Path, rgb: UInt8Array) -> None:
+    """Write a picture (h, w, 3) as PNG with a palette, a third of the size of one with full colours."""
+    image = Image.fromarray(rgb).quantize(_COLOURS, dither=Image.Dither.NONE)
+    with atomic_path(path) as beside:
+        image.save(beside, format="PNG", optimize=True)
+
+
+def accuracy_table(
+    rows: Mapping[str, Sequence[tuple[InstanceErrors | Failure, InstanceErrors | Failure]]],
+) -> str:
+    """Markdown table with a row a class: mean errors of the class model and of the single plane.
+
+    Args:
+        rows: for each class the errors of both methods for each photograph.
+    """
+    lines = [
+        "| | photographs | centroid | length | width | height | orientation "
+        "| centroid, single plane | orientation, single plane |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    for name, pairs in rows.items():
+        ours = [a for a, _ in pairs if isinstance(a, InstanceErrors)]
+        plane = [b for _, b in pairs if isinstance(b, InstanceErrors)]
+        lost = len(pairs) - len(ours)
+        cells = [name, f"{len(pairs)}" + (f" ({lost} failed)" if lost else "")]
+        cells += _mean_cells(ours, True) + _mean_cells(plane, False)
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _mean_cells(errors: Sequence[InstanceErrors], sizes: bool) -> list[str]:
+    if not errors:
+        return ["-"] * (5 if sizes else 2)
+    centroid = f"{np.mean([e.centroid_share for e in errors]):.1%}"
+    turned = f"{np.mean([e.orientation_deg for e in errors]):.1f}°"
+    if not sizes:
+        return [centroid, turned]
+    off = np.mean([np.abs(e.size_share) for e in errors if e.size_share is not None], axis=0)
+    return [centroid, *(f"{x:.0%}" for x in off), turned]
+
+
+def _fine() -> tuple[int, int]:
+    """Panels are drawn twice as large and shrunk, so that edges are smooth."""
+    return 2 * _PANEL_PX[0], 2 * _PANEL_PX[1]
+
+
+def _small(rgb: UInt8Array) -> UInt8Array:
+    return np.asarray(cv2.resize(rgb, _PANEL_PX, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _cut(rgb: UInt8Array, camera: PinholeCamera, to: PinholeCamera) -> UInt8Array:
+    """The picture as another camera at the same place with the same axes sees it; plain beyond its border."""
+    v, u = np.mgrid[: to.height_px, : to.width_px].astype(float)
+    at = camera.project(to.rays(np.stack([u, v], axis=-1))).astype(np.float32)
+    out = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=BACKGROUND)
+    return np.asarray(out, np.uint8)
+
+
+def _outlined(rgb: UInt8Array, one: FoundObject) -> UInt8Array:
+    out = rgb.copy()
+    points = np.round(one.picture.outline_px * 16).astype(np.int32).reshape(-1, 1, 2)
+    cv2.polylines(out, [points], True, palette.rgb(palette.VERMILION), 2, cv2.LINE_AA, shift=4)
+    return out
+
+
+def _tinted(rgb: UInt8Array, one: FoundObject) -> UInt8Array:
+    """The parts in their colours on a pale picture."""
+    out = (0.5 * rgb + 0.5 * 255).astype(np.uint8)
+    window = out[one.picture.depth.window]
+    for label in (int(k) for k in np.unique(one.picture.part_labels) if k):
+        own = one.picture.part_labels == label
+        tint = np.array(palette.rgb(palette.part_colour(label)))
+        window[own] = (0.3 * rgb[one.picture.depth.window][own] + 0.7 * tint).astype(np.uint8)
+    return out
+
+
+def _nose_right(one: FoundObject) -> float:
+    """Positive where the object's nose or tail that faces the camera points to the right of the picture."""
+    nose = one.instance.cam_from_object[:3, 0]
+    return float(-nose[0] * nose[2]) or 1.0
+
+
+def _sheet(rows: Sequence[Sequence[UInt8Array]]) -> UInt8Array:
+    """Panels in rows with white gaps."""
+    width, height = _PANEL_PX
+    across, down = len(rows[0]), len(rows)
+    shape = (down * (height + _GAP_PX) - _GAP_PX, across * (width + _GAP_PX) - _GAP_PX, 3)
+    out = np.full(shape, 255, np.uint8)
+    for i, row in enumerate(rows):
+        for j, panel in enumerate(row):
+            top, left = i * (height + _GAP_PX), j * (width + _GAP_PX)
+            out[top : top + height, left : left + width] = panel
+    return out

@@ -1,0 +1,145 @@
+"""Files of measured depth or disparity: 16-bit PNG, PFM, NPY, EXR, each with its quantity and factor."""
+
+import os
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from recon.arrays import Float32Array
+from recon.camera import StereoCamera
+from recon.errors import RescoreError
+from recon.stereo.sgbm import read_png16
+
+SUFFIXES = (".png", ".pfm", ".npy", ".exr")
+"""The forms that ``read_map`` reads."""
+KITTI_DEPTH_FACTOR = 256.0
+"""Value of KITTI's depth PNGs for one metre."""
+TUM_DEPTH_FACTOR = 5000.0
+"""Value of the TUM RGB-D depth PNGs for one metre."""
+
+
+class Quantity(StrEnum):
+    """What a file measures."""
+
+    DISPARITY = "disparity"
+    """Left disparity in pixels."""
+    DEPTH = "depth"
+    """z of the left camera in metres."""
+
+
+@dataclass(frozen=True)
+class MeasuredFile:
+    """A file of measured depth or disparity of the left picture."""
+
+    path: Path
+    quantity: Quantity
+    factor: float = 1.0
+    """Value of the file for one pixel of disparity or one metre of depth."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.factor) and self.factor > 0):
+            raise RescoreError(
+                f"{self.path}: expected a positive factor from file value to {self.quantity}, "
+                f"got {self.factor}; KITTI has 256, TUM depth 5000, millimetres 1000"
+            )
+
+
+def read_measured(
+    file: MeasuredFile, width_px: int, height_px: int, camera: StereoCamera | None
+) -> Float32Array:
+    """Disparity in pixels, shape (h, w); NaN where the file holds 0, less, NaN or infinity.
+
+    Depth is turned to the disparity that ``camera`` would measure.
+
+    Raises:
+        RescoreError: no such file, damaged, another type or size; or depth without a camera.
+    """
+    value = read_map(file.path, file.quantity.value, file.factor, width_px, height_px)
+    value = np.where(np.isfinite(value) & (value > 0), value, np.float32(np.nan))
+    if file.quantity is Quantity.DISPARITY:
+        return value
+    if camera is None:
+        raise RescoreError(
+            f"{file.path}: expected a calibration to use depth in metres, got none; give the frame a camera"
+        )
+    return camera.disparity_px(value)
+
+
+def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int) -> Float32Array:
+    """Value / factor as the file has it, shape (h, w), whatever it is; ``what`` names it in the errors.
+
+    Raises:
+        RescoreError: no such file, damaged, or another type or size.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".png":
+        return read_png16(path, width_px, height_px, what, factor)
+    readers = {".pfm": _read_pfm, ".npy": _read_npy, ".exr": _read_exr}
+    if suffix not in readers:
+        raise RescoreError(
+            f"{path}: expected a {what} file as {', '.join(SUFFIXES)}, got {suffix or 'no suffix'}; "
+            "convert it"
+        )
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a {what} file, found no file; check its name")
+    value = readers[suffix](path)
+    if value.shape != (height_px, width_px):
+        raise RescoreError(
+            f"{path}: expected a {what} file of {width_px} x {height_px} values (one channel), got an array "
+            f"of shape {value.shape}; it must be that of the left picture"
+        )
+    return value / np.float32(factor)
+
+
+def _read_pfm(path: Path) -> Float32Array:
+    """Grey portable float map, rows from the bottom up; a negative scale means little endian."""
+    head = path.read_bytes().split(b"\n", 3)
+    try:
+        kind, size, scale, data = head
+        width, height = (int(v) for v in size.split())
+        order = "<f4" if float(scale) < 0 else ">f4"
+        if kind.strip() != b"Pf" or min(width, height) <= 0:
+            raise ValueError(f"kind {kind[:8]!r}, size {size[:20]!r}")
+        values = np.frombuffer(data, order)
+        if len(values) != width * height:
+            raise ValueError(f"{len(values)} of {width * height} values")
+    except ValueError as error:
+        raise RescoreError(
+            f"{path}: expected a whole grey PFM (header Pf), got another or a cut-off file ({error}); "
+            "write it again"
+        ) from error
+    return np.flipud(values.reshape(height, width)).astype(np.float32)
+
+
+def _read_npy(path: Path) -> Float32Array:
+    try:
+        value = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise RescoreError(
+            f"{path}: expected a whole NPY array of numbers, could not read it "
+            f"({str(error).splitlines()[0]}); write it again"
+        ) from error
+    if not (np.issubdtype(value.dtype, np.floating) or np.issubdtype(value.dtype, np.integer)):
+        raise RescoreError(f"{path}: expected an array of numbers, got type {value.dtype}; convert it")
+    return np.asarray(value, np.float32)
+
+
+def _read_exr(path: Path) -> Float32Array:
+    # asked before OpenCV is, which would print lines of its own
+    if os.environ.get("OPENCV_IO_ENABLE_OPENEXR", "0") not in ("1", "true", "TRUE", "ON", "on"):
+        raise RescoreError(
+            f"{path}: expected OpenCV with EXR switched on, got it off; set OPENCV_IO_ENABLE_OPENEXR=1 or "
+            "write PFM"
+        )
+    try:
+        value = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        value = None
+    if value is None:
+        raise RescoreError(
+            f"{path}: expected an EXR picture that OpenCV reads, could not decode it; write PFM"
+        )
+    return np.asarray(value, np.float32)

@@ -1,0 +1,49 @@
+"""Run a detector on a data set: its candidates, and its Platt scaling."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from rescore.data.frames import DataSet, FrameRecord
+from rescore.data.pictures import read_rgb
+from rescore.data.splits import Splits
+from rescore.detectors.base import Detections, Detector
+from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
+from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.parallel import one_thread, track
+
+
+def calibrate_detector(detector: Detector, data: DataSet, jobs: int, show: bool = True) -> PlattScaling:
+    """Platt scaling fitted on the split "calibration" of a data set, which has trained nothing."""
+    frames = Splits.of(data).calibration
+    scores, is_car = [], []
+    for image_id, found in _detections(detector, frames, jobs, f"calibrate {detector.name}", show):
+        car, counts = label_candidates(found, frames.truth[image_id])
+        scores.append(found.score[counts])
+        is_car.append(car[counts])
+    return fit_platt(np.concatenate([np.zeros(0), *scores]), np.concatenate([np.zeros(0, bool), *is_car]))
+
+
+def detect_candidates(
+    detector: Detector, scaling: PlattScaling, data: DataSet, jobs: int, show: bool = True
+) -> CandidateTable:
+    """The candidates of every frame of a data set, with likelihoods."""
+    return CandidateTable.of_candidates(
+        Candidates(image_id, found.xyxy_px, found.score, scaling.likelihood(found.score))
+        for image_id, found in _detections(detector, data, jobs, f"detect {detector.name}", show)
+    )
+
+
+def _detections(
+    detector: Detector, data: DataSet, jobs: int, what: str, show: bool
+) -> Iterator[tuple[int, Detections]]:
+    tasks = (delayed(_detect_frame)(record, detector) for record in data.frames)
+    results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks)
+    return track(results, what, len(data.frames), show)
+
+
+def _detect_frame(record: FrameRecord, detector: Detector) -> tuple[int, Detections]:
+    rgb = read_rgb(record.left_path, record.width_px, record.height_px)
+    with one_thread():
+        return record.image_id, detector.detect(rgb)

@@ -1,0 +1,176 @@
+"""Depth evidence of candidates: of one frame with its reconstructions, and of many frames as one table."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import FloatArray, IntArray
+from recon.errors import Failure, RescoreError
+from rescore.evidence.align_depth import DepthAlignment
+from rescore.evidence.registration import CUES
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """At most 15 detections of one image, best detector score first."""
+
+    image_id: int
+    xyxy_px: FloatArray
+    """Boxes b_i, shape (n, 4), pixel edges."""
+    score: FloatArray
+    """Raw detector score, shape (n,); any range."""
+    likelihood: FloatArray
+    """l_i in [0, 1], shape (n,): the score after Platt scaling."""
+    azimuth_deg: FloatArray | None = None
+    """From where the detector says that the object is seen (see ``rescore.data.frames.Truth``), shape (n,), NaN
+    where unknown; None where it never says."""
+
+    def __post_init__(self) -> None:
+        n = len(self.score)
+        if self.xyxy_px.shape != (n, 4) or self.likelihood.shape != (n,) or self.score.shape != (n,):
+            raise ValueError(
+                f"candidates: {self.xyxy_px.shape} boxes, {self.score.shape} scores, "
+                f"{self.likelihood.shape} likelihoods"
+            )
+        if self.azimuth_deg is not None and self.azimuth_deg.shape != (n,):
+            raise ValueError(f"candidates: {n} boxes, {self.azimuth_deg.shape} azimuths")
+        if not (np.isfinite(self.xyxy_px).all() and np.isfinite(self.score).all()):
+            raise RescoreError(
+                f"image {self.image_id}: boxes and scores must be finite, got NaN or infinity; "
+                "mend the detections"
+            )
+        if n and not ((self.likelihood >= 0) & (self.likelihood <= 1)).all():
+            raise RescoreError(
+                f"image {self.image_id}: likelihoods must lie in [0, 1], got {self.likelihood.min()} to "
+                f"{self.likelihood.max()}; calibrate the scores first"
+            )
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+
+OK = "ok"
+"""Status of a candidate with depth evidence; else the status is a ``recon.errors.Reason``."""
+NOT_RESCORED = ""
+"""Status of a candidate that no rescoring has looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateTable:
+    """Candidates of many images, a row a candidate; images in order, best detector score first in each."""
+
+    image_id: IntArray
+    """Shape (n,)."""
+    rank: IntArray
+    """Place by detector score in its image, 0 is best, shape (n,)."""
+    xyxy_px: FloatArray
+    """Shape (n, 4), pixel edges."""
+    score: FloatArray
+    """Raw detector score, shape (n,)."""
+    likelihood: FloatArray
+    """l in [0, 1], shape (n,); NaN where the scores were never calibrated."""
+    depth_difference: FloatArray
+    """D of eq. 6 in [0, 1], shape (n,); this and the next five are NaN where ``status`` is not "ok"."""
+    scale: FloatArray
+    """a1, shape (n,)."""
+    offset: FloatArray
+    """a2, shape (n,)."""
+    valid_share: FloatArray
+    """Measured share of the predicted depth region, shape (n,)."""
+    stereo_low: FloatArray
+    """Measured depth that was normalised to 0, shape (n,)."""
+    stereo_span: FloatArray
+    """Measured depth that was normalised to 1, less ``stereo_low``, shape (n,)."""
+    status: NDArray[np.object_]
+    """"ok", a reason, or "" where nothing was rescored; strings, shape (n,)."""
+    reason_detail: NDArray[np.object_]
+    """What was expected and what came, "" where status is "ok"; strings, shape (n,)."""
+    cues: FloatArray
+    """Parts of the evidence of the other modes, shape (n, k), columns ``rescore.evidence.registration.CUES``; NaN where one
+    is missing."""
+    azimuth_deg: FloatArray
+    """From where the object is seen, by the detector (see ``rescore.data.frames.Truth``), shape (n,); NaN where it
+    does not say."""
+    ground: NDArray[np.object_]
+    """Where the ground plane of the frame came from (``rescore.data.frames.GroundSource``), "" where nothing was
+    rescored; strings, shape (n,)."""
+
+    def __len__(self) -> int:
+        return len(self.image_id)
+
+    def take(self, rows: NDArray[Any]) -> "CandidateTable":
+        """The rows of a mask or an index."""
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    def by_image(self, image_ids: Iterable[int]) -> dict[int, Candidates]:
+        """The candidates of each image, empty where it has none."""
+        found = {}
+        for image_id in image_ids:
+            rows = np.flatnonzero(self.image_id == image_id)
+            found[image_id] = Candidates(
+                image_id, self.xyxy_px[rows], self.score[rows], self.likelihood[rows], self.azimuth_deg[rows]
+            )
+        return found
+
+    @staticmethod
+    def of_candidates(frames: Iterable[Candidates]) -> "CandidateTable":
+        """Candidates that nothing has rescored yet."""
+        return CandidateTable.concatenate(
+            [_rows(c, [NOT_RESCORED] * len(c), [None] * len(c)) for c in frames]
+        )
+
+    @staticmethod
+    def concatenate(tables: Sequence["CandidateTable"]) -> "CandidateTable":
+        """One table below the other."""
+        empty = _rows(Candidates(0, np.zeros((0, 4)), np.zeros(0), np.zeros(0)), [], [])
+        parts = [empty, *tables]
+        return CandidateTable(
+            **{f.name: np.concatenate([getattr(t, f.name) for t in parts]) for f in fields(CandidateTable)}
+        )
+
+    @staticmethod
+    def of_alignments(
+        candidates: Candidates,
+        alignments: Sequence[DepthAlignment | Failure],
+        cues: FloatArray | None = None,
+        ground: str = "",
+    ) -> "CandidateTable":
+        """The candidates of one image with the outcome of eq. 6, the cues (n, k) of each, and its ground."""
+        status = [a.reason.value if isinstance(a, Failure) else OK for a in alignments]
+        table = replace(
+            _rows(candidates, status, alignments), ground=np.full(len(candidates), ground, object)
+        )
+        return table if cues is None else replace(table, cues=cues)
+
+
+def _rows(
+    candidates: Candidates, status: list[str], outcome: Sequence[DepthAlignment | Failure | None]
+) -> "CandidateTable":
+    n = len(candidates)
+    solved = {
+        name: np.array([getattr(o, source, np.nan) for o in outcome], dtype=float)
+        for name, source in (
+            ("depth_difference", "difference"),
+            ("scale", "scale"),
+            ("offset", "offset"),
+            ("valid_share", "valid_share"),
+            ("stereo_low", "stereo_low"),
+            ("stereo_span", "stereo_span"),
+        )
+    }
+    return CandidateTable(
+        image_id=np.full(n, candidates.image_id, np.int64),
+        rank=np.arange(n, dtype=np.int64),
+        xyxy_px=candidates.xyxy_px,
+        score=candidates.score,
+        likelihood=candidates.likelihood,
+        status=np.array(status, dtype=object),
+        reason_detail=np.array([o.detail if isinstance(o, Failure) else "" for o in outcome], dtype=object),
+        cues=np.full((n, len(CUES)), np.nan),
+        azimuth_deg=np.full(n, np.nan) if candidates.azimuth_deg is None else candidates.azimuth_deg,
+        ground=np.full(n, "", object),
+        **solved,
+    )

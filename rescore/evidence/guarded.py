@@ -1,0 +1,100 @@
+"""Eq. 6 with its two unknowns made honest: a scale that is positive and bounded, and a fit that is robust.
+
+As printed, eq. 6 is won by any flat surface: with a1 near 0 nothing of the prediction is left to be wrong.
+Here a1 stays within bounds around the value at which the predicted relief has its own size, and the residual
+is compared with that of the flat surface, so a wall has nothing to win by being flat. Streaks of the matcher
+and background in the box count no more than a cap.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from recon.arrays import Float32Array, FloatArray
+from recon.depth_map import DepthMap
+from rescore.evidence.align_depth import predicted_region
+
+GUARDED = ("relief_scale", "relief_residual", "relief_gain", "roughness")
+"""Cues of ``guarded_alignment``."""
+
+
+@dataclass(frozen=True)
+class GuardedConfig:
+    """Settings of the guarded fit."""
+
+    inverse_depth: bool = True
+    """Whether inverse depth is fitted (the noise of stereo is even there) or depth."""
+    scale_limits: tuple[float, float] = (0.3, 3.0)
+    """Bounds of the scale; 1 gives the predicted relief its own size."""
+    n_scales: int = 15
+    """Scales tried between the bounds, evenly in the logarithm."""
+    cap: float = 0.1
+    """A residual counts no more than this share of the depth."""
+    noise_px: float = 0.25
+    """Disparity that the matcher is taken to be off by, pixels: gains below it are none."""
+    min_valid_px: int = 30
+    """With fewer measured pixels there is no fit."""
+    max_pixels: int = 600
+    """So many pixels are looked at, evenly spread."""
+
+
+@dataclass(frozen=True)
+class GuardedAlignment:
+    """The fit of one candidate. Relief is that of (inverse) depth as a share of its median."""
+
+    scale: float
+    """Logarithm of the scale, within its bounds: 0 where the predicted relief has its own size."""
+    residual: float
+    """Mean capped distance from the fit, as a share of the depth."""
+    gain: float
+    """By how much the fit is better than a flat surface: logarithm of the ratio of their residuals, each with
+    the noise of the matcher added; positive where the predicted relief is there."""
+    roughness: float
+    """Mean capped distance from the flat surface, as a share of the depth."""
+
+    @property
+    def cues(self) -> FloatArray:
+        """Shape (4,), columns ``GUARDED``."""
+        return np.array([self.scale, self.residual, self.gain, self.roughness])
+
+
+def guarded_alignment(
+    predicted: DepthMap, disparity_px: Float32Array, xyxy_px: FloatArray, config: GuardedConfig
+) -> GuardedAlignment | None:
+    """The fit of a candidate's predicted depth to the measured disparity; None with too few measurements.
+
+    Args:
+        predicted: Zi, NaN outside the depth region.
+        disparity_px: measured, whole picture (h, w), NaN in holes. Only its relief counts: no calibration.
+        xyxy_px: the box, shape (4,), pixel edges.
+        config: settings.
+    """
+    measured = disparity_px[predicted.window]
+    valid = np.flatnonzero(predicted_region(predicted, xyxy_px) & np.isfinite(measured))
+    if len(valid) < config.min_valid_px:
+        return None
+    some = valid[:: -(-len(valid) // config.max_pixels)]
+    disparity = measured.ravel()[some].astype(float)
+    depth = predicted.depth.ravel()[some].astype(float)
+    noise = config.noise_px / float(np.median(disparity))
+    if config.inverse_depth:
+        shown, model = _relief(disparity), _relief(1 / depth)
+    else:
+        shown, model = _relief(1 / disparity), _relief(depth)
+    scales = np.geomspace(*config.scale_limits, config.n_scales)
+    distance = _capped_distance(shown - np.append(scales, 0.0)[:, None] * model, config.cap)
+    best, flat = int(np.argmin(distance[:-1])), float(distance[-1])
+    residual = float(distance[best])
+    gain = float(np.log((flat + noise) / (residual + noise)))
+    return GuardedAlignment(float(np.log(scales[best])), residual, gain, flat)
+
+
+def _relief(values: FloatArray) -> FloatArray:
+    """Values (m,) as a share of their median, less 1."""
+    return values / np.median(values) - 1
+
+
+def _capped_distance(difference: FloatArray, cap: float) -> FloatArray:
+    """Mean capped distance of each row (k, m) from its median, shape (k,): the offset a2 is that median."""
+    offset = np.median(difference, axis=1, keepdims=True)
+    return np.asarray(np.minimum(np.abs(difference - offset), cap).mean(axis=1))

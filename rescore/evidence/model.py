@@ -1,0 +1,311 @@
+"""From parts of the depth evidence to one D: a probability, calibrated on frames that tune and test nothing.
+
+``1 - D`` is the probability that a candidate whose depth looks so is a car, whatever the detector says of it.
+The logarithm of its odds is a sum of one piecewise linear function a cue (a generalised additive model,
+Hastie and Tibshirani 1990), fitted by penalised logistic regression. So what each cue said for or against
+a candidate can be read off.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import expit
+from sklearn.linear_model import LogisticRegression
+
+from recon.arrays import BoolArray, FloatArray
+from recon.errors import Reason, RescoreError
+from rescore.data.splits import FittingSet
+from rescore.evidence.candidates import OK, CandidateTable
+from rescore.evidence.registration import CLASS_MODEL, CUES, LEARNED, Registration
+from rescore.files import read_json, write_json
+from rescore.metrics.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
+
+FORMAT = "depth evidence 2"
+
+
+@dataclass(frozen=True)
+class EvidenceConfig:
+    """Settings of the fit."""
+
+    knots: int = 5
+    """Knots of each cue's function, at evenly spaced quantiles."""
+    inverse_penalty: float = 0.1
+    """scikit-learn's C: smaller is stronger. About a hundred cars fit twenty functions, so it is strong."""
+    min_share: float = 0.5
+    """A candidate with a smaller share of a mode's cues has no evidence."""
+    floor_quantile: float = 0.01
+    """A candidate whose checks are lower than this quantile of those fitted to has no evidence: nothing is
+    known of such measurements."""
+    min_cars: int = 10
+    """Fewer cars among the candidates fit nothing that could be trusted."""
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceModel:
+    """D of one mode from its cues."""
+
+    registration: Registration
+    knots: Mapping[str, FloatArray]
+    """Places of the knots of each cue, rising, shape (k,)."""
+    log_odds: Mapping[str, FloatArray]
+    """What the cue adds to the log odds at each knot, shape (k,); flat beyond the ends. Zero on average over
+    the fitted candidates, and zero for a candidate that lacks the cue."""
+    bias: float
+    """Log odds of a candidate on which every cue is silent."""
+    min_share: float
+    """Smallest share of the cues that a candidate needs."""
+    floors: Mapping[str, float]
+    """Smallest value of each of ``registration.checks``; a check that could not be made is passed."""
+    depth_of: str = CLASS_MODEL
+    """Whose depth it was fitted with (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
+
+    def contributions(self, cues: FloatArray) -> FloatArray:
+        """What each cue adds to the log odds that a candidate is a car, shape (n, k), columns ``CUES``.
+
+        Zero for cues that the mode does not use and for those that the candidate lacks.
+        """
+        out = np.zeros_like(cues)
+        for name, knots in self.knots.items():
+            column = CUES.index(name)
+            known = np.isfinite(cues[:, column])
+            out[known, column] = np.interp(cues[known, column], knots, self.log_odds[name])
+        return out
+
+    def shifted(self, log_odds: float) -> "EvidenceModel":
+        """The model with so much added to the log odds of every candidate (``rescore.evidence.car_share``)."""
+        return replace(self, bias=self.bias + log_odds)
+
+    @property
+    def neutral(self) -> float:
+        """D where every cue is silent."""
+        return float(expit(-self.bias))
+
+    def difference(self, cues: FloatArray) -> FloatArray:
+        """D in (0, 1) of candidates from their cues (n, k), shape (n,).
+
+        NaN where too few cues are known, or where the measurements cannot be believed: they fail a check.
+        """
+        d = expit(-(self.bias + self.contributions(cues).sum(axis=1)))
+        return np.where(self.complete(cues) & self.believable(cues), d, np.nan)
+
+    def complete(self, cues: FloatArray) -> BoolArray:
+        """Which candidates (n, k) have enough of the cues, shape (n,)."""
+        own = cues[:, [CUES.index(name) for name in self.knots]]
+        return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
+
+    def believable(self, cues: FloatArray) -> BoolArray:
+        """Which candidates (n, k) pass all checks, shape (n,)."""
+        passed = np.ones(len(cues), np.bool_)
+        for name, floor in self.floors.items():
+            passed &= ~(cues[:, CUES.index(name)] < floor)
+        return passed
+
+
+def fit_evidence(
+    cues: FloatArray,
+    is_car: BoolArray,
+    registration: Registration,
+    config: EvidenceConfig,
+    without: Sequence[str] = (),
+) -> EvidenceModel:
+    """The model of a mode from labelled candidates.
+
+    Args:
+        cues: shape (n, k), columns ``CUES``, NaN where one is missing.
+        is_car: shape (n,).
+        registration: the mode, not ``PAPER``.
+        config: settings.
+        without: cues of the mode that are left out, to learn what they are worth.
+
+    Raises:
+        RescoreError: too few cars, or nothing but cars, among candidates with evidence.
+    """
+    names = tuple(name for name in registration.cues if name not in without)
+    if not names:
+        raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
+    columns = cues[:, [CUES.index(n) for n in names]]
+    use = np.isfinite(columns).mean(axis=1) >= config.min_share
+    n_cars = int(is_car[use].sum())
+    if n_cars < config.min_cars or n_cars == int(use.sum()):
+        raise RescoreError(
+            f"depth evidence ({registration}): expected at least {config.min_cars} cars and some other "
+            f"things among candidates with measured depth, got {n_cars} cars of {int(use.sum())}; "
+            "add frames to the splits 'train' and 'calibration'"
+        )
+    quantiles = np.linspace(0.02, 0.98, config.knots)
+    knots: dict[str, FloatArray] = {}
+    shapes: list[FloatArray] = []
+    middles: list[FloatArray] = []
+    for name, values in zip(names, columns[use].T, strict=True):
+        known = np.isfinite(values)
+        at = np.unique(np.quantile(values[known], quantiles)) if known.any() else np.zeros(1)
+        shape = np.stack([np.interp(values[known], at, unit) for unit in np.eye(len(at))], axis=1)
+        middle = shape.mean(axis=0) if known.any() else np.zeros(len(at))
+        full = np.zeros((len(values), len(at)))
+        full[known] = shape - middle
+        knots[name] = at
+        shapes.append(full)
+        middles.append(middle)
+    fitted = LogisticRegression(C=config.inverse_penalty, max_iter=5000, tol=1e-8).fit(
+        np.hstack(shapes), is_car[use]
+    )
+    splits = np.cumsum([len(m) for m in middles])[:-1]
+    parts = np.split(fitted.coef_[0], splits)
+    log_odds = {n: part - float(part @ m) for n, part, m in zip(names, parts, middles, strict=True)}
+    checked = {name: cues[use, CUES.index(name)] for name in registration.checks}
+    floors = {
+        name: float(np.nanquantile(values, config.floor_quantile))
+        for name, values in checked.items()
+        if np.isfinite(values).any()
+    }
+    return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share, floors)
+
+
+def labelled_cues(
+    table: CandidateTable, fitting: FittingSet, min_iou: float = 0.5
+) -> tuple[FloatArray, BoolArray]:
+    """Cues (n, k) of the candidates on the fitting set that count, and whether each is a car (n,).
+
+    A candidate is a car where it is the detector's best box of an annotated one; other boxes on a car are
+    not, so that evidence prefers the box that fits. Candidates on ignore regions are left out.
+
+    Raises:
+        ValueError: ``table`` holds a candidate of another image.
+    """
+    truth = TruthTable.of(fitting.data)
+    match = greedy_match(table.image_id, table.xyxy_px, ranking_of(table.score, table.score), truth, min_iou)
+    use = match.outcome != IGNORED
+    return table.cues[use], match.outcome[use] == HIT
+
+
+def fit_modes(
+    table: CandidateTable, fitting: FittingSet, config: EvidenceConfig, min_iou: float = 0.5
+) -> dict[Registration, EvidenceModel]:
+    """The models of all learned modes from the candidates of one detector on the fitting set.
+
+    See ``labelled_cues`` for what counts as a car.
+    A mode that no candidate has cues for, as ``METRIC`` without calibrated cameras, is left out.
+
+    Raises:
+        RescoreError: too few cars.
+        ValueError: ``table`` holds a candidate of another image.
+    """
+    cues, is_car = labelled_cues(table, fitting, min_iou)
+    return {
+        mode: fit_evidence(cues, is_car, mode, config)
+        for mode in LEARNED
+        if mode is not Registration.METRIC or np.isfinite(cues[:, CUES.index("measured")]).any()
+    }
+
+
+def with_difference(table: CandidateTable, model: EvidenceModel | None) -> CandidateTable:
+    """The candidates with D and status of a learned mode in place of those of eq. 6; unchanged for None.
+
+    A candidate without evidence gets the D of silent cues. Its likelihood alone would not do: eq. 7 lowers
+    that of all others, since most candidates are no cars, and a false alarm that nothing is known of would
+    rank above every car.
+    """
+    if model is None:
+        return table
+    d = model.difference(table.cues)
+    has = np.isfinite(d)
+    calibrated = np.isfinite(table.cues[:, CUES.index("measured")])
+    lost = np.where(table.status == OK, Reason.NO_STEREO.value, table.status)
+    why = np.where(table.status == OK, "too few measured pixels in the predicted region", table.reason_detail)
+    if model.registration is Registration.METRIC:
+        lost = np.where(calibrated, Reason.NO_STEREO.value, Reason.NO_CALIBRATION.value)
+        why = np.where(
+            calibrated,
+            "too few measured pixels in and around the box",
+            "a calibrated camera expected, focal length or baseline is unknown",
+        )
+    complete = model.complete(table.cues)
+    lost = np.where(complete, Reason.STEREO_NOT_BELIEVED.value, lost)
+    why = np.where(complete, "fewer or less consistent measurements than wherever evidence was learned", why)
+    return replace(
+        table,
+        depth_difference=np.where(has, d, model.neutral),
+        status=np.where(has, OK, lost).astype(object),
+        reason_detail=np.where(has, "", why).astype(object),
+    )
+
+
+def save_models(path: Path, models: Mapping[Registration, EvidenceModel]) -> None:
+    """Write models as JSON."""
+    write_json(path, models_as_json(models))
+
+
+def models_as_json(models: Mapping[Registration, EvidenceModel]) -> dict[str, Any]:
+    """Models as JSON values, as their files hold them."""
+    modes = {
+        mode.value: {
+            "bias": model.bias,
+            "min_share": model.min_share,
+            "floors": dict(model.floors),
+            "depth_of": model.depth_of,
+            "cues": {
+                name: {"knots": at.tolist(), "log_odds": model.log_odds[name].tolist()}
+                for name, at in model.knots.items()
+            },
+        }
+        for mode, model in models.items()
+    }
+    return {"format": FORMAT, "modes": modes}
+
+
+def load_models(path: Path) -> dict[Registration, EvidenceModel]:
+    """Read what ``save_models`` wrote.
+
+    Raises:
+        RescoreError: no such file, or something else in it.
+    """
+    return models_of_json(read_json(path, "models of depth evidence"), path)
+
+
+def models_of_json(value: Any, where: Path) -> dict[Registration, EvidenceModel]:
+    """What ``models_as_json`` made; ``where`` names it in the error.
+
+    Raises:
+        RescoreError: something else.
+    """
+    try:
+        if value["format"] != FORMAT:
+            raise ValueError(f"format {value['format']!r}")
+        return {Registration(m): _model(Registration(m), row) for m, row in value["modes"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RescoreError(
+            f"{where}: expected models of depth evidence ({FORMAT!r}), got {type(error).__name__} {error}; "
+            "run `rescore fit-evidence` again"
+        ) from error
+
+
+def load_model(path: Path, mode: Registration) -> EvidenceModel:
+    """The model of one mode from such a file.
+
+    Raises:
+        RescoreError: no such file, something else in it, or no model of the mode.
+    """
+    models = load_models(path)
+    if mode not in models:
+        raise RescoreError(
+            f"{path}: expected a model for {mode}, got {', '.join(models)}; fit it on frames with calibrated "
+            "cameras"
+        )
+    return models[mode]
+
+
+def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
+    if mode not in LEARNED or set(row["cues"]) != set(mode.cues):
+        raise ValueError(f"cues of mode {mode}: {sorted(row['cues'])}")
+    knots = {name: np.array(c["knots"], float) for name, c in row["cues"].items()}
+    log_odds = {name: np.array(c["log_odds"], float) for name, c in row["cues"].items()}
+    if any(k.shape != log_odds[n].shape or k.ndim != 1 or not len(k) for n, k in knots.items()):
+        raise ValueError("knots and log_odds of different lengths")
+    floors = {str(name): float(value) for name, value in row["floors"].items()}
+    if not set(floors) <= set(mode.checks):
+        raise ValueError(f"checks of mode {mode}: {sorted(floors)}")
+    depth_of = str(row.get("depth_of", CLASS_MODEL))
+    return EvidenceModel(mode, knots, log_odds, float(row["bias"]), float(row["min_share"]), floors, depth_of)

@@ -1,0 +1,140 @@
+"""Folders of predicted depth and of masks: a file a frame, named as its left picture."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.errors import RescoreError
+from rescore.data.frames import DataSet, frame_names
+from rescore.data.measured import SUFFIXES, read_map
+from rescore.data.pictures import decode_picture
+from rescore.evidence.predicted import PredictedAs, PredictedDepth, PredictedUnit, another_system
+from rescore.files import digest_of
+
+
+@dataclass(frozen=True)
+class PredictionFolder:
+    """Where predictions lie, and what they are."""
+
+    folder: Path
+    predicted_as: PredictedAs
+    unit: PredictedUnit = PredictedUnit.RELATIVE
+    factor: float = 1.0
+    """Value of the files for one metre (or 1 / metre), such as 1000; relative ones need none."""
+    masks: Path | None = None
+    """Folder of masks: PNG with one channel, not 0 on objects."""
+
+    @property
+    def depth_of(self) -> str:
+        """Whose depth it is, in words: w and D fitted with another's do not fit."""
+        return another_system(self.predicted_as, self.unit)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.factor) and self.factor > 0):
+            raise RescoreError(
+                f"{self.folder}: expected a positive factor from metres to the values of the files, got "
+                f"{self.factor:g}; millimetres have 1000"
+            )
+
+
+@dataclass(frozen=True)
+class PredictedFile:
+    """The prediction of one frame on disk."""
+
+    path: Path
+    mask_path: Path | None
+    kind: PredictionFolder
+
+    def read(self, width_px: int, height_px: int) -> PredictedDepth:
+        """The prediction of a picture of a size.
+
+        Raises:
+            RescoreError: a file is damaged, or of another type or size.
+        """
+        kind = self.kind
+        values = read_map(self.path, "predicted depth", kind.factor, width_px, height_px)
+        mask = None if self.mask_path is None else _read_mask(self.mask_path, width_px, height_px)
+        return PredictedDepth(values, kind.predicted_as, kind.unit, mask)
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """The predictions of some frames of a data set."""
+
+    kind: PredictionFolder
+    files: Mapping[int, PredictedFile]
+    """By image id."""
+
+    @staticmethod
+    def of(kind: PredictionFolder, data: DataSet, image_ids: Iterable[int]) -> "Predictions":
+        """The files of frames of a data set, which all must be there.
+
+        Raises:
+            RescoreError: a frame has none, or several.
+        """
+        names = frame_names(data)
+        ids = list(image_ids)
+        paths = _files_of(kind.folder, [names[i] for i in ids], SUFFIXES, "predicted depth")
+        masks: list[Path | None] = [None] * len(ids)
+        if kind.masks is not None:
+            masks = [*_files_of(kind.masks, [names[i] for i in ids], (".png",), "a mask")]
+        found = zip(ids, paths, masks, strict=True)
+        return Predictions(kind, {i: PredictedFile(path, mask, kind) for i, path, mask in found})
+
+    def as_json(self) -> dict[str, Any]:
+        """What was used, as JSON values: the digest changes with any name or content of a file."""
+        total = hashlib.sha256()
+        for path in [p for f in self.files.values() for p in (f.path, f.mask_path) if p is not None]:
+            total.update(f"{path.name}\0{digest_of(path)}\0".encode())
+        return {
+            "folder": str(self.kind.folder),
+            "predicted_as": self.kind.predicted_as.value,
+            "unit": self.kind.unit.value,
+            "factor": self.kind.factor,
+            "masks": None if self.kind.masks is None else str(self.kind.masks),
+            "n_frames": len(self.files),
+            "sha256": total.hexdigest(),
+        }
+
+
+def _files_of(folder: Path, names: list[str], suffixes: tuple[str, ...], what: str) -> list[Path]:
+    """The file of each name in a folder."""
+    if not folder.is_dir():
+        raise RescoreError(
+            f"{folder}: expected a folder with {what} of each frame, found none; check the path"
+        )
+    by_name: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() in suffixes:
+            by_name.setdefault(path.stem, []).append(path)
+    missing = [name for name in names if name not in by_name]
+    if missing:
+        raise RescoreError(
+            f"{folder}: expected {what} of every frame with detections, found none for {len(missing)} of "
+            f"{len(names)}, such as {missing[0]!r} ({', '.join(suffixes)}); name files as the left pictures"
+        )
+    several = [found for name in names if len(found := by_name[name]) > 1]
+    if several:
+        raise RescoreError(
+            f"{folder}: expected one file of a name, found {several[0][0].name} and {several[0][1].name}; "
+            "move those that are not meant to another folder"
+        )
+    return [by_name[name][0] for name in names]
+
+
+def _read_mask(path: Path, width_px: int, height_px: int) -> NDArray[np.integer]:
+    """Number of the object at each pixel, shape (h, w), 0 for none."""
+    mask = decode_picture(path, cv2.IMREAD_UNCHANGED)
+    if mask is None or mask.shape != (height_px, width_px):
+        came = "no whole picture" if mask is None else f"shape {mask.shape}"
+        raise RescoreError(
+            f"{path}: expected a mask with one channel of {width_px} x {height_px} pixels, got {came}; write "
+            "it as grey PNG of the size of the left picture"
+        )
+    return np.asarray(mask, np.int64)

@@ -1,0 +1,122 @@
+"""From where each candidate is seen: by its detector, by the class model, or one view for all."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from recon.arrays import FloatArray, IntArray, UInt8Array
+from recon.camera import GroundPlane, PinholeCamera
+from recon.class_model import ClassModel
+from recon.errors import Failure, Reason
+from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
+from recon.reconstruction.view_selection import ViewSelectionConfig, best_view_bin
+from recon.view_bins import ViewBins
+from rescore.evidence.candidates import Candidates
+
+NO_BIN = -1
+"""View bin of a candidate that cannot be reconstructed from any."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """From where the candidates of one frame are taken to be seen."""
+
+    view_bin: IntArray
+    """The bin that each is reconstructed with, shape (n,); ``NO_BIN`` where none will do."""
+    azimuth_rad: FloatArray
+    """Shape (n,): of the detector where it says one, else of the middle of the bin; NaN where neither is."""
+    failures: Mapping[int, Failure]
+    """Why each candidate of ``NO_BIN`` has no bin, by its place."""
+
+
+NO_VIEWS = Views(np.zeros(0, np.int64), np.zeros(0), {})
+"""Those of a frame without candidates."""
+
+
+def views_of(
+    rgb: UInt8Array,
+    candidates: Candidates,
+    view_bin: int | Literal["model"],
+    model: ClassModel,
+    config: ReconstructConfig,
+) -> Views:
+    """The view of each candidate: the detector's azimuth where it gives one, else ``view_bin``.
+
+    Args:
+        rgb: the picture, shape (h, w, 3); looked at for "model" alone.
+        candidates: the boxes.
+        view_bin: of candidates without azimuth: one bin for all, or "model" for the bin that the class model
+            explains each best with (``recon.reconstruction.view_selection.best_view_bin``).
+        model: the class model.
+        config: settings of the reconstruction.
+
+    Raises:
+        RescoreError: the model has no such bin.
+    """
+    n = len(candidates)
+    said = np.full(n, np.nan) if candidates.azimuth_deg is None else np.deg2rad(candidates.azimuth_deg)
+    fixed = NO_BIN if view_bin == "model" else view_bin
+    bins, failures = np.full(n, fixed, np.int64), dict[int, Failure]()
+    azimuth_rad = said.copy()
+    if view_bin != "model":
+        azimuth_rad[np.isnan(said)] = model.bins.azimuth_rad(view_bin)
+    have = {v.view_bin for v in model.views}
+    selection = ViewSelectionConfig(reconstruct=config)
+    for i in range(n):
+        if np.isfinite(said[i]):
+            bins[i] = model.bins.containing(float(said[i]))
+            if int(bins[i]) not in have:
+                failures[i] = _no_view(model, int(bins[i]), float(np.rad2deg(said[i])))
+        elif view_bin == "model":
+            choice = best_view_bin(rgb, candidates.xyxy_px[i], model, selection)
+            if isinstance(choice, Failure):
+                failures[i] = choice
+            else:
+                bins[i], azimuth_rad[i] = choice.view_bin, model.bins.azimuth_rad(choice.view_bin)
+    bins[list(failures)] = NO_BIN
+    return Views(bins, azimuth_rad, failures)
+
+
+def views_without_model(candidates: Candidates, view_bin: int | Literal["model"]) -> Views:
+    """The view of each candidate where no class model is used: no bins, and the azimuths of ``views_of``.
+
+    Args:
+        candidates: the boxes.
+        view_bin: as there; nothing chooses for "model", which leaves azimuths unknown.
+
+    Raises:
+        RescoreError: no such bin.
+    """
+    n = len(candidates)
+    said = np.full(n, np.nan) if candidates.azimuth_deg is None else np.deg2rad(candidates.azimuth_deg)
+    assumed = np.nan if view_bin == "model" else ViewBins().azimuth_rad(view_bin)
+    return Views(np.full(n, NO_BIN, np.int64), np.where(np.isnan(said), assumed, said), {})
+
+
+def reconstruct_views(
+    rgb: UInt8Array,
+    xyxy_px: FloatArray,
+    views: Views,
+    model: ClassModel,
+    camera: PinholeCamera,
+    ground: GroundPlane,
+    config: ReconstructConfig,
+) -> tuple[Reconstruction | Failure, ...]:
+    """The 3D instance in each box (n, 4), or why there is none; boxes of one view bin are done together."""
+    found: dict[int, Reconstruction | Failure] = dict(views.failures)
+    for view_bin in np.unique(views.view_bin[views.view_bin != NO_BIN]).tolist():
+        rows = np.flatnonzero(views.view_bin == view_bin)
+        together = reconstruct(rgb, xyxy_px[rows], view_bin, model, camera, ground, config)
+        found |= dict(zip(rows.tolist(), together, strict=True))
+    return tuple(found[i] for i in range(len(xyxy_px)))
+
+
+def _no_view(model: ClassModel, view_bin: int, azimuth_deg: float) -> Failure:
+    have = ", ".join(str(v.view_bin) for v in model.views)
+    return Failure(
+        Reason.REGISTRATION_FAILED,
+        f"a labelled view of bin {view_bin} expected for azimuth {azimuth_deg:.0f} degrees, "
+        f"the class model has bins {have or 'none'}",
+    )

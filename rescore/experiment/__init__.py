@@ -1,0 +1,1 @@
+"""The whole experiment as cached stages, from rendered scenes to the report."""

@@ -1,0 +1,344 @@
+"""The whole experiment: render, learn, train, detect, tune, rescore, evaluate, report; stages are cached."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from recon.class_model import ClassModel
+from recon.learning.learn import learn_class_model
+from recon.part_views import load_part_views
+from rescore.data.frames import DataSet
+from rescore.data.splits import Splits
+from rescore.detectors.detect import calibrate_detector, detect_candidates
+from rescore.detectors.platt import load_scaling, save_scaling
+from rescore.detectors.registry import DetectorKind, load_detector, train_detector
+from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.model import fit_modes, load_models, save_models, with_difference
+from rescore.evidence.pipeline import find_evidence
+from rescore.evidence.registration import LEARNED, Registration
+from rescore.experiment.config import RunConfig, part_as_json
+from rescore.experiment.source_digest import module_file
+from rescore.experiment.stages import Done, Stage, run_stage, run_stage_in_place
+from rescore.files import digest_of, read_json, versions, write_json
+from rescore.formats.coco import read_detections, write_detections, write_rescored
+from rescore.formats.coco_dataset import read_dataset
+from rescore.fusion.fuse import fuse
+from rescore.fusion.tune import tune_on_validation
+from rescore.fusion.tuning_file import load_tuning, tuning_as_json
+from rescore.parallel import one_thread
+from rescore.results.evaluate import evaluate
+from rescore.results.run_folder import EVIDENCE_TABLE, RunFolder
+
+Report = Callable[[Done], None]
+
+
+FITTED_ON = ("train", "calibration")
+"""Splits that the models of depth evidence are fitted to."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of the experiment into a folder."""
+
+    folder: RunFolder
+    config: RunConfig
+    seed: int
+    jobs: int
+    report: Report
+    """Called after each stage."""
+    train_meshes: Path | None = None
+    test_meshes: Path | None = None
+
+    def all(self) -> dict[str, Any]:
+        """Run every stage that is not done yet; returns the content of metrics.json."""
+        self.render()
+        self.learn()
+        for kind in self.config.detectors:
+            self.train(kind)
+            for split in (*self._fitted_on(), "validation", "test"):
+                self.detect(kind, split)
+                self.find_evidence(kind, split)
+            if self._learned:
+                self.fit_evidence(kind)
+            for mode in self.config.registrations:
+                self.tune(kind, mode)
+                self.apply(kind, mode)
+        metrics = self.evaluate()
+        self.write_report()
+        return metrics
+
+    def render(self) -> None:
+        """The data set."""
+        from datasets_synth.build import build_dataset  # noqa: PLC0415 (open3d takes a second to import)
+
+        meshes = tuple(p for p in (self.train_meshes, self.test_meshes) if p is not None)
+        config = {
+            "synth": part_as_json(self.config.synth),
+            "seed": self.seed,
+            "train_meshes": self.train_meshes and str(self.train_meshes),
+            "test_meshes": self.test_meshes and str(self.test_meshes),
+        }
+        stage = Stage("synth", config, meshes, (self.folder.data,), ("datasets_synth.build",), resumes=True)
+
+        def work(out: Path) -> None:
+            build_dataset(
+                self.config.synth,
+                out,
+                seed=self.seed,
+                jobs=self.jobs,
+                train_meshes=self.train_meshes,
+                test_meshes=self.test_meshes,
+            )
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def learn(self) -> None:
+        """The class model."""
+        views = self.folder.data / "part_views"
+        stage = Stage(
+            "learn",
+            [self.config.class_name, part_as_json(self.config.learn)],
+            (views,),
+            (self.folder.class_model,),
+            ("recon.learning.learn", "recon.part_views"),
+        )
+
+        def work(out: Path) -> None:
+            labelled = load_part_views(views)
+            with one_thread():
+                model = learn_class_model(
+                    labelled, self.config.class_name, labelled.part_names, self.config.learn
+                )
+            model.save(out)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def train(self, kind: DetectorKind) -> None:
+        """One detector, and its Platt scaling."""
+        settings = self.config.detector(kind)
+        modules = ("rescore.detectors.hog_svm", "rescore.detectors.boosted")
+        code = modules[kind is DetectorKind.BOOSTED]
+        stage = Stage(
+            f"train_{kind}",
+            [part_as_json(settings), self.seed],
+            (self.folder.data,),
+            (self.folder.detector(kind),),
+            (code,),
+        )
+        data = self._data()
+
+        def work(out: Path) -> None:
+            train_detector(data, settings, self.seed, self.jobs).save(out)
+
+        self.report(run_stage(self.folder.root, stage, work))
+        stage = Stage(
+            f"calibrate_{kind}",
+            None,
+            (self.folder.detector(kind), self.folder.data),
+            (self.folder.scaling(kind),),
+            ("rescore.detectors.platt", code),
+        )
+
+        def fit(out: Path) -> None:
+            detector = load_detector(self.folder.detector(kind))
+            save_scaling(out, calibrate_detector(detector, data, self.jobs))
+
+        self.report(run_stage(self.folder.root, stage, fit))
+
+    def detect(self, kind: DetectorKind, split: str) -> None:
+        """The candidates of one detector on one split."""
+        detector, scaling = self.folder.detector(kind), self.folder.scaling(kind)
+        stage = Stage(
+            f"detect_{kind}_{split}",
+            split,
+            (detector, scaling, self.folder.data),
+            (self.folder.detections(kind, split),),
+            ("rescore.detectors.files", "rescore.formats.coco", "rescore.detectors.platt"),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data().split(split)
+            table = detect_candidates(load_detector(detector), load_scaling(scaling), data, self.jobs)
+            write_detections(out, kind, table, data)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def find_evidence(self, kind: DetectorKind, split: str) -> None:
+        """What depth says of the candidates of one detector on one split, in all modes, before w."""
+        is_test = split == "test"
+        output = self.folder.evidence(kind) if is_test else self.folder.evidence_table(kind, split)
+        stage = Stage(
+            f"evidence_{kind}_{split}",
+            part_as_json(self.config.rescore),
+            (self.folder.detections(kind, split), self.folder.class_model, self.folder.data),
+            (output,),
+            ("rescore.evidence.pipeline", "rescore.formats.coco"),
+        )
+
+        def work(out: Path) -> None:
+            table = out / EVIDENCE_TABLE if is_test else out
+            self._find_evidence(kind, split, table, out if is_test else None)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def fit_evidence(self, kind: DetectorKind) -> None:
+        """The models of depth evidence, from the splits "train" and "calibration"."""
+        tables = tuple(self.folder.evidence_table(kind, split) for split in FITTED_ON)
+        stage = Stage(
+            f"fit_evidence_{kind}",
+            part_as_json(self.config.evidence),
+            (*tables, self.folder.data / "annotations.json"),
+            (self.folder.evidence_model(kind),),
+            ("rescore.evidence.model", "rescore.formats.coco"),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data()
+            parts = [read_detections(t, data.split(s)).table for t, s in zip(tables, FITTED_ON, strict=True)]
+            table = CandidateTable.concatenate(parts)
+            save_models(out, fit_modes(table, Splits.of(data).fitting_set, self.config.evidence))
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def tune(self, kind: DetectorKind, mode: Registration) -> None:
+        """The weight of one detector in one mode, from the validation split."""
+        stage = Stage(
+            f"tune_{kind}_{mode}",
+            [part_as_json(self.config.tune), self.seed],
+            (*self._evidence(kind, "validation", mode), self.folder.data / "annotations.json"),
+            (self.folder.tuned(kind, mode),),
+            ("rescore.fusion.tune", "rescore.evidence.model"),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data()
+            table = self._table(kind, "validation", mode, data)
+            tuning = tune_on_validation(kind, table, data, self.config.tune, mode, self.seed)
+            write_json(out, tuning_as_json(tuning))
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def apply(self, kind: DetectorKind, mode: Registration) -> None:
+        """The rescored candidates of one detector in one mode on the test split."""
+        stage = Stage(
+            f"apply_{kind}_{mode}",
+            None,
+            (
+                *self._evidence(kind, "test", mode),
+                self.folder.tuned(kind, mode),
+                self.folder.data / "annotations.json",
+            ),
+            (self.folder.rescored(kind, mode),),
+            ("rescore.fusion.fuse", "rescore.evidence.model", "rescore.formats.coco"),
+        )
+
+        def work(out: Path) -> None:
+            data = self._data()
+            table = self._table(kind, "test", mode, data)
+            w = load_tuning(self.folder.tuned(kind, mode)).w
+            posterior = fuse(table.likelihood, table.depth_difference, w)
+            write_rescored(out, kind, table, posterior, w=w, data=data, registration=mode)
+
+        self.report(run_stage(self.folder.root, stage, work))
+
+    def evaluate(self) -> dict[str, Any]:
+        """The match table and the figures."""
+        root = self.folder.root
+        pairs = [(k, m) for k in self.config.detectors for m in self.config.registrations]
+        outputs = tuple(root / name for name in ("config.json", "candidates.parquet", "metrics.json"))
+        stage = Stage(
+            "evaluate",
+            [self.config.as_json(), self.seed],
+            (
+                self.folder.data,
+                *(self.folder.rescored(k, m) for k, m in pairs),
+                *(self.folder.tuned(k, m) for k, m in pairs),
+            ),
+            outputs,
+            ("rescore.results.evaluate", "rescore.formats.coco"),
+        )
+
+        def work() -> None:
+            data = self._data().split("test")
+            files = [read_detections(self.folder.rescored(k, m), data) for k, m in pairs]
+            tunings = {(str(k), m): load_tuning(self.folder.tuned(k, m)) for k, m in pairs}
+            write_run_config(
+                root, "reproduce", self.config.as_json(), self.seed, stereo=self.config.synth.sgbm
+            )
+            min_iou = self.config.tune.min_iou
+            evaluate(data, files, root, tunings=tunings, min_iou=min_iou, seed=self.seed)
+
+        self.report(run_stage_in_place(root, stage, work))
+        metrics: dict[str, Any] = read_json(root / "metrics.json", "the figures of a run")
+        return metrics
+
+    def write_report(self) -> None:
+        """The report with its curves, and the recording."""
+        from reports.page.html import build_report  # noqa: PLC0415 (matplotlib and rerun take a second to import)
+        from reports.recording.log import write_recording  # noqa: PLC0415
+
+        root = self.folder.root
+        names = ("config.json", "candidates.parquet", "metrics.json", "evidence", "data", "models", "sweep")
+        inputs = tuple(root / n for n in names)
+        pages = module_file("reports.page.html")
+        assert pages is not None
+        words = {"templates": digest_of(pages.with_name("templates"))}
+        stage = Stage("report", words, inputs, (self.folder.html, root / "curves"), ("reports.page.html",))
+        self.report(run_stage_in_place(root, stage, lambda: _ignore(build_report(root))))
+        stage = Stage("log", words, inputs, (self.folder.recording,), ("reports.recording.log",))
+        self.report(
+            run_stage_in_place(
+                root,
+                stage,
+                lambda: _ignore(write_recording(root, self.folder.recording, jobs=self.jobs)),
+            )
+        )
+
+    @property
+    def _learned(self) -> bool:
+        return any(mode in LEARNED for mode in self.config.registrations)
+
+    def _fitted_on(self) -> tuple[str, ...]:
+        return FITTED_ON if self._learned else ()
+
+    def _evidence(self, kind: DetectorKind, split: str, mode: Registration) -> tuple[Path, ...]:
+        """The files that decide D of a mode."""
+        table = self.folder.evidence_table(kind, split)
+        return (table, self.folder.evidence_model(kind)) if mode in LEARNED else (table,)
+
+    def _table(self, kind: DetectorKind, split: str, mode: Registration, data: DataSet) -> CandidateTable:
+        """The candidates of a split with D of a mode."""
+        table = read_detections(self.folder.evidence_table(kind, split), data.split(split)).table
+        models = load_models(self.folder.evidence_model(kind)) if mode in LEARNED else {}
+        return with_difference(table, models.get(mode))
+
+    def _find_evidence(self, kind: DetectorKind, split: str, out: Path, npz_dir: Path | None) -> None:
+        data = self._data().split(split)
+        candidates = read_detections(self.folder.detections(kind, split), data).candidates(data)
+        table = find_evidence(
+            data,
+            candidates,
+            ClassModel.load(self.folder.class_model),
+            self.config.rescore,
+            jobs=self.jobs,
+            detector=kind,
+            evidence_dir=npz_dir,
+        )
+        write_rescored(out, kind, table, table.likelihood, w=1.0, data=data)
+
+    def _data(self) -> DataSet:
+        return read_dataset(self.folder.data, self.config.class_name)
+
+
+def write_run_config(
+    root: Path, command: str, config: Any, seed: int | None, *, stereo: Any, data: Path | None = None
+) -> None:
+    """Write ``config.json`` of a run folder: effective config, seed, versions, and where the data set is."""
+    named = {} if data is None else {"data": str(data.resolve())}
+    value = {"command": command, "seed": seed, **named, "stereo": part_as_json(stereo), "config": config}
+    write_json(root / "config.json", value | {"versions": versions()})
+
+
+def _ignore(_result: object) -> None:
+    """Drop a result that nobody needs."""

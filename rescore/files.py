@@ -1,0 +1,158 @@
+"""Files that results live in: written beside and moved into place, so nobody ever reads half a file."""
+
+import hashlib
+import json
+import math
+import os
+import platform
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from enum import StrEnum
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+
+from recon.errors import RescoreError
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """A path beside ``path`` to write to; on success it becomes ``path``, on failure nothing is left.
+
+    The temporary name keeps the suffix, since many writers choose the format by it. Its name is unique, so
+    two processes that write the same file do not meet; the last one wins, with a whole file.
+
+    Raises:
+        RescoreError: the folder cannot be written.
+    """
+    beside = path.with_name(f".{uuid.uuid4().hex[:12]}.partial{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield beside
+        if not beside.exists():
+            raise ValueError(f"{path}: nothing was written to the path that atomic_path gave")
+        with beside.open("rb") as written:
+            os.fsync(written.fileno())
+        os.replace(beside, path)
+    except OSError as error:
+        # what the caller reads meanwhile can fail too, and is not for here
+        if error.filename not in {None, str(beside), str(path), *map(str, path.parents)}:
+            raise
+        raise RescoreError(
+            f"{path}: expected to write here, got {error.strerror!r}; "
+            "choose another place or mend the permissions"
+        ) from error
+    finally:
+        with suppress(OSError):
+            beside.unlink()
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON in one piece, keys in the given order, NaN refused (the standard has none)."""
+    text = json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
+    with atomic_path(path) as beside:
+        beside.write_text(text + "\n", encoding="utf-8")
+
+
+def json_values(value: Any) -> Any:
+    """The value with null for every number that JSON cannot hold, as a rate of nothing."""
+    if isinstance(value, dict):
+        return {k: json_values(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_values(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_json(path: Path, what: str) -> Any:
+    """The value in a JSON file; ``what`` names it in the error.
+
+    Raises:
+        RescoreError: there is no such file, or it is not JSON.
+    """
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected {what}, found no file; check the path")
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise RescoreError(f"{path}: expected {what} as JSON, got {error}; write the file again") from error
+
+
+def digest_of(path: Path) -> str:
+    """Digest of a file, or of all files of a folder with their names; empty where there is nothing."""
+    total = hashlib.sha256()
+    if path.is_file():
+        total.update(_file_digest(path))
+    elif path.is_dir():
+        for file in sorted(p for p in path.rglob("*") if p.is_file()):
+            total.update(file.relative_to(path).as_posix().encode() + b"\0")
+            total.update(_file_digest(file))
+    else:
+        return ""
+    return total.hexdigest()
+
+
+def _file_digest(path: Path) -> bytes:
+    state = path.stat()
+    return _digest_at(path, state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=100_000)
+def _digest_at(path: Path, _size: int, _modified_ns: int) -> bytes:
+    """Digest of a file, read once in a process unless it changes: stages share their inputs."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder, if there is one."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+_VERSIONED = (
+    *("rescore", "numpy", "scipy", "opencv-python-headless", "scikit-learn", "joblib", "pydantic", "pyarrow"),
+    *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow"),
+)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results depend on; what is not installed is left out."""
+    found = {"python": platform.python_version()}
+    for name in _VERSIONED:
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
+
+
+def write_provenance(result: Path, command: str, config: Any, seed: int | None) -> None:
+    """Write ``<result>.config.json``: the effective config, seed and versions of what made a result."""
+    write_json(
+        result.with_name(result.name + ".config.json"),
+        {"command": command, "seed": seed, "config": config, "versions": versions()},
+    )
+
+
+class TableFormat(StrEnum):
+    """Forms of tables, by the end of the file's name."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+def write_table(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write columns of one length as a table: CSV where the path ends with .csv, else Parquet."""
+    table = pa.table(dict(columns))
+    with atomic_path(path) as beside:
+        if path.suffix == f".{TableFormat.CSV}":
+            pa_csv.write_csv(table, beside)
+        else:
+            pq.write_table(table, beside, compression="zstd")

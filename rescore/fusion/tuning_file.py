@@ -1,0 +1,78 @@
+"""A tuned weight w as a file."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.errors import RescoreError
+from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
+from rescore.files import read_json
+from rescore.fusion.fuse import LearnedFusion
+from rescore.fusion.tune import Objective, Tuning
+from rescore.fusion.weight_interval import uncertainty_as_json, uncertainty_of_json
+
+
+def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
+    """The choice of w with its curve, as JSON values; an undefined or infinite objective is null."""
+    return {
+        "detector": tuning.detector,
+        "registration": tuning.registration.value,
+        "w": tuning.w,
+        "objective_name": tuning.objective.value,
+        "w_grid": tuning.grid.tolist(),
+        "objective": [v if np.isfinite(v) else None for v in tuning.value.tolist()],
+        "n_images": tuning.n_images,
+        "n_cars": tuning.n_cars,
+        "uncertainty": uncertainty_as_json(tuning.uncertainty),
+        "sentence": tuning.sentence,
+        "learned": None if tuning.learned is None else asdict(tuning.learned),
+        "depth_of": tuning.depth_of,
+    }
+
+
+def load_tuning(path: Path) -> Tuning:
+    """Read what ``tuning_as_json`` made.
+
+    Raises:
+        RescoreError: no such file, or something else in it.
+    """
+    value = read_json(path, "a tuned weight")
+    try:
+        tuning = Tuning(
+            detector=str(value["detector"]),
+            w=float(value["w"]),
+            objective=Objective(value["objective_name"]),
+            grid=np.array(value["w_grid"], dtype=float),
+            value=np.array(value["objective"], dtype=float),
+            n_images=int(value["n_images"]),
+            n_cars=int(value["n_cars"]),
+            registration=Registration(value.get("registration", Registration.PAPER)),
+            uncertainty=uncertainty_of_json(value.get("uncertainty")),
+            learned=None if value.get("learned") is None else LearnedFusion(**value["learned"]),
+            depth_of=str(value.get("depth_of", CLASS_MODEL)),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise RescoreError(
+            f"{path}: expected a tuned weight, got {type(error).__name__} {error}; run `rescore tune` again"
+        ) from error
+    if not 0 <= tuning.w <= 1:
+        raise RescoreError(f"{path}: expected w in [0, 1], got {tuning.w}; run `rescore tune` again")
+    return tuning
+
+
+def tuned_weight(path: Path, mode: Registration, depth_of: str = CLASS_MODEL) -> float:
+    """The w that was tuned for a mode with someone's depth.
+
+    Raises:
+        RescoreError: no such file, or a weight for another mode or with another's depth.
+    """
+    tuning = load_tuning(path)
+    if tuning.registration is not mode:
+        raise RescoreError(
+            f"{path}: expected a weight tuned for registration {mode}, got one for {tuning.registration}; "
+            "tune again in this mode"
+        )
+    check_depth_of(str(path), tuning.depth_of, depth_of)
+    return tuning.w

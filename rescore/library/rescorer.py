@@ -1,0 +1,180 @@
+"""Rescoring as a library: loaded once, then arrays in and out, from any number of threads.
+
+A ``Rescorer`` never changes. After loading it reads no file and sets nothing that other code could see, such
+as the number of threads of OpenCV or of the linear algebra.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from recon.arrays import BoolArray, FloatArray, IntArray
+from recon.class_model import ClassModel
+from recon.errors import RescoreError
+from rescore.data.frames import Frame
+from rescore.detectors.platt import PlattScaling
+from rescore.evidence.candidates import OK, Candidates
+from rescore.evidence.files import Predicted
+from rescore.evidence.model import EvidenceModel, with_difference
+from rescore.evidence.pipeline import FrameEvidence, compared_with_prediction, depth_evidence
+from rescore.evidence.predicted import PredictedDepth, another_system, check_mode
+from rescore.evidence.registration import CLASS_MODEL, CUES, Registration, check_depth_of
+from rescore.evidence.settings import RescoreConfig
+from rescore.fusion.fuse import fuse
+from rescore.library.inputs import Boxes, StereoFrame
+from rescore.library.rescorer_files import Parts, parts_of_file, parts_of_run
+
+
+@dataclass(frozen=True, eq=False)
+class Rescored:
+    """What became of the boxes of one frame; all in the order in which they were given."""
+
+    posterior: FloatArray
+    """Eq. 7, shape (n,), in [0, 1]: the boxes' new scores."""
+    likelihood: FloatArray
+    """l in [0, 1] that went into it, shape (n,)."""
+    depth_difference: FloatArray
+    """D in [0, 1], shape (n,). Without evidence it is NaN in mode "paper", which keeps l, and in the others
+    the D of silent cues."""
+    status: tuple[str, ...]
+    """"ok", or the reason for which a box has no evidence (``recon.errors.Reason``)."""
+    reasons: tuple[str, ...]
+    """What was expected and what came, a sentence for a person; "" where the status is "ok"."""
+    cues: FloatArray
+    """Parts of the evidence, shape (n, k), columns ``cue_names``; NaN where one is missing."""
+    log_odds: FloatArray
+    """What each cue added to the log odds of a car, shape (n, k); 0 where there is no evidence, and in mode
+    "paper"."""
+    view_bin: IntArray
+    """View bin of the class model that each box was reconstructed with, shape (n,); -1 where none will do, or
+    another system predicts depth."""
+    instances: tuple[Predicted, ...] | None
+    """The 3D instance in each box, or the depth that another system predicts there, or why there is none;
+    None where they were not asked for."""
+
+    cue_names = CUES
+    """Columns of ``cues`` and ``log_odds``."""
+
+    @property
+    def has_evidence(self) -> BoolArray:
+        """Which boxes depth said something of, shape (n,)."""
+        return np.array([s == OK for s in self.status], np.bool_)
+
+
+@dataclass(frozen=True, eq=False)
+class Rescorer:
+    """A class model, a weight, and what turns depth into D: all that rescoring needs.
+
+    Raises:
+        RescoreError: w outside [0, 1], or a view bin that the class model does not have.
+    """
+
+    class_model: ClassModel | None
+    """None where another system predicts the depth of every frame."""
+    w: float
+    """Weight of the detector in eq. 7, in [0, 1]."""
+    evidence_model: EvidenceModel | None = None
+    """D of modes "guarded" and "metric"; None for that of eq. 6, mode "paper"."""
+    scaling: PlattScaling | None = None
+    """From raw scores to likelihoods; None where boxes come with likelihoods."""
+    config: RescoreConfig = field(default_factory=RescoreConfig)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.w <= 1:
+            raise RescoreError(
+                f"rescorer: expected w in [0, 1], got {self.w}; `rescore tune` finds it, 1 is the detector "
+                "alone"
+            )
+        if self.class_model is not None and self.config.view_bin != "model":
+            self.class_model.view(self.config.view_bin)
+
+    @staticmethod
+    def from_file(path: str | Path) -> "Rescorer":
+        """The rescorer that a JSON file describes (docs/library.md).
+
+        Raises:
+            RescoreError: no such file or another content, here or in the files that it names.
+        """
+        return _of_parts(parts_of_file(Path(path)))
+
+    @staticmethod
+    def from_run(run_dir: str | Path, detector: str, mode: str = "paper") -> "Rescorer":
+        """The rescorer of a finished run of ``rescore reproduce``.
+
+        Args:
+            run_dir: its folder.
+            detector: "hog" or "boosted": whose weight, evidence model and Platt scaling are taken.
+            mode: "paper", "guarded" or "metric".
+
+        Raises:
+            RescoreError: no such run, detector or mode, or a damaged file.
+        """
+        return _of_parts(parts_of_run(Path(run_dir), detector, mode))
+
+    @property
+    def mode(self) -> Registration:
+        """How predicted and measured depth are compared."""
+        return Registration.PAPER if self.evidence_model is None else self.evidence_model.registration
+
+    def rescore(
+        self,
+        frame: StereoFrame,
+        boxes: Boxes,
+        *,
+        predicted: PredictedDepth | None = None,
+        instances: bool = False,
+    ) -> Rescored:
+        """Rescore the boxes of one frame. Any number of threads may call this at once.
+
+        Args:
+            frame: picture, measured depth, and what is known of camera and ground.
+            boxes: the detections.
+            predicted: depth that another system predicts of the left picture, in place of the class model's.
+            instances: whether the result shall hold what was predicted in each box.
+
+        Raises:
+            RescoreError: scores without a scaling, a pair too narrow to match, a prediction of another size,
+                or one without known scale in a mode past eq. 6; neither prediction nor class model; D fitted
+                with depth of another kind.
+        """
+        candidates = boxes.candidates(self.scaling)
+        loaded = frame.loaded(self.config.stereo, self.config.nearest_m)
+        evidence = self._evidence(loaded, candidates, predicted)
+        table = with_difference(evidence.table, self.evidence_model)
+        log_odds = np.zeros_like(table.cues)
+        if self.evidence_model is not None:
+            log_odds = self.evidence_model.contributions(table.cues) * (table.status == OK)[:, None]
+        return Rescored(
+            posterior=fuse(candidates.likelihood, table.depth_difference, self.w),
+            likelihood=candidates.likelihood,
+            depth_difference=table.depth_difference,
+            status=tuple(str(s) for s in table.status),
+            reasons=tuple(str(s) for s in table.reason_detail),
+            cues=table.cues,
+            log_odds=log_odds,
+            view_bin=evidence.views.view_bin,
+            instances=evidence.instances if instances else None,
+        )
+
+    def _evidence(
+        self, frame: Frame, candidates: Candidates, predicted: PredictedDepth | None
+    ) -> FrameEvidence:
+        if predicted is not None:
+            check_mode(predicted.unit, self.mode)
+            self._check_evidence(another_system(predicted.predicted_as, predicted.unit))
+            return compared_with_prediction(frame, candidates, predicted, self.config)
+        if self.class_model is None:
+            raise RescoreError(
+                "rescorer: expected a class model or a prediction, got neither; give rescore(predicted=...)"
+            )
+        self._check_evidence(CLASS_MODEL)
+        return depth_evidence(frame, candidates, self.class_model, self.config)
+
+    def _check_evidence(self, depth_of: str) -> None:
+        if self.evidence_model is not None:
+            check_depth_of("rescorer: evidence model", self.evidence_model.depth_of, depth_of)
+
+
+def _of_parts(parts: Parts) -> Rescorer:
+    return Rescorer(parts.class_model, parts.w, parts.evidence_model, parts.scaling, parts.config)

@@ -1,0 +1,252 @@
+"""One picture and boxes in it: reading, camera and ground, and the 3D instance in a box."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from recon.arrays import BoolArray, FloatArray, UInt8Array
+from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.class_model import ClassModel
+from recon.errors import Failure, RescoreError
+from recon.reconstruction.instance import Instance3D, build_instance
+from recon.reconstruction.part_registration import RegistrationConfig
+from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
+from recon.reconstruction.segment import SegmentConfig
+from rescore.data.pictures import decode_picture
+from rescore.files import read_json
+
+_SOLID_CONFIG = ReconstructConfig(
+    box_bottom_is_ground=True,
+    segment=SegmentConfig(steps=40, region_weight=0.3),
+    registration=RegistrationConfig(box_area_px=12288.0),
+)
+_THIN_CONFIG = ReconstructConfig(
+    box_bottom_is_ground=True,
+    segment=SegmentConfig(steps=100, length_weight=1.0, region_weight=0.5),
+    registration=RegistrationConfig(box_area_px=24576.0),
+)
+_THIN = 0.08
+"""Width of a thin limb, in roots of the box area."""
+_CALIB_KEYS = ("fx", "fy", "cx", "cy")
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A picture with the camera and the ground that it is seen with."""
+
+    rgb: UInt8Array
+    """Shape (h, w, 3)."""
+    camera: PinholeCamera
+    ground: GroundPlane
+
+
+@dataclass(frozen=True, eq=False)
+class FoundObject:
+    """The object in one box."""
+
+    picture: Reconstruction
+    """What the picture gave: outline, parts, ground line, planes."""
+    instance: Instance3D
+    """The whole object in 3D."""
+    occluded: BoolArray | None = None
+    """Pixels (h, w) where something else hides the object; None for none."""
+
+
+def read_photo(path: Path) -> UInt8Array:
+    """The picture (h, w, 3) of a file.
+
+    Raises:
+        RescoreError: no such file, or no picture.
+    """
+    if not path.is_file():
+        raise RescoreError(f"{path}: expected a picture, found no file; check the path")
+    bgr = decode_picture(path, cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise RescoreError(
+            f"{path}: expected a whole picture that OpenCV reads, could not decode it; mend it"
+        )
+    return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
+
+
+def parse_numbers(option: str, text: str, names: str) -> FloatArray:
+    """Finite numbers of an option as many as there are comma-separated names.
+
+    Raises:
+        RescoreError: another count, or something that is no number.
+    """
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != len(names.split(",")) or not np.isfinite(values).all():
+        raise RescoreError(f"{option}: expected numbers {names}, got {text!r}; write them with commas")
+    return values
+
+
+def parse_box(text: str, width_px: int, height_px: int) -> FloatArray:
+    """Edges x0, y0, x1, y1 of a box "x,y,w,h" that meets a picture of a size.
+
+    Raises:
+        RescoreError: not a box, or outside the picture.
+    """
+    x, y, w, h = parse_numbers("--box", text, "x,y,w,h")
+    if not (w > 0 and h > 0):
+        raise RescoreError(f"--box: expected a positive width and height, got {text!r}; mend it")
+    if x >= width_px or y >= height_px or x + w <= 0 or y + h <= 0:
+        raise RescoreError(
+            f"--box: expected a box inside the picture of {width_px} x {height_px} pixels, got {text!r}; "
+            "mend it"
+        )
+    return np.array([x, y, x + w, y + h])
+
+
+def open_photo(
+    path: Path, camera: str | None, calib: Path | None, height_m: float | None, pitch_deg: float | None
+) -> Photo:
+    """A picture with its camera and ground, those of the report's defaults where none are given.
+
+    Args:
+        path: the picture.
+        camera: "fx,fy,cx,cy" in pixels.
+        calib: JSON file with fx, fy, cx, cy and, if known, height_m and pitch_rad, as in annotations.json.
+        height_m: height of the camera above the ground; goes before that of the file.
+        pitch_deg: how far the camera looks down; goes before that of the file.
+    """
+    rgb = read_photo(path)
+    height_px, width_px = rgb.shape[:2]
+    if camera is not None and calib is not None:
+        raise RescoreError("camera: expected --camera or --calib, got both; leave one out")
+    known: dict[str, Any] = _read_calib(calib) if calib is not None else {}
+    if camera is not None:
+        numbers = parse_numbers("--camera", camera, "fx,fy,cx,cy")
+        known = dict(zip(_CALIB_KEYS, numbers.tolist(), strict=True))
+    if known:
+        fx, fy, cx, cy = (float(known[k]) for k in _CALIB_KEYS)
+        lens = PinholeCamera(fx, fy, cx, cy, width_px, height_px)
+    else:
+        lens = default_camera(width_px, height_px)
+    height = known.get("height_m", DEFAULT_GROUND.height_m) if height_m is None else height_m
+    pitch = (
+        known.get("pitch_rad", DEFAULT_GROUND.pitch_rad)
+        if pitch_deg is None
+        else float(np.deg2rad(pitch_deg))
+    )
+    return Photo(rgb, lens, GroundPlane(float(height), float(pitch)))
+
+
+def _read_calib(path: Path) -> dict[str, float]:
+    data = read_json(path, "a camera")
+    wanted = (*_CALIB_KEYS, "height_m", "pitch_rad")
+    numbers = (
+        {k: v for k, v in data.items() if k in wanted and isinstance(v, int | float)}
+        if isinstance(data, dict)
+        else {}
+    )
+    missing = [k for k in _CALIB_KEYS if k not in numbers]
+    if missing:
+        raise RescoreError(
+            f"{path}: expected JSON with numbers {', '.join(_CALIB_KEYS)}, {missing[0]} is missing; add it"
+        )
+    return numbers
+
+
+def load_class(path: Path, class_name: str) -> ClassModel:
+    """The class model of a file, which must be of a class.
+
+    Raises:
+        RescoreError: no such file, not a class model, or a model of another class.
+    """
+    model = ClassModel.load(path)
+    if model.class_name != class_name:
+        raise RescoreError(
+            f"{path}: expected a model of class {class_name!r}, got one of {model.class_name!r}; "
+            "mend --class or give another --model"
+        )
+    return model
+
+
+def fine_config(model: ClassModel, view_bin: int) -> ReconstructConfig:
+    """Settings for one picture: a finer grid than thousands of candidates can have, and colours beside edges.
+
+    Thin objects get a still finer grid, more weight on colours and more steps: along a limb there are edges
+    on both sides, and the outline would lose it. An object is thin where an opening takes more than a
+    twentieth of its labelled image, as it does with the legs of a chair.
+    """
+    mask = (model.view(view_bin).labels > 0).astype(np.uint8)
+    rows, cols = np.nonzero(mask)
+    side = float(np.sqrt((np.ptp(rows) + 1) * (np.ptp(cols) + 1)))
+    width = max(3, round(_THIN * side))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+    padded = cv2.copyMakeBorder(mask, width, width, width, width, cv2.BORDER_CONSTANT)
+    kept = int(np.count_nonzero(cv2.morphologyEx(padded, cv2.MORPH_OPEN, disc)))
+    return _THIN_CONFIG if kept < 0.95 * len(rows) else _SOLID_CONFIG
+
+
+def find_object(
+    photo: Photo,
+    xyxy_px: FloatArray,
+    view_bin: int,
+    model: ClassModel,
+    occluded: BoolArray | None = None,
+) -> FoundObject | Failure:
+    """The object in a box (4,) in 3D, or why there is none.
+
+    Args:
+        photo: the picture.
+        xyxy_px: the box, drawn tightly.
+        view_bin: where the object is seen from.
+        model: the class model.
+        occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
+    """
+    config = fine_config(model, view_bin)
+    (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.camera, photo.ground, config)
+    if isinstance(found, Failure):
+        return found
+    instance = build_instance(
+        found, view_bin, model, photo.camera, photo.ground, config.registration, occluded=occluded
+    )
+    return instance if isinstance(instance, Failure) else FoundObject(found, instance, occluded)
+
+
+def instance_json(instance: Instance3D) -> dict[str, Any]:
+    """Everything of an instance for a JSON file: metres, radians, the camera frame unless a name says so."""
+    moved = instance.class_to_instance
+    return {
+        "format": "instance-3d 1",
+        "frame": "camera: x right, y down, z forward, metres",
+        "class_name": instance.class_name,
+        "view_bin": instance.view_bin,
+        "cam_from_object": instance.cam_from_object.tolist(),
+        "size_m": instance.size_m.tolist(),
+        "centroid_m": instance.centroid_m.tolist(),
+        "distance_m": instance.distance_m,
+        "yaw_rad": instance.yaw_rad,
+        "azimuth_rad": instance.azimuth_rad,
+        "box_corners_m": instance.corners_m.tolist(),
+        "parts": [
+            {
+                "label": p.label,
+                "name": p.name,
+                "seen": p.seen,
+                "plane": p.plane.tolist(),
+                "outline_m": p.outline_m.tolist(),
+            }
+            for p in instance.parts
+        ],
+        "unplaced": instance.unplaced,
+        "class_to_instance": {
+            "rotation": moved.rotation.tolist(),
+            "scale_m": moved.scale.tolist(),
+            "shift_m": moved.shift_m.tolist(),
+            "residual_m": moved.residual_m,
+            "part_residual_m": {str(k): v for k, v in moved.part_residual_m.items()},
+        },
+        "quality": {
+            "registration_cost": instance.quality.registration_cost,
+            "placed_share": instance.quality.placed_share,
+            "transform_residual_m": instance.quality.transform_residual_m,
+        },
+    }

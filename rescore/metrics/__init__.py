@@ -1,0 +1,1 @@
+"""Figures of candidates held against annotated cars: arrays in, numbers with intervals out."""

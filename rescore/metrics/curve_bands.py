@@ -1,0 +1,109 @@
+"""Bands of 95 % around the curves of a match table, by a bootstrap over images as in ``rescore.metrics.bootstrap``.
+
+A band holds each point of a curve by itself, not the curve as a whole: of a curve that is drawn again from
+other images, one point in twenty lies outside.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import BoolArray, FloatArray, IntArray
+from rescore.metrics.bootstrap import KINDS, draw_images, interval
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+
+N_RESAMPLES = 500
+N_POINTS = 60
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Where a curve may lie, at some x. All of shape (g,)."""
+
+    x: FloatArray
+    """Rising."""
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CurveBands:
+    """The bands of the three curves of ``rescore.metrics.curves``."""
+
+    candidate: Band
+    """Of the candidate ROC: share of the hits over share of the false candidates."""
+    cars: Band
+    """Share of all annotated cars over false positives an image, at x that are even on a log axis."""
+    precision: Band
+    """Precision where a share of all cars is reached, over that share; up to the share that the candidates
+    hold. Images drawn again that never reach it count as precision 0 there, as for average precision."""
+
+
+def curve_bands(match: MatchTable, cars_of_image: IntArray, seed: int) -> CurveBands | None:
+    """The bands of the curves of a table; None where images, cars, hits or false positives are too few.
+
+    Args:
+        match: the table.
+        cars_of_image: annotated cars of each image, shape (n_images,), in the order of ``match.image``.
+        seed: draws the images; tables of the same images and seed are resampled alike.
+    """
+    n_images = len(cars_of_image)
+    if n_images < 2 or not cars_of_image.sum():
+        return None
+    drawn = draw_images(n_images, N_RESAMPLES, np.random.default_rng(seed))
+    weight = np.concatenate([np.ones((1, n_images), np.int32), drawn])
+    hits, false = _running(match, weight)
+    if not hits[0, -1] or not false[0, -1]:
+        return None
+    cars, images = weight @ cars_of_image, weight.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rate, alarms = hits / cars[:, None], false / images[:, None]
+        kept = hits / hits[:, -1:], false / false[:, -1:]
+        precision = hits / (hits + false)
+    shares = np.linspace(0, 1, N_POINTS)
+    levels = np.geomspace(0.5 / n_images, alarms[0, -1], N_POINTS)
+    recalls = np.linspace(1 / N_POINTS, rate[0, -1], N_POINTS)
+    return CurveBands(
+        _band(shares, _last_within(kept[1], kept[0], shares), n_images),
+        _band(levels, _last_within(alarms, rate, levels), n_images),
+        _band(recalls, _first_reaching(rate, precision, recalls), n_images),
+    )
+
+
+def _running(match: MatchTable, weight: NDArray[np.int32]) -> tuple[IntArray, IntArray]:
+    """Weighted hits and false positives at and above each distinct ranking, (r, t), from none."""
+    hit, false = match.outcome == HIT, (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
+    order = np.argsort(-match.ranking, kind="stable")
+    ranking = match.ranking[order]
+    last_of_tie = np.append(np.diff(ranking) != 0, True) if len(ranking) else np.zeros(0, bool)
+    of_candidate = weight[:, match.image[order]]
+    none = np.zeros((len(weight), 1), np.int64)
+
+    def running(counted: BoolArray) -> IntArray:
+        total = np.cumsum(of_candidate * counted[order], axis=1, dtype=np.int64)[:, last_of_tie]
+        return np.concatenate([none, total], axis=1)
+
+    return running(hit), running(false)
+
+
+def _last_within(x: FloatArray, y: FloatArray, levels: FloatArray) -> FloatArray:
+    """In each row, y of the last point whose x is at most each level, (r, g)."""
+    at = [np.searchsorted(row, levels + 1e-12, side="right") - 1 for row in x]
+    return np.take_along_axis(y, np.maximum(at, 0), axis=1)
+
+
+def _first_reaching(x: FloatArray, y: FloatArray, levels: FloatArray) -> FloatArray:
+    """In each row, y of the first point whose x is at least each level, (r, g); 0 where none is."""
+    padded = np.concatenate([y, np.zeros((len(y), 1))], axis=1)
+    at = [np.searchsorted(row, levels - 1e-12, side="left") for row in x]
+    return np.take_along_axis(padded, np.array(at), axis=1)
+
+
+def _band(x: FloatArray, y: FloatArray, n_images: int) -> Band:
+    """The band of readings (1 + r, g), those of the images as they are first."""
+    ends = [interval(column, KINDS["recall"], CONFIDENCE, n_images) for column in y.T]
+    use = np.array([not np.isnan(e.value) for e in ends])
+    low, high = (np.array([getattr(e, end) for e in ends]) for end in ("low", "high"))
+    return Band(x[use], low[use], high[use])

@@ -1,0 +1,162 @@
+"""Curves and figures of a match table. Arrays in, arrays out; drawing is elsewhere.
+
+Hits are cars found; false alarms and duplicates are false positives; ignored candidates count nowhere. Every
+image and every annotated car counts, those without candidates too. Candidates of equal ranking enter a curve
+together.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import BoolArray, FloatArray
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+
+RECALL_LEVELS = (0.5, 0.6, 0.7, 0.8)
+"""Where false positives per image are read off."""
+FPPI_LIMIT = 2.0
+"""Right end of the area under the curve over false positives per image, in false positives an image."""
+COCO_RECALLS = np.linspace(0, 1, 101)
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A step curve: one point for each threshold between distinct rankings, from none to all candidates."""
+
+    x: FloatArray
+    """Shape (t,), rising."""
+    y: FloatArray
+    """Shape (t,), rising."""
+    threshold: FloatArray
+    """Ranking of the worst candidate that counts, shape (t,); infinity at the first point."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The figures of one match table."""
+
+    auc: float
+    """Area under the candidate ROC; NaN where there are only hits or only false alarms."""
+    average_precision: float
+    """NaN where no car is annotated."""
+    fppi_area: float
+    """Mean true-positive rate between 0 and ``FPPI_LIMIT`` false positives an image."""
+    recall_ceiling: float
+    """Share of the cars found when every candidate counts."""
+    fppi_at_recall: dict[float, float | None]
+    """False positives an image at each recall level; None where it is never reached."""
+
+
+def candidate_roc(match: MatchTable) -> Curve:
+    """Over candidates alone: x, share of the false ones kept; y, share of the hits kept.
+
+    Cars that no candidate found do not appear here; see ``recall_curve``.
+    """
+    hits, false, threshold = _cumulative(match)
+    with np.errstate(invalid="ignore"):
+        return Curve(false / false[-1], hits / hits[-1], threshold)
+
+
+def recall_curve(match: MatchTable) -> Curve:
+    """Over all images and all annotated cars: x, false positives per image; y, true-positive rate."""
+    hits, false, threshold = _cumulative(match)
+    cars = match.n_cars or np.nan
+    return Curve(false / max(match.n_images, 1), hits / cars, threshold)
+
+
+def area_under_roc(curve: Curve) -> float:
+    """Area under a candidate ROC by trapezoids: how often a hit ranks above a false one, ties half.
+
+    NaN where there are only hits, only false ones, or nothing.
+    """
+    if np.isnan(curve.x[-1] + curve.y[-1]):
+        return float("nan")
+    return float(np.trapezoid(curve.y, curve.x))
+
+
+def area_under_recall(curve: Curve, fppi_limit: float = FPPI_LIMIT) -> float:
+    """Mean true-positive rate over false positives per image from 0 to the limit, in [0, 1].
+
+    The curve is a staircase: at a given x the rate is that of the last threshold with at most x false
+    positives, and right of its end the curve keeps its last rate.
+    """
+    inside = curve.x <= fppi_limit
+    widths = np.diff(np.append(curve.x[inside], fppi_limit))
+    return float((curve.y[inside] * widths).sum() / fppi_limit)
+
+
+def average_precision(match: MatchTable) -> float:
+    """COCO's average precision: mean of the highest precision at or beyond 101 recalls from 0 to 1.
+
+    Recalls that are never reached give 0, so missed cars count. NaN where no car is annotated. Candidates of
+    equal ranking count one after another in the order given, and recalls are compared exactly, as in
+    COCO's own tool.
+    """
+    if not match.n_cars:
+        return float("nan")
+    order = np.argsort(-match.ranking, kind="stable")
+    hit, false = _kinds(match.outcome[order])
+    hits, falses = np.cumsum(hit), np.cumsum(false)
+    found = hits + falses > 0
+    recall = hits[found] / match.n_cars
+    precision = hits[found] / (hits + falses)[found]
+    best_beyond = np.maximum.accumulate(precision[::-1])[::-1]
+    at = np.searchsorted(recall, COCO_RECALLS, side="left")
+    return float(np.append(best_beyond, 0.0)[np.minimum(at, len(best_beyond))].mean())
+
+
+def index_at_recall(curve: Curve, recall: float) -> int | None:
+    """Point of a recall curve where the true-positive rate first reaches ``recall``; None if never."""
+    # a rate of 0.7 is a quotient of integers: allow for its rounding
+    reached = np.flatnonzero(curve.y >= recall - 1e-12)
+    return int(reached[0]) if len(reached) else None
+
+
+def index_at_fppi(curve: Curve, fppi: float) -> int:
+    """Last point of a recall curve with at most ``fppi`` false positives per image."""
+    return int(np.flatnonzero(curve.x <= fppi + 1e-12)[-1])
+
+
+def fppi_at_recall(curve: Curve, recall: float) -> float | None:
+    """False positives per image where the true-positive rate first reaches ``recall``; None if never."""
+    at = index_at_recall(curve, recall)
+    return None if at is None else float(curve.x[at])
+
+
+def recall_ceiling(curve: Curve) -> float:
+    """Share of the cars found when every candidate counts."""
+    return float(curve.y[-1])
+
+
+def summarise(match: MatchTable) -> Summary:
+    """All figures of one match table."""
+    recall = recall_curve(match)
+    return Summary(
+        area_under_roc(candidate_roc(match)),
+        average_precision(match),
+        area_under_recall(recall),
+        recall_ceiling(recall),
+        {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS},
+    )
+
+
+def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
+    """Which rows are hits, and which are false positives."""
+    return outcome == HIT, (outcome == FALSE_ALARM) | (outcome == DUPLICATE)
+
+
+def _cumulative(match: MatchTable) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Hits and false positives at and above each distinct ranking (t,), with a first point of none."""
+    hit, false = _kinds(match.outcome)
+    counts = hit | false
+    order = np.argsort(-match.ranking[counts], kind="stable")
+    ranking = match.ranking[counts][order]
+    last_of_tie = np.append(np.diff(ranking) != 0, True) if len(ranking) else np.zeros(0, bool)
+    hits = np.cumsum(hit[counts][order])[last_of_tie]
+    falses = np.cumsum(false[counts][order])[last_of_tie]
+    return (
+        np.concatenate([[0.0], hits]),
+        np.concatenate([[0.0], falses]),
+        np.concatenate([[np.inf], ranking[last_of_tie]]),
+    )

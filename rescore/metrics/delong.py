@@ -1,0 +1,129 @@
+"""Variances and test of areas under candidate ROCs without resampling: DeLong 1988, and Obuchowski 1997 for
+images.
+
+An area is a mean over pairs of a hit and a false positive. Its variance comes from the placement of each hit
+(the share of false positives that it beats, ties half) and of each false positive (the share of hits that
+beat it). DeLong's formula takes all candidates as independent; those of one image are not, and Obuchowski's
+sums placements over images first. With one candidate an image the two are equal.
+
+The two tables of a comparison may differ in their candidates and in what became of them: where a car has two
+candidates, the better ranked one is the hit. Only the images must be the same.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm, rankdata
+
+from recon.arrays import BoolArray, FloatArray, IntArray
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+
+
+@dataclass(frozen=True, eq=False)
+class AreaTest:
+    """Two paired areas and the test of their being equal."""
+
+    area: FloatArray
+    """Before and after, shape (2,)."""
+    covariance: FloatArray
+    """Of the two areas, shape (2, 2)."""
+    difference: float
+    """After less before."""
+    z: float
+    """Difference in standard errors; 0 for equal rankings."""
+    p_value: float
+    """Two-sided."""
+
+
+def delong_test(ranking: FloatArray, is_hit: BoolArray) -> AreaTest:
+    """DeLong's test: the same independent candidates ranked twice.
+
+    Args:
+        ranking: larger is better, before and after, shape (2, n).
+        is_hit: which candidates are right, the same for both, shape (n,); at least two are and two are not.
+    """
+    itself = np.arange(len(is_hit))
+    return _test(*(_placements(r, is_hit, itself, len(is_hit)) for r in ranking))
+
+
+def compare_areas(before: MatchTable, after: MatchTable) -> AreaTest:
+    """Obuchowski's test for two match tables of the same images, candidates of one image correlated.
+
+    Raises:
+        ValueError: tables of different numbers of images, or hits or false positives in fewer than two
+        images.
+    """
+    if before.n_images != after.n_images:
+        raise ValueError(f"expected tables of the same images, got {before.n_images} and {after.n_images}")
+    return _test(_of_table(before), _of_table(after))
+
+
+@dataclass(frozen=True, eq=False)
+class _Placements:
+    """Placements of one table, summed over clusters, less the area for each: shape (n_clusters,) each."""
+
+    area: float
+    hits: FloatArray
+    false: FloatArray
+    n_hits: int
+    n_false: int
+    clusters_with_hits: int
+    clusters_with_false: int
+
+
+def _of_table(match: MatchTable) -> _Placements:
+    is_hit = match.outcome == HIT
+    counts = is_hit | (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
+    return _placements(match.ranking[counts], is_hit[counts], match.image[counts], match.n_images)
+
+
+def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clusters: int) -> _Placements:
+    """A hit beats as many false positives as its rank among all is higher than that among hits."""
+    of_hits, of_false = cluster[is_hit], cluster[~is_hit]
+    with_hits, with_false = len(np.unique(of_hits)), len(np.unique(of_false))
+    if with_hits < 2 or with_false < 2:
+        raise ValueError(
+            f"area test: expected hits and false positives in at least two images each, got {with_hits} and "
+            f"{with_false}"
+        )
+    rank = rankdata(ranking)
+    beaten = (rank[is_hit] - rankdata(ranking[is_hit])) / len(of_false)
+    beaten_by = 1 - (rank[~is_hit] - rankdata(ranking[~is_hit])) / len(of_hits)
+    area = float(beaten.mean())
+    return _Placements(
+        area,
+        _sums(of_hits, beaten - area, n_clusters),
+        _sums(of_false, beaten_by - area, n_clusters),
+        len(of_hits),
+        len(of_false),
+        with_hits,
+        with_false,
+    )
+
+
+def _sums(cluster: IntArray, value: FloatArray, n_clusters: int) -> FloatArray:
+    """Of the values (n,) of each cluster, shape (n_clusters,)."""
+    return np.bincount(cluster, value, n_clusters).astype(float)
+
+
+def _test(a: _Placements, b: _Placements) -> AreaTest:
+    covariance = np.array([[_covariance(x, y) for y in (a, b)] for x in (a, b)])
+    difference = b.area - a.area
+    # equal rankings leave a variance of rounding errors, which may be negative
+    spread = np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1], 1e-20))
+    z = float(difference / spread)
+    return AreaTest(np.array([a.area, b.area]), covariance, difference, z, float(2 * norm.sf(abs(z))))
+
+
+def _covariance(a: _Placements, b: _Placements) -> float:
+    """Of two areas: hits with hits, false with false, and in an image hits with false, each way round."""
+    n_hits, n_false = a.n_hits * b.n_hits, a.n_false * b.n_false
+    hits = _corrected(min(a.clusters_with_hits, b.clusters_with_hits)) * (a.hits @ b.hits) / n_hits
+    false = _corrected(min(a.clusters_with_false, b.clusters_with_false)) * (a.false @ b.false) / n_false
+    mixed = a.hits @ b.false / (a.n_hits * b.n_false) + a.false @ b.hits / (a.n_false * b.n_hits)
+    return float(hits + false + _corrected(len(a.hits)) * mixed)
+
+
+def _corrected(n: int) -> float:
+    """For the mean that was taken off n sums."""
+    return n / (n - 1)

@@ -1,0 +1,208 @@
+"""The match table: which candidate found which car. Decided here alone; every figure comes from it."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import BoolArray, FloatArray, IntArray
+from rescore.data.boxes import paired_overlap
+from rescore.data.frames import DataSet
+
+
+class Outcome(StrEnum):
+    """What became of a candidate."""
+
+    HIT = "hit"
+    """The best-ranked candidate on a car that no better-ranked one had taken."""
+    FALSE_ALARM = "false_alarm"
+    """On no car."""
+    DUPLICATE = "duplicate"
+    """On a car that a better-ranked candidate has taken: counts as a false alarm."""
+    IGNORED = "ignored"
+    """On an ignore region: counts neither for nor against."""
+
+
+OUTCOMES = tuple(Outcome)
+"""Outcome of each code in ``MatchTable.outcome``."""
+HIT, FALSE_ALARM, DUPLICATE, IGNORED = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class TruthTable:
+    """All annotated cars of a set of images, in one table."""
+
+    image_id: IntArray
+    """Every image of the set, with or without cars, shape (n_images,)."""
+    car_image: IntArray
+    """Index into ``image_id`` of each car, shape (m,)."""
+    annotation_id: IntArray
+    """Shape (m,)."""
+    xyxy_px: FloatArray
+    """Shape (m, 4)."""
+    ignore: BoolArray
+    """Shape (m,)."""
+
+    @staticmethod
+    def of(data: DataSet) -> "TruthTable":
+        """The cars of every frame of a data set."""
+        ids = np.array([f.image_id for f in data.frames], dtype=np.int64)
+        truths = [data.truth[int(i)] for i in ids]
+        counts = [len(t.annotation_id) for t in truths]
+        return TruthTable(
+            ids,
+            np.repeat(np.arange(len(ids)), counts),
+            np.concatenate([np.zeros(0, np.int64), *(t.annotation_id for t in truths)]),
+            np.concatenate([np.zeros((0, 4)), *(t.xyxy_px for t in truths)]),
+            np.concatenate([np.zeros(0, bool), *(t.ignore for t in truths)]),
+        )
+
+    @property
+    def n_images(self) -> int:
+        """All images, those without a car too: the denominator of false positives per image."""
+        return len(self.image_id)
+
+    @property
+    def n_cars(self) -> int:
+        """Cars that are not to be ignored: the denominator of the true-positive rate."""
+        return int((~self.ignore).sum())
+
+    @property
+    def cars_of_image(self) -> IntArray:
+        """Cars of each image that are not to be ignored, shape (n_images,)."""
+        return np.bincount(self.car_image[~self.ignore], minlength=self.n_images)
+
+
+@dataclass(frozen=True, eq=False)
+class MatchTable:
+    """One row a candidate, in the order given."""
+
+    n_images: int
+    n_cars: int
+    image: IntArray
+    """Image of each candidate, counted from 0 to ``n_images`` - 1 in the order of the truth, shape (n,)."""
+    ranking: FloatArray
+    """What the candidates were ranked by, larger is better, shape (n,)."""
+    outcome: NDArray[np.int8]
+    """Index into ``OUTCOMES``, shape (n,)."""
+    annotation_id: IntArray
+    """The car hit, the taken car of a duplicate, the region of an ignored one; else -1. Shape (n,)."""
+
+
+def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
+    """A ranking (n,), larger is better: by posterior, and where posteriors are equal by the detector's raw
+    score.
+
+    Platt scaling saturates: two scores can both become likelihood 1. The second key keeps the detector's
+    order there. Rows that are equal in both get the same value.
+    """
+    keys = np.stack([posterior, detector_score], axis=1)
+    if not len(keys):
+        return np.zeros(0)
+    order = np.lexsort((detector_score, posterior))
+    fresh = np.concatenate([[False], (np.diff(keys[order], axis=0) != 0).any(axis=1)])
+    ranking = np.empty(len(keys))
+    ranking[order] = np.cumsum(fresh)
+    return ranking
+
+
+def greedy_match(
+    image_id: IntArray, xyxy_px: FloatArray, ranking: FloatArray, truth: TruthTable, min_iou: float = 0.5
+) -> MatchTable:
+    """The match table of candidates (n,) against the cars of the same images.
+
+    In each image, best ranking first (equal ones in the order given): a candidate takes the free car that it
+    overlaps most, if by at least ``min_iou``. If there is none, it is ignored where at least half of its own
+    area lies in an ignore region (as COCO does for crowds; a region can take any number), a duplicate where
+    it overlaps a taken car by ``min_iou``, else a false alarm.
+
+    Raises:
+        ValueError: a candidate of an image that ``truth`` does not hold.
+    """
+    order_of_ids = np.argsort(truth.image_id, kind="stable")
+    place = np.searchsorted(truth.image_id, image_id, sorter=order_of_ids)
+    image = order_of_ids[np.minimum(place, max(truth.n_images - 1, 0))] if truth.n_images else place
+    if len(image_id) and (not truth.n_images or (truth.image_id[image] != image_id).any()):
+        raise ValueError("a candidate's image is not among the images of the truth")
+
+    candidate, car, overlap, of_own_area = _pairs(image, xyxy_px, truth)
+    outcome = np.full(len(image), FALSE_ALARM, np.int8)
+    annotation = np.full(len(image), -1, np.int64)
+
+    on_region = truth.ignore[car] & (of_own_area >= 0.5)
+    on_car = ~truth.ignore[car] & (overlap >= min_iou)
+    best_car = _best_pair(candidate[on_car], car[on_car], overlap[on_car], len(image))
+    outcome[best_car >= 0] = DUPLICATE
+    annotation[best_car >= 0] = truth.annotation_id[best_car[best_car >= 0]]
+    region = _best_pair(candidate[on_region], car[on_region], of_own_area[on_region], len(image))
+    outcome[region >= 0] = IGNORED
+    annotation[region >= 0] = truth.annotation_id[region[region >= 0]]
+
+    taken = _take_cars(
+        image,
+        ranking,
+        candidate=candidate[on_car],
+        car=car[on_car],
+        overlap=overlap[on_car],
+        n_cars=len(truth.ignore),
+    )
+    outcome[taken >= 0] = HIT
+    annotation[taken >= 0] = truth.annotation_id[taken[taken >= 0]]
+    return MatchTable(truth.n_images, truth.n_cars, image, np.asarray(ranking, float), outcome, annotation)
+
+
+def _take_cars(
+    image: IntArray,
+    ranking: FloatArray,
+    *,
+    candidate: IntArray,
+    car: IntArray,
+    overlap: FloatArray,
+    n_cars: int,
+) -> IntArray:
+    """The car each candidate takes, -1 where none; a round for each place in the ranking, images together."""
+    taken_by = np.full(len(image), -1, np.int64)
+    place = places_in_image(image, ranking)[candidate]
+    free = np.ones(n_cars, bool)
+    for p in np.unique(place):
+        now = (place == p) & free[car]
+        best = _best_pair(candidate[now], car[now], overlap[now], len(image))
+        winners = np.flatnonzero(best >= 0)
+        taken_by[winners] = best[winners]
+        free[best[winners]] = False
+    return taken_by
+
+
+def places_in_image(image: IntArray, ranking: FloatArray) -> IntArray:
+    """Place of each candidate (n,) in its image, 0 is best; equal ones in the order given."""
+    order = np.lexsort((np.arange(len(image)), -np.asarray(ranking), image))
+    first = np.searchsorted(image[order], image[order], side="left")
+    place = np.empty(len(image), np.int64)
+    place[order] = np.arange(len(image)) - first
+    return place
+
+
+def _best_pair(candidate: IntArray, car: IntArray, overlap: FloatArray, n: int) -> IntArray:
+    """The car with the largest overlap of each candidate (n,), -1 where it has no pair."""
+    best = np.full(n, -1, np.int64)
+    order = np.argsort(overlap, kind="stable")
+    # ascending, so that the last write, which stays, is the best one (of equal ones the later car, as in
+    # COCO's tool)
+    best[candidate[order]] = car[order]
+    return best
+
+
+def _pairs(
+    image: IntArray, xyxy_px: FloatArray, truth: TruthTable
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Every (candidate, car) of one image: indices, IoU, share of the candidate's area in the car's box."""
+    order = np.argsort(truth.car_image, kind="stable")
+    sorted_image = truth.car_image[order]
+    first = np.searchsorted(sorted_image, image, side="left")
+    count = np.searchsorted(sorted_image, image, side="right") - first
+    candidate = np.repeat(np.arange(len(image)), count)
+    within = np.arange(len(candidate)) - np.repeat(np.cumsum(count) - count, count)
+    car = order[np.repeat(first, count) + within]
+    overlap, of_own_area = paired_overlap(xyxy_px[candidate], truth.xyxy_px[car])
+    return candidate, car, overlap, of_own_area

@@ -1,0 +1,152 @@
+"""How sure the figures of an evaluation are: intervals of each row, and what rescoring changes, as JSON.
+
+JSON has neither infinity nor NaN. A figure is ``value``, ``interval`` and two counts of resamples. Where it
+is undefined, its interval is null. An end of null is infinity, and so is a value of null with an interval.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import BoolArray, IntArray
+from rescore.data.rendered_kinds import PICTURE_KINDS, UNKNOWN
+from rescore.metrics.bootstrap import (
+    Bootstrap,
+    BootstrapConfig,
+    Comparison,
+    FigureIntervals,
+    Interval,
+    bootstrap,
+)
+from rescore.metrics.delong import compare_areas
+from rescore.metrics.matching import FALSE_ALARM, MatchTable
+
+Kinds = NDArray[np.object_]
+
+_NO_PICTURES = " without pictures"
+MIN_IMAGES = 2
+"""Fewer images give no interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty:
+    """What a bootstrap over images says of one detector in all its modes, as JSON values."""
+
+    intervals: dict[str, Any]
+    """By mode: ``intervals`` of its row in metrics.json."""
+    comparisons: list[dict[str, Any]]
+    """One for each mode but the first."""
+
+
+def certainty(
+    tables: Mapping[str, MatchTable],
+    kind: Kinds,
+    cars_of_image: IntArray,
+    seed: int,
+    config: BootstrapConfig | None = None,
+) -> Certainty:
+    """Intervals of each mode, and comparisons of each with the first, the detector alone.
+
+    Detectors that are given the same seed are resampled alike.
+
+    Args:
+        tables: match tables of the same candidates by mode.
+        kind: what fills most of the box of each candidate, shape (n,).
+        cars_of_image: annotated cars of each image, shape (n_images,).
+        seed: draws the images.
+        config: of the bootstrap.
+    """
+    if len(cars_of_image) < MIN_IMAGES:
+        return Certainty(dict.fromkeys(tables), [])
+    first, *modes = tables
+    bare = {f"{m}{_NO_PICTURES}": without_pictures(t, kind) for m, t in tables.items()}
+    everything = {**tables, **bare}
+    pairs = [(a + end, b + end) for b in modes for a, end in ((first, ""), (first, _NO_PICTURES))]
+    found = bootstrap(
+        everything, cars_of_image, pairs, np.random.default_rng(seed), config or BootstrapConfig()
+    )
+    known = bool((kind != UNKNOWN).any())
+    return Certainty(
+        {m: _intervals(found.tables[m]) for m in tables},
+        [_compared(found, first, m, tables, kind if known else None) for m in modes],
+    )
+
+
+def on_pictures(match: MatchTable, kind: Kinds) -> BoolArray:
+    """Which false alarms (n,) are on pictures of cars; hits and duplicates are on cars, whatever hides it."""
+    shows_one = np.isin(kind.astype(str), sorted(PICTURE_KINDS))
+    return np.asarray((match.outcome == FALSE_ALARM) & shows_one)
+
+
+def without_pictures(match: MatchTable, kind: Kinds) -> MatchTable:
+    """The table without the false alarms on pictures of cars; what became of the others does not change."""
+    keep = ~on_pictures(match, kind)
+    columns = {name: getattr(match, name)[keep] for name in ("image", "ranking", "outcome", "annotation_id")}
+    return replace(match, **columns)
+
+
+def _compared(
+    found: Bootstrap, first: str, mode: str, tables: Mapping[str, MatchTable], kind: Kinds | None
+) -> dict[str, Any]:
+    change = found.comparisons[first, mode]
+    row = {
+        "mode": mode,
+        "against": first,
+        "auc_difference": figure_as_json(change.difference.auc),
+        "auc_p_value": _p_value(tables[first], tables[mode]),
+        "average_precision_difference": figure_as_json(change.difference.average_precision),
+        "reduction": _by_level(change.reduction),
+        "reduction_without_pictures": None,
+        "n_on_pictures": None,
+    }
+    if kind is None:
+        return row
+    bare: Comparison = found.comparisons[first + _NO_PICTURES, mode + _NO_PICTURES]
+    return row | {
+        "reduction_without_pictures": _by_level(bare.reduction),
+        "n_on_pictures": int(on_pictures(tables[first], kind).sum()),
+    }
+
+
+def _p_value(before: MatchTable, after: MatchTable) -> float | None:
+    """That of Obuchowski's test of the areas; None where hits or false positives are in too few images."""
+    try:
+        return compare_areas(before, after).p_value
+    except ValueError:
+        return None
+
+
+def _intervals(figures: FigureIntervals) -> dict[str, Any]:
+    single = {"auc": figures.auc, "average_precision": figures.average_precision}
+    levels = {f"{level:g}": i for level, i in figures.fppi_at_recall.items()}
+    return {
+        **{name: _ends(i) for name, i in single.items()},
+        "fppi_at_recall": {name: _ends(i) for name, i in levels.items()},
+        "n_undefined": {name: i.n_undefined for name, i in (single | levels).items()},
+        "n_infinite": {name: i.n_infinite for name, i in levels.items()},
+    }
+
+
+def _by_level(figures: Mapping[float, Interval]) -> dict[str, Any]:
+    return {f"{level:g}": figure_as_json(i) for level, i in figures.items()}
+
+
+def figure_as_json(i: Interval) -> dict[str, Any]:
+    """A figure with its interval as JSON values; see the module's docstring."""
+    return {
+        "value": _finite(i.value),
+        "interval": _ends(i),
+        "n_undefined": i.n_undefined,
+        "n_infinite": i.n_infinite,
+    }
+
+
+def _ends(i: Interval) -> list[float | None] | None:
+    return None if np.isnan(i.value) else [_finite(i.low), _finite(i.high)]
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,88 @@
+"""How hard a data set is for a detector, and what makes it hard: the figures by which scenes are set."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from recon.arrays import FloatArray, IntArray
+from rescore.data.frames import DataSet, Truth
+from rescore.data.rendered_kinds import kinds_of_candidates
+from rescore.detectors.base import Detections
+from rescore.metrics.curves import fppi_at_recall, recall_ceiling, recall_curve
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, MatchTable, TruthTable, greedy_match
+
+CAR_LEVEL = 0.7
+"""True-positive rate at which false positives are counted."""
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """What a detector makes of the cars of a data set that are seen well enough."""
+
+    n_images: int
+    """All images, those without a car too."""
+    n_cars: int
+    """Cars seen well enough."""
+    recall_ceiling: float
+    """Share of these cars found when every candidate counts; NaN where there is no such car."""
+    fppi_at_70: float | None
+    """False positives an image where 70 % of these cars are found; None where they never are."""
+    share_by_kind: Mapping[str, float]
+    """Share of these false positives that each kind of thing makes, largest first; "" is ground or sky."""
+    missed: tuple[int, ...]
+    """Annotation ids of the cars that no candidate found."""
+
+
+def difficulty(
+    data: DataSet, detections_by_image: Mapping[int, Detections], min_visibility: float = 0.6
+) -> Difficulty:
+    """The difficulty of ``data`` for a detector with these candidates; an image without any may be left out.
+
+    Cars seen less than ``min_visibility`` are neither missed nor false alarms when found; cars of unknown
+    visibility count as seen.
+    """
+    seen = replace(data, truth={i: _hide(t, min_visibility) for i, t in data.truth.items()})
+    found = {f.image_id: detections_by_image.get(f.image_id, _NONE) for f in data.frames}
+    image_id = np.repeat(np.array(list(found), np.int64), [len(d) for d in found.values()])
+    boxes = np.concatenate([np.empty((0, 4)), *(d.xyxy_px for d in found.values())])
+    score = np.concatenate([np.empty(0), *(d.score for d in found.values())])
+    truth = TruthTable.of(seen)
+    match = greedy_match(image_id, boxes, score, truth)
+    curve = recall_curve(match)
+    cars = truth.annotation_id[~truth.ignore]
+    return Difficulty(
+        truth.n_images,
+        truth.n_cars,
+        recall_ceiling(curve),
+        fppi_at_recall(curve, CAR_LEVEL),
+        _share_by_kind(seen, image_id, boxes, match),
+        tuple(int(a) for a in cars[~np.isin(cars, match.annotation_id)]),
+    )
+
+
+_NONE = Detections(np.empty((0, 4)), np.empty(0))
+
+
+def _hide(truth: Truth, min_visibility: float) -> Truth:
+    # a comparison with NaN is false: unknown visibility counts as seen
+    return replace(truth, ignore=truth.ignore | (truth.visibility < min_visibility))
+
+
+def _share_by_kind(
+    data: DataSet, image_id: IntArray, boxes: FloatArray, match: MatchTable
+) -> dict[str, float]:
+    curve = recall_curve(match)
+    reached = np.flatnonzero(curve.y >= CAR_LEVEL - 1e-12)
+    if not len(reached):
+        return {}
+    wrong = (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
+    counted = wrong & (match.ranking >= curve.threshold[reached[0]])
+    kinds: Counter[str] = Counter()
+    for frame in data.frames:
+        here = counted & (image_id == frame.image_id)
+        if here.any():
+            kinds.update(kinds_of_candidates(frame, boxes[here]))
+    total = kinds.total()
+    return {kind: n / total for kind, n in sorted(kinds.items(), key=lambda item: (-item[1], item[0]))}

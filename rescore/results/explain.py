@@ -1,0 +1,208 @@
+"""Why each candidate rose or fell, in words with numbers: what the parts of its depth evidence say."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from recon.arrays import BoolArray, FloatArray
+from recon.errors import Reason, RescoreError
+from rescore.evidence.candidates import NOT_RESCORED, OK
+from rescore.evidence.guarded import GuardedConfig
+from rescore.evidence.model import EvidenceModel
+from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.surroundings import SurroundingsConfig
+from rescore.results.candidate_file import Columns, difference, status
+from rescore.results.words import favourable, range_text, status_text, words_of
+
+TOLD = 3
+"""So many cues at most are told of a candidate."""
+
+
+@dataclass(frozen=True)
+class ExplainConfig:
+    """What turns cues into metres and knows their bounds: the settings of the run."""
+
+    height_m: float | None = SurroundingsConfig().size_m[2]
+    """Height of the class; None where it is not known."""
+    scale_limits: tuple[float, float] = GuardedConfig().scale_limits
+    """Bounds of the scale of the guarded fit."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one cue says of a candidate."""
+
+    cue: str
+    """One of ``rescore.evidence.registration.CUES``."""
+    value: float
+    """As stored, see ``rescore.evidence.surroundings`` and ``rescore.evidence.guarded``."""
+    log_odds: float
+    """What it adds to the log odds that the candidate is a car."""
+    text: str
+    """For people."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Why a candidate has its D."""
+
+    text: str
+    """One line."""
+    parts: tuple[Part, ...] = ()
+    """All cues that say something, those that say most first; empty in mode ``paper``, without evidence, and
+    where the model of the evidence is not known."""
+
+
+def explain(
+    rows: Columns,
+    mode: str,
+    rose: BoolArray,
+    model: EvidenceModel | None = None,
+    config: ExplainConfig | None = None,
+) -> tuple[Explanation, ...]:
+    """Why each candidate (n,) of one detector rose or fell in a mode.
+
+    Args:
+        rows: its rows of candidates.parquet.
+        mode: a way of rescoring that the rows have.
+        rose: of which candidates what speaks for a car is told, shape (n,), such as ``Changes.rose``; of the
+            others, what speaks against.
+        model: what D was made with, in the modes that learn it; None where it is not known.
+        config: settings of the run; None for the defaults.
+
+    Raises:
+        RescoreError: the model is that of another mode or does not give the D of the rows.
+    """
+    d, why = difference(rows, mode), status(rows, mode)
+    # of eq. 6: what another mode lacks can have another cause
+    detail = np.where(why == rows["status"], rows.get("reason_detail", ""), "")
+    cues = cues_of(rows)
+    told = _Teller(mode, model, config or ExplainConfig())
+    if model is not None:
+        _check_model(model, mode, cues, d, np.asarray(why == OK))
+        weights = model.contributions(cues)
+    else:
+        weights = np.zeros_like(cues)
+    has = (why == OK) & np.isfinite(d)
+    median = float(np.median(d[has])) if has.any() else float("nan")
+    found: list[Explanation] = []
+    for i in range(len(d)):
+        if not has[i]:
+            text = told.without_evidence(str(why[i]), str(detail[i] or ""), cues[i], bool(rose[i]))
+            found.append(Explanation(text))
+            continue
+        head = f"D {d[i]:.3f} (median {median:.3f})"
+        if mode == Registration.PAPER:
+            found.append(Explanation(f"{head}, {_eq_6(rows, i)}"))
+            continue
+        parts = told.parts(cues[i], weights[i])
+        found.append(Explanation(f"{head}{told.leading(parts, bool(rose[i]))}", parts))
+    return tuple(found)
+
+
+def cues_of(rows: Columns) -> FloatArray:
+    """Cues (n, k) of table rows, columns ``CUES``; NaN where the table lacks one."""
+    nothing = np.full(len(rows["image_id"]), np.nan)
+    return np.stack([np.asarray(rows.get(f"cue_{name}", nothing), float) for name in CUES], axis=1)
+
+
+def _check_model(model: EvidenceModel, mode: str, cues: FloatArray, d: FloatArray, has: BoolArray) -> None:
+    """Refuse a model that says something else than the D of the rows: its words would be made up."""
+    if model.registration.value != mode:
+        raise RescoreError(f"depth evidence: expected the model of mode {mode}, got {model.registration}")
+    own = model.difference(cues)[has]
+    off = ~(np.abs(own - d[has]) <= 1e-4)
+    if off.any():
+        raise RescoreError(
+            f"depth evidence ({mode}): expected the model that made D of these candidates, got another: "
+            f"{int(off.sum())} of {len(off)} differ; name the right one with --evidence-model"
+        )
+
+
+def _eq_6(rows: Columns, i: int) -> str:
+    """What eq. 6 found for row i."""
+    scale = float(rows["scale"][i])
+    text = f"a1 {scale:+.3f}"
+    if "offset" in rows:
+        text += f", a2 {float(rows['offset'][i]):+.2f}"
+    if scale < 0:
+        text += ": fits turned inside out"
+    if "valid_share" in rows:
+        text += f", {1 - float(rows['valid_share'][i]):.0%} of stereo missing".replace("%", " %")
+    return text
+
+
+class _Teller:
+    """Words for the cues of candidates in one mode."""
+
+    def __init__(self, mode: str, model: EvidenceModel | None, config: ExplainConfig) -> None:
+        self.mode, self.model, self.config = mode, model, config
+        self.log_limits = np.log(config.scale_limits)
+        self.words = {cue: words_of(cue, config.height_m) for cue in CUES}
+        self.ranges = {
+            cue: favourable(knots, log_odds)
+            for cue, knots, log_odds in ([] if model is None else _functions(model))
+        }
+
+    def parts(self, cues: FloatArray, weights: FloatArray) -> tuple[Part, ...]:
+        """What the cues (k,) of a candidate say, by what they add to its log odds (k,)."""
+        order = [int(j) for j in np.argsort(-np.abs(weights), kind="stable") if weights[j] != 0]
+        return tuple(
+            Part(CUES[j], float(cues[j]), float(weights[j]), self._text(CUES[j], float(cues[j])))
+            for j in order
+        )
+
+    def _text(self, cue: str, value: float) -> str:
+        words = self.words[cue]
+        text = words.told(value)
+        if cue == "relief_scale" and not self.log_limits[0] + 1e-9 < value < self.log_limits[1] - 1e-9:
+            text += ", at its bound"
+        wanted = range_text(value, self.ranges.get(cue, ()), words)
+        return f"{text} (cars {wanted})" if wanted else text
+
+    def leading(self, parts: tuple[Part, ...], rose: bool) -> str:
+        """The cues that make up most of what speaks for a candidate that rose, or against one that fell."""
+        if self.model is None:
+            return ""
+        total = sum(p.log_odds for p in parts)
+        own = [p for p in parts if (p.log_odds > 0) == rose]
+        half, told, said = sum(p.log_odds for p in own) / 2, [], 0.0
+        for part in own[:TOLD]:
+            told.append(f"{part.text} {part.log_odds:+.2f}")
+            said += part.log_odds
+            if abs(said) >= abs(half):
+                break
+        if not told:
+            return ": no cue speaks for it" if rose else ": no cue speaks against it"
+        if (total > 0) == rose:
+            return f": {'; '.join(told)}"
+        # it moved the other way than its own depth says: that of the others says more
+        return f", cues together {total:+.2f}; {'for' if rose else 'against'} it: {'; '.join(told)}"
+
+    def without_evidence(self, why: str, detail: str, cues: FloatArray, rose: bool) -> str:
+        """Why a candidate has no evidence, and what that means for its score."""
+        if why == NOT_RESCORED:
+            return "not rescored"
+        match why:
+            case Reason.NO_STEREO if self.mode != Registration.PAPER:
+                detail = f"{100 * (1 - cues[CUES.index('measured')]):.0f} % of stereo missing"
+            case Reason.STEREO_NOT_BELIEVED:
+                detail = self._failed_checks(cues)
+        # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
+        keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")
+        left = keeps if self.mode == Registration.PAPER else "gets the D of no evidence"
+        return f"{status_text(why)}{f' ({detail})' if detail else ''}: {left}"
+
+    def _failed_checks(self, cues: FloatArray) -> str:
+        failed = []
+        for name, floor in ({} if self.model is None else self.model.floors).items():
+            value = float(cues[CUES.index(name)])
+            if value < floor:
+                words = self.words[name]
+                failed.append(f"{words.told(value)}, at least {words.value(floor)} needed")
+        return "; ".join(failed)
+
+
+def _functions(model: EvidenceModel) -> list[tuple[str, list[float], list[float]]]:
+    """Name, knots and log odds of each cue's function."""
+    return [(cue, at.tolist(), model.log_odds[cue].tolist()) for cue, at in model.knots.items()]

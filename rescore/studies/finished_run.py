@@ -1,0 +1,68 @@
+"""A finished run, opened for a study."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from recon.errors import RescoreError
+from rescore.experiment.config import run_config
+
+if TYPE_CHECKING:
+    from rescore.data.frames import DataSet
+    from rescore.experiment.config import RunConfig
+    from rescore.results.run_folder import RunFolder
+    from rescore.studies.sweep import FinishedRun
+
+
+def finished_run(root: Path, detector: str, frames: int | None) -> "FinishedRun":
+    """The parts of a finished run that a sweep needs, cut to evenly spread test frames.
+
+    Raises:
+        RescoreError: the run is not finished, or has no such detector.
+    """
+    from recon.class_model import ClassModel
+    from rescore.evidence.model import load_models
+    from rescore.evidence.registration import LEARNED
+    from rescore.fusion.tuning_file import load_tuning
+    from rescore.results.run_folder import RunFolder
+    from rescore.studies.sweep import FinishedRun
+
+    folder, config = RunFolder(root), run_config(root)
+    if detector not in list(config.detectors):
+        raise RescoreError(
+            f"--detector: expected {' or '.join(config.detectors)} in {root}, got {detector!r}; name one"
+        )
+    data = _spread(_test_frames(folder, config), frames)
+    modes = config.registrations
+    return FinishedRun(
+        data=data,
+        candidates=_candidates(folder, detector, data, config),
+        class_model=ClassModel.load(folder.class_model),
+        config=config.rescore,
+        sgbm=config.synth.sgbm,
+        models=load_models(folder.evidence_model(detector)) if set(modes) & set(LEARNED) else {},
+        weights={m: load_tuning(folder.tuned(detector, m)).w for m in modes},
+    )
+
+
+def _test_frames(folder: "RunFolder", config: "RunConfig") -> "DataSet":
+    from rescore.formats.coco_dataset import read_dataset
+
+    return read_dataset(folder.data, config.class_name).split("test")
+
+
+def _spread(data: "DataSet", count: int | None) -> "DataSet":
+    """So many frames evenly over the data set; all for None or where there are fewer."""
+    n = len(data.frames)
+    if count is None or count >= n:
+        return data
+    kept = tuple(data.frames[i * n // count] for i in range(count))
+    return replace(data, frames=kept, truth={f.image_id: data.truth[f.image_id] for f in kept})
+
+
+def _candidates(folder: "RunFolder", detector: str, data: "DataSet", config: "RunConfig") -> dict[int, Any]:
+    from rescore.formats.coco import read_detections
+
+    whole = _test_frames(folder, config)
+    found = read_detections(folder.detections(detector, "test"), whole).candidates(whole)
+    return {f.image_id: found[f.image_id] for f in data.frames}

@@ -1,0 +1,243 @@
+"""How good measured disparity is: against the truth, against OpenCV called directly, against features.
+
+The project's ``compute_disparity`` is OpenCV's StereoSGBM on a pair with a margin on the left. Here the same
+call is written out again, with the margin and without.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import cv2
+import numpy as np
+
+from recon.arrays import BoolArray, Float32Array, UInt8Array
+from recon.stereo.accuracy import BAD_1, BAD_2, D1, DisparityError, WrongRule, disparity_error, fill_holes
+from recon.stereo.features import match_pair
+from recon.stereo.sgbm import KITTI_SGBM, SgbmConfig, compute_disparity, disparities_beyond
+from rescore.data.frames import DataSet
+from rescore.data.pictures import read_rgb
+from rescore.evidence.settings import automatic_stereo, stereo_for
+from rescore.formats.stereo_truth import TruePair, TrueScenes
+
+RULES: Mapping[str, WrongRule] = {"D1": D1, "bad_2": BAD_2, "bad_1": BAD_1}
+"""What is called wrong, by name."""
+
+
+class Method(StrEnum):
+    """Ways to measure disparity with the same settings of StereoSGBM."""
+
+    OURS = "rescore"
+    """``recon.stereo.sgbm.compute_disparity``, as all commands call it."""
+    SAME_CALL = "same call"
+    """OpenCV on the grey pictures with a margin on the left, and what has no match dropped."""
+    BARE_CALL = "no margin"
+    """OpenCV on the grey pictures as they are: the first columns have no disparity."""
+
+
+def same_call(left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmConfig) -> Float32Array:
+    """Float32Array in pixels (h, w), NaN where there is none, by OpenCV on a pair with a margin on the left.
+
+    The margin repeats the first column as often as there are disparities. Matches inside it are dropped.
+    """
+    n = config.num_disparities
+    margin = [np.concatenate([np.repeat(g[:, :1], n, axis=1), g], axis=1) for g in _grey(left_rgb, right_rgb)]
+    disparity = _sgbm(config, *margin)[:, n:]
+    outside = np.arange(left_rgb.shape[1])[None] < disparity
+    return np.where(outside, np.float32(np.nan), disparity)
+
+
+def bare_call(left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmConfig) -> Float32Array:
+    """Float32Array in pixels (h, w), NaN where there is none, by OpenCV on a pair as it is."""
+    return _sgbm(config, *_grey(left_rgb, right_rgb))
+
+
+def _grey(left_rgb: UInt8Array, right_rgb: UInt8Array) -> tuple[UInt8Array, UInt8Array]:
+    left, right = (np.asarray(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY), np.uint8) for p in (left_rgb, right_rgb))
+    return left, right
+
+
+def _sgbm(config: SgbmConfig, left: UInt8Array, right: UInt8Array) -> Float32Array:
+    matcher = cv2.StereoSGBM.create(
+        0,
+        config.num_disparities,
+        config.block_size,
+        config.p1,
+        config.p2,
+        config.left_right_max_difference,
+        config.pre_filter_cap,
+        config.uniqueness_percent,
+        config.speckle_window,
+        config.speckle_range,
+        cv2.STEREO_SGBM_MODE_SGBM,
+    )
+    sixteenths = matcher.compute(left, right)
+    return np.where(sixteenths > 0, sixteenths / np.float32(16), np.float32(np.nan)).astype(np.float32)
+
+
+METHODS: Mapping[Method, Callable[[UInt8Array, UInt8Array, SgbmConfig], Float32Array]] = {
+    Method.OURS: compute_disparity,
+    Method.SAME_CALL: same_call,
+    Method.BARE_CALL: bare_call,
+}
+
+Errors = dict[tuple[Method, str, str], DisparityError]
+"""By method, region and name of the rule of ``RULES``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Errors of the methods on one pair or, added up, on several."""
+
+    name: str
+    num_disparities: tuple[int, ...]
+    """What was searched, a number a pair."""
+    n_pixels: int
+    """Of the left pictures."""
+    n_unlike: int
+    """Pixels on which ``rescore`` and the same OpenCV call differ."""
+    n_beyond: int
+    """Pixels right of the columns that OpenCV leaves empty without the margin."""
+    n_beyond_unlike: int
+    """Of these, pixels that only one of ``rescore`` and OpenCV without the margin measures, or that differ by
+    more than a pixel."""
+    errors: Errors
+    ours_px: Float32Array | None = None
+    """The disparity of one pair by ``Method.OURS``; None of several."""
+    truth_px: Float32Array | None = None
+    """Its truth."""
+
+
+def regions(pair: TruePair) -> dict[str, BoolArray]:
+    """Masks (h, w) of a pair by name: all pixels, those seen in both pictures; KITTI's also by ground."""
+    everywhere = np.ones(pair.truth_px.shape, bool)
+    grounds = {"": everywhere}
+    if pair.foreground is not None:
+        grounds |= {", background": ~pair.foreground, ", foreground": pair.foreground}
+    return {
+        f"{name}{ground}": seen & where
+        for name, seen in (("all", everywhere), ("seen twice", pair.seen_twice))
+        for ground, where in grounds.items()
+    }
+
+
+def matcher_of(pair: TruePair, kitti: bool, nearest_m: float) -> SgbmConfig:
+    """The settings for a pair: KITTI's preset by its calibration, Middlebury's range from its truth.
+
+    Middlebury tells the largest disparity of each scene to those who take part; so does this.
+    """
+    width = pair.truth_px.shape[1]
+    if not kitti:
+        return SgbmConfig(num_disparities=disparities_beyond(float(np.nanmax(pair.truth_px))))
+    return KITTI_SGBM if pair.camera is None else stereo_for(width, [(pair.camera, 0.0)], nearest_m)
+
+
+def accuracy(pair: TruePair, config: SgbmConfig) -> Accuracy:
+    """The errors of every method on one pair, by region and rule."""
+    maps = {method: measure(pair.left_rgb, pair.right_rgb, config) for method, measure in METHODS.items()}
+    filled = {method: fill_holes(disparity) for method, disparity in maps.items()}
+    errors = {
+        (method, region, rule): disparity_error(disparity, pair.truth_px, mask, limits, filled[method])
+        for region, mask in regions(pair).items()
+        for method, disparity in maps.items()
+        for rule, limits in RULES.items()
+    }
+    beyond, bare = (maps[m][:, config.num_disparities :] for m in (Method.OURS, Method.BARE_CALL))
+    return Accuracy(
+        pair.name,
+        (config.num_disparities,),
+        pair.truth_px.size,
+        n_unlike(maps[Method.OURS], maps[Method.SAME_CALL]),
+        beyond.size,
+        n_unlike(beyond, bare, 1.0),
+        errors,
+        maps[Method.OURS],
+        pair.truth_px,
+    )
+
+
+def accuracies(scenes: TrueScenes, nearest_m: float) -> Iterator[Accuracy]:
+    """The errors on every pair of a folder, one after the other, each with the settings for it."""
+    for pair in scenes:
+        yield accuracy(pair, matcher_of(pair, scenes.kitti, nearest_m))
+
+
+def added(name: str, several: Iterable[Accuracy]) -> Accuracy:
+    """The errors over the pixels of several pairs, as KITTI adds them up; the maps are let go."""
+    total: Errors = {}
+    ranges: tuple[int, ...] = ()
+    counts = np.zeros(4, int)
+    for one in several:
+        for key, error in one.errors.items():
+            total[key] = total.get(key, DisparityError()) + error
+        ranges += one.num_disparities
+        counts += (one.n_pixels, one.n_unlike, one.n_beyond, one.n_beyond_unlike)
+    n_pixels, unlike, n_beyond, beyond_unlike = (int(n) for n in counts)
+    return Accuracy(name, ranges, n_pixels, unlike, n_beyond, beyond_unlike, total)
+
+
+def n_unlike(a: Float32Array, b: Float32Array, within_px: float = 0.0) -> int:
+    """Pixels on which two maps differ by more than so much; a hole is like another, and nothing else."""
+    return int((~((np.abs(a - b) <= within_px) | (np.isnan(a) & np.isnan(b)))).sum())
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """What can be said of a pair without truth."""
+
+    name: str
+    num_disparities: int
+    density: float
+    """Share of the left picture with a disparity."""
+    density_bare: float
+    """The same of OpenCV called without the margin."""
+    n_unlike: int
+    """Pixels on which ``rescore`` and the same OpenCV call differ."""
+    at_limit: float
+    """Share of the picture at the end of the search, where things may be nearer than it reaches."""
+    features: DisparityError = field(default_factory=DisparityError)
+    """The map against the disparity of SIFT features matched between the pictures, taken for the truth."""
+
+
+MAX_ROW_PX = 1.0
+"""Features whose rows differ by more are matched wrongly; rows of a rectified pair are equal."""
+
+
+def consistency(name: str, left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmConfig) -> Consistency:
+    """Density of a pair without truth, and how it agrees with SIFT features that pick each other."""
+    ours = compute_disparity(left_rgb, right_rgb, config)
+    bare = bare_call(left_rgb, right_rgb, config)
+    return Consistency(
+        name=name,
+        num_disparities=config.num_disparities,
+        density=float(np.isfinite(ours).mean()),
+        density_bare=float(np.isfinite(bare).mean()),
+        n_unlike=n_unlike(ours, same_call(left_rgb, right_rgb, config)),
+        at_limit=float((ours >= config.num_disparities - 2).mean()),
+        features=_against_features(ours, left_rgb, right_rgb),
+    )
+
+
+def _against_features(
+    disparity_px: Float32Array, left_rgb: UInt8Array, right_rgb: UInt8Array
+) -> DisparityError:
+    """The map (h, w) against matched features on one row, at the pixel nearest to each."""
+    matches = match_pair(left_rgb, right_rgb)
+    good = (np.abs(matches.row_px) <= MAX_ROW_PX) & (matches.disparity_px > 0)
+    truth = np.full(disparity_px.shape, np.nan, np.float32)
+    column, row = np.rint(matches.left_uv_px[good]).astype(int).T
+    truth[row, column] = matches.disparity_px[good]
+    return disparity_error(disparity_px, truth, np.ones(truth.shape, bool))
+
+
+def consistency_of(data: DataSet, nearest_m: float) -> Iterator[Consistency]:
+    """The consistency of every pair of a data set, one after the other, with the settings of the commands."""
+    config = automatic_stereo(data, nearest_m)
+    for frame in data.frames:
+        if frame.right_path is None:
+            continue
+        left, right = (
+            read_rgb(path, frame.width_px, frame.height_px) for path in (frame.left_path, frame.right_path)
+        )
+        name = f"{data.root.resolve().name} {frame.left_path.stem}"
+        yield consistency(name, left, right, config)

@@ -1,0 +1,48 @@
+"""What a detector trained on crops finds in the test pictures of the UIUC car set."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from joblib import Parallel, delayed
+
+from recon.arrays import BoolArray, FloatArray, UInt8Array
+from recon.errors import RescoreError
+from rescore.detectors.crop_training import Trained, at_one_size
+from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
+from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture
+from rescore.parallel import one_thread
+
+
+def evaluate_uiuc(detector: Trained, pictures: Sequence[TestPicture], jobs: int) -> RecallPrecision:
+    """Recall and precision on the single-scale test pictures, by the set's own rule.
+
+    The detector looks for cars of the set's size alone; its boxes must be windows such as the set's crops.
+
+    Raises:
+        RescoreError: the detector was trained on other windows than the set's, or a picture is unreadable.
+    """
+    smallest = detector.config.scan.smallest_car_px
+    window = detector.config.window
+    if smallest != CAR_WIDTH_PX or window.margin_x_px or window.margin_y_px:
+        raise RescoreError(
+            f"detector {detector.name}: expected one trained on the set's crops, {CAR_WIDTH_PX} px wide, got "
+            f"one for cars from {smallest:g} px on; train it with rescore train --crops"
+        )
+    single = at_one_size(detector)
+    tasks = (delayed(_picture_hits)(single, picture) for picture in pictures)
+    return recall_precision(Parallel(n_jobs=jobs)(tasks))
+
+
+def _picture_hits(detector: Trained, picture: TestPicture) -> tuple[FloatArray, BoolArray, int]:
+    with one_thread():
+        found = lone(detector.scan(_read(picture)))
+    hit = hits(found.xyxy_px[:, :2], found.score, picture.left_top_px, CAR_WIDTH_PX, CAR_HEIGHT_PX)
+    return found.score, hit, len(picture.left_top_px)
+
+
+def _read(picture: TestPicture) -> UInt8Array:
+    gray = cv2.imread(str(picture.path), cv2.IMREAD_GRAYSCALE)
+    if gray is None:
+        raise RescoreError(f"{picture.path}: expected a picture, could not read it; fetch the set again")
+    return np.asarray(gray, np.uint8)

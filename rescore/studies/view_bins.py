@@ -1,0 +1,162 @@
+"""Tables of chosen view bins against true ones, and their file."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets_synth.objects.object_classes import ObjectClass, labelled_views
+from datasets_synth.photos.single_object import Viewpoint, photograph
+from recon.arrays import IntArray
+from recon.camera import PinholeCamera
+from recon.class_model import ClassModel
+from recon.errors import Failure, RescoreError
+from recon.learning.learn import LearnConfig, learn_class_model
+from recon.outlines import largest_outline
+from recon.reconstruction.view_selection import best_view_bin
+from recon.view_bins import ViewBins
+from rescore.files import read_json, write_json
+
+FORMAT = "view-confusion 1"
+
+
+@dataclass(frozen=True, eq=False)
+class Confusion:
+    """Which bins were chosen for which."""
+
+    counts: IntArray
+    """Shape (k, k): photographs by true bin (row) and chosen bin (column)."""
+    failures: dict[str, int]
+    """Photographs without a choice by reason."""
+
+    def __post_init__(self) -> None:
+        if self.counts.ndim != 2 or self.counts.shape[0] != self.counts.shape[1]:
+            raise ValueError(f"confusion: expected counts (k, k), got {self.counts.shape}")
+
+    @property
+    def photos(self) -> int:
+        """All photographs, those without a choice too."""
+        return int(self.counts.sum()) + sum(self.failures.values())
+
+    def shares(self) -> dict[str, float]:
+        """Shares of all photographs; the last three are kinds of mistake, of which one may be two.
+
+        ``exact``: the true bin. ``within_one``: it or a neighbour. ``mirrored``: bin -b for b, the other side
+        of the object and its picture mirrored. ``ends_exchanged``: bin k/2 - b, the same side with front and
+        rear exchanged. ``opposite``: bin b + k/2.
+        """
+        k = len(self.counts)
+        true, chosen = np.mgrid[:k, :k]
+        wrong = true != chosen
+        kinds = {
+            "exact": ~wrong,
+            "within_one": np.isin((chosen - true) % k, [0, 1, k - 1]),
+            "mirrored": wrong & ((chosen + true) % k == 0),
+            "ends_exchanged": wrong & ((chosen + true - k // 2) % k == 0),
+            "opposite": (chosen - true) % k == k // 2,
+        }
+        return {name: float(self.counts[use].sum() / max(self.photos, 1)) for name, use in kinds.items()}
+
+
+def count_choices(true: Sequence[int], chosen: Sequence[int | Failure], count: int) -> Confusion:
+    """The table for ``count`` bins from true bins and what was chosen for each."""
+    counts = np.zeros((count, count), np.int64)
+    for b, found in zip(true, chosen, strict=True):
+        if not isinstance(found, Failure):
+            counts[b, found] += 1
+    failures = Counter(found.reason.value for found in chosen if isinstance(found, Failure))
+    return Confusion(counts, dict(sorted(failures.items())))
+
+
+def save_confusions(path: Path, tables: Mapping[str, Confusion], title: str) -> None:
+    """Write tables by name, with their shares, as JSON."""
+    rows = {
+        name: {
+            "photos": table.photos,
+            "shares": table.shares(),
+            "failures": table.failures,
+            "counts": table.counts.tolist(),
+        }
+        for name, table in tables.items()
+    }
+    write_json(path, {"format": FORMAT, "title": title, "tables": rows})
+
+
+def load_confusions(path: Path) -> tuple[dict[str, Confusion], str]:
+    """The tables of a file by name, and their title.
+
+    Raises:
+        RescoreError: no such file, or another format.
+    """
+    data = read_json(path, "confusion tables")
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        found = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise RescoreError(
+            f"{path}: expected format {FORMAT!r}, got {found!r}; write it with rescore study-views"
+        )
+    try:
+        tables = {
+            str(name): Confusion(np.array(row["counts"], np.int64), dict(row["failures"]))
+            for name, row in data["tables"].items()
+        }
+        return tables, str(data["title"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RescoreError(
+            f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write it again"
+        ) from error
+
+
+CAMERA = PinholeCamera(250.0, 250.0, 79.5, 59.5, 160, 120)
+"""Objects fill most of its picture: a car of 4.4 m is 128 pixels long from the side, at 9 m."""
+
+
+_INDOORS = ("chair", "basket")
+
+
+LEARNED_SHAPES = 3
+"""Training shapes that a class model is learned from."""
+
+
+_LABELLED_PX = 240
+
+
+def view_confusion(
+    object_class: ObjectClass, model: ClassModel, n: int, rng: np.random.Generator
+) -> dict[str, Confusion]:
+    """Choices of view bins on photographs of test shapes from the elevation of the model's views, true boxes.
+
+    Args:
+        object_class: the class.
+        model: a model of the class, learned from training shapes.
+        n: photographs; their azimuths go through the bins in turn, each anywhere in its bin.
+        rng: source of shapes, azimuths and everything in the pictures.
+
+    Returns:
+        "level_set": as with any picture; "true_outline": with the true outline in place of the level set.
+    """
+    setting = "room" if object_class.name in _INDOORS else "street"
+    half_bin = np.pi / model.bins.count
+    true: list[int] = []
+    chosen: dict[str, list[int | Failure]] = {"level_set": [], "true_outline": []}
+    for i in range(n):
+        view_bin = i % model.bins.count
+        azimuth = model.bins.azimuth_rad(view_bin) + float(rng.uniform(-half_bin, half_bin))
+        shape = object_class.test[int(rng.integers(len(object_class.test)))]
+        viewpoint = Viewpoint(azimuth, model.bins.elevation_rad)
+        photo = photograph(object_class, shape, viewpoint, CAMERA, rng, setting)
+        true.append(view_bin)
+        for name, outline in (("level_set", None), ("true_outline", largest_outline(photo.part_labels > 0))):
+            choice = best_view_bin(photo.rgb, photo.xyxy_px, model, outline_px=outline)
+            chosen[name].append(choice if isinstance(choice, Failure) else choice.view_bin)
+    return {name: count_choices(true, found, model.bins.count) for name, found in chosen.items()}
+
+
+def learned_for_views(object_class: ObjectClass, elevation_rad: float) -> ClassModel:
+    """A model of a class from a few training shapes, seen from an elevation in all view bins."""
+    step = max(1, len(object_class.train) // LEARNED_SHAPES)
+    shapes = object_class.train[::step][:LEARNED_SHAPES]
+    views = labelled_views(object_class, shapes, ViewBins(elevation_rad=elevation_rad), _LABELLED_PX)
+    # the planes, which refining turns, play no role in the choice of a view
+    return learn_class_model(views, object_class.name, object_class.part_names, LearnConfig(refine_rounds=0))
