@@ -28,11 +28,11 @@ test: setup
 
 # the results kept in the repository
 published: paper
-	$(BIN)/python -m reports.publish runs/paper reports/published/roc "make published"
+	$(BIN)/python -m reports.publishing.publish runs/paper reports/published/roc "make published"
 
 published-localization: setup
 	$(BIN)/rescore localize --out runs/localization --cars 20 --placements 200 --seed 0 --jobs $(JOBS)
-	$(BIN)/python -m reports.localization_page runs/localization reports/published/localization \
+	$(BIN)/python -m reports.studies.localization runs/localization reports/published/localization \
 	    "make published-localization"
 
 published-models: setup
@@ -46,7 +46,7 @@ published-weight: paper
 	    --out reports/published/weight --jobs $(JOBS)
 
 published-report: paper
-	$(BIN)/python -m reports.screenshots runs/paper reports/published/report "make published-report"
+	$(BIN)/python -m reports.publishing.screenshots runs/paper reports/published/report "make published-report"
 
 published-evidence: paper
 	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
@@ -59,13 +59,13 @@ published-stereo: setup
 	cd $(SCENES)/download && apt-get download opencv-doc && dpkg -x opencv-doc_*.deb opencv-doc
 	$(BIN)/python -m pip download -q --no-deps --only-binary :all: --python-version 3.8 \
 	    -d $(SCENES)/download scikit-image==0.16.2
-	$(BIN)/python -m reports.stereo_pairs $(SCENES)/download/opencv-doc \
+	$(BIN)/python -m reports.publishing.stereo_pairs $(SCENES)/download/opencv-doc \
 	    $(SCENES)/download/scikit_image-0.16.2-*.whl $(SCENES)
 	$(BIN)/rescore study-stereo $(SCENES)/aloe $(SCENES)/motorcycle $(KITTI) --out reports/published/stereo
 
 # pictures of the viewer, which draws with Vulkan: apt-get install mesa-vulkan-drivers
 published-recording: paper
-	$(BIN)/python -m reports.recording_pictures runs/paper reports/published/recording "make published-recording"
+	$(BIN)/python -m reports.publishing.recording_pictures runs/paper reports/published/recording "make published-recording"
 
 bench: setup
 	$(BIN)/python tests/bench.py

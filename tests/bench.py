@@ -15,7 +15,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from coco_boxes import coco_average_precision, coco_sets, random_boxes
 from rich.console import Console
 from rich.table import Table
 
@@ -50,6 +49,7 @@ from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
 from rescore.metrics.curves import Summary, summarise
 from rescore.metrics.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
 from rescore.parallel import one_thread
+from tests.coco_boxes import coco_average_precision, coco_sets, random_boxes
 
 SCENES = 4
 REPEATS = 5

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from box_car import PART_NAMES, box_car, labelled_view
-from exact_primitives import exact_library
 
 from recon.class_model import ClassModel, ClassPart
 from recon.errors import RescoreError
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.part_views import PartView, PartViews, load_part_views, save_part_views
 from recon.view_bins import ViewBins
+from tests.exact_primitives import exact_library
+from tests.recon.box_car import PART_NAMES, box_car, labelled_view
 
 BINS = ViewBins(12, np.deg2rad(10))
 

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 import rerun as rr
-from fake_run import make_run
 
 from rescore.results.run_folder import Run, load_run
+from tests.reports.fake_run import make_run
 
 
 @pytest.fixture(scope="session", autouse=True)

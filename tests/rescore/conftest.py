@@ -3,9 +3,9 @@
 import sys
 
 import pytest
-from spoiling import Done, Run
 
 from rescore.cli import main
+from tests.rescore.spoiling import Done, Run
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ nothing is given.
 import sys
 
 import numpy as np
-from simulated_matches import Simulated, simulate
 
 from recon.arrays import FloatArray
 from rescore.metrics.bootstrap import Bootstrap, BootstrapConfig, Interval, bootstrap, reduction_factor
 from rescore.metrics.resampled import Levels, weighted_figures
+from tests.rescore.simulated_matches import Simulated, simulate
 
 PAIR = ("before", "after")
 TRUE_IMAGES = 200_000

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import own_data as own
-from spoiling import (
+
+from tests.rescore import own_data as own
+from tests.rescore.spoiling import (
     INF,
     NAN,
     Spoil,

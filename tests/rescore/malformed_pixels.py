@@ -1,8 +1,20 @@
 """Malformed pictures and measured files of our own layout, and what the doctor must say of each."""
 
 import numpy as np
-import own_data as own
-from spoiling import Spoil, annotations, camera, cut, disparity, first, measured, png, swapped, text
+
+from tests.rescore import own_data as own
+from tests.rescore.spoiling import (
+    Spoil,
+    annotations,
+    camera,
+    cut,
+    disparity,
+    first,
+    measured,
+    png,
+    swapped,
+    text,
+)
 
 FULL = np.full((own.HEIGHT, own.WIDTH), 1536, np.uint16)
 NOISE = np.random.default_rng(0).integers(1, 9999, FULL.shape, dtype=np.uint16)

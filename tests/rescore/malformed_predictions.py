@@ -4,7 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import own_data as own
+
+from tests.rescore import own_data as own
 
 MAP = np.linspace(5, 30, own.WIDTH * own.HEIGHT).reshape(own.HEIGHT, own.WIDTH)
 MASK = np.full((own.HEIGHT, own.WIDTH), 255, np.uint8)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import own_data as own
+
+from tests.rescore import own_data as own
 
 Json = dict[str, Any]
 Spoil = Callable[[Path], object]

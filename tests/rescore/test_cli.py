@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spoiling import Run
 from typer.testing import CliRunner
 
 from rescore.cli import PANELS, app
@@ -18,6 +17,7 @@ from rescore.evidence.registration import Registration
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
 from rescore.metrics.matching import FALSE_ALARM, HIT, TruthTable, greedy_match, ranking_of
+from tests.rescore.spoiling import Run
 
 Command = Callable[..., "Outcome"]
 COMMANDS = tuple(name for panel in PANELS.values() for name in panel)

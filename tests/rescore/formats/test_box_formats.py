@@ -1,0 +1,214 @@
+"""Boxes and detections in KITTI's, VOC's, YOLO's and COCO's forms, there and back."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from recon.errors import RescoreError
+from rescore.cli import main
+from rescore.data.frames import DataSet, Truth, load_frame
+from rescore.evidence.candidates import CandidateTable
+from rescore.formats.coco import write_detections
+from rescore.formats.coco_write import write_dataset
+from rescore.formats.kitti import (
+    alpha_of_azimuth,
+    azimuth_of_alpha,
+    write_kitti_detections,
+    write_kitti_labels,
+)
+from rescore.formats.open import read_dataset, read_detections
+from tests.rescore import own_data as own
+
+
+def same_truth(a: Truth, b: Truth, exact: bool = True) -> None:
+    np.testing.assert_allclose(a.xyxy_px, b.xyxy_px, rtol=0, atol=0 if exact else 1e-9)
+    np.testing.assert_array_equal(a.ignore, b.ignore)
+    np.testing.assert_array_equal(a.visibility, b.visibility)
+    assert a.shape_id == b.shape_id
+    for name in ("azimuth_deg", "truncated", "occluded"):
+        mine, theirs = getattr(a, name), getattr(b, name)
+        assert (mine is None) == (theirs is None), name
+        if mine is not None:
+            np.testing.assert_allclose(mine, theirs, atol=1e-9, err_msg=name)
+
+
+def same_frames(a: DataSet, b: DataSet) -> None:
+    for mine, theirs in zip(a.frames, b.frames, strict=True):
+        for name in ("image_id", "split", "width_px", "height_px", "camera", "ground", "disparity_offset_px"):
+            assert getattr(mine, name) == getattr(theirs, name), name
+        x, y = load_frame(mine, own.STEREO), load_frame(theirs, own.STEREO)
+        np.testing.assert_array_equal(x.left_rgb, y.left_rgb)
+        np.testing.assert_array_equal(x.disparity_px, y.disparity_px)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "azimuth"),
+    [(np.pi / 2, 0), (np.pi, 90), (-np.pi, 90), (0, 270), (-np.pi / 2, 180), (-10, np.nan)],
+)
+def test_alpha_becomes_the_azimuth_it_is_seen_from(alpha: float, azimuth: float) -> None:
+    np.testing.assert_allclose(azimuth_of_alpha(alpha), azimuth, atol=1e-9)
+
+
+@given(st.floats(0, 359.9))
+def test_azimuth_there_and_back(azimuth: float) -> None:
+    alpha = alpha_of_azimuth(azimuth)
+    assert -np.pi < alpha <= np.pi
+    difference = (azimuth_of_alpha(alpha) - azimuth + 180) % 360 - 180
+    assert difference == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("copy", [False, True])
+@pytest.mark.parametrize("kind", ["kitti", "pair", "own", "scenes", "depth"])
+def test_import_there_and_back(tmp_path: Path, kind: str, copy: bool) -> None:
+    source = tmp_path / "source é"
+    if kind == "scenes":
+        own.middlebury(source, 3.25, 6)
+    elif kind == "depth":
+        own.depth_folder(source, ".png", 1000)
+    else:
+        {"kitti": own.kitti_folder, "pair": own.pair_folder, "own": own.own_folder}[kind](source)
+    data = read_dataset(source)
+    write_dataset(tmp_path / "out", data, copy=copy)
+    back = read_dataset(tmp_path / "out")
+    same_frames(data, back)
+    for image_id, truth in data.truth.items():
+        same_truth(truth, back.truth[image_id], exact=False)
+    copied = sorted(p.parent.name for p in (tmp_path / "out").rglob("*.png"))
+    kinds = ["depth", "left"] if kind == "depth" else ["left", "left", "right", "right"]
+    assert copied == (kinds if copy else [])
+    with pytest.raises(RescoreError, match="expected no data set here yet"):
+        write_dataset(tmp_path / "out", data, copy=copy)
+
+
+def test_kitti_labels_there_and_back(tmp_path: Path) -> None:
+    own.kitti_folder(tmp_path)
+    before = read_dataset(tmp_path)
+    write_kitti_labels(tmp_path / "label_2", before)
+    after = read_dataset(tmp_path)
+    for image_id, truth in before.truth.items():
+        same_truth(truth, after.truth[image_id])
+    text = (tmp_path / "label_2" / "000003.txt").read_text()
+    assert [line.split()[0] for line in text.splitlines()] == ["Car", "Car", "DontCare", "DontCare"]
+
+
+def detections_of(data: DataSet) -> CandidateTable:
+    boxes = np.array([[1.25, 2.5, 30, 40], [5, 6, 70, 60.5], [0, 0, 9, 9]])
+    first, second = (f.image_id for f in data.frames)
+    table = CandidateTable.of_candidates([])
+    rows = {
+        "image_id": np.array([first, first, second]),
+        "rank": np.array([0, 1, 0]),
+        "xyxy_px": boxes,
+        "score": np.array([0.875, 1 / 3, 0.5]),
+        "likelihood": np.array([0.875, 1 / 3, 0.5]),
+        "status": np.array(["", "", ""], dtype=object),
+        "reason_detail": np.array(["", "", ""], dtype=object),
+        "cues": np.full((3, table.cues.shape[1]), np.nan),
+        "azimuth_deg": np.array([10.0, np.nan, 300.0]),
+        "ground": np.array(["", "", ""], dtype=object),
+    }
+    rest = ("depth_difference", "scale", "offset", "valid_share", "stereo_low", "stereo_span")
+    return CandidateTable(**rows, **{name: np.full(3, np.nan) for name in rest})
+
+
+@pytest.mark.parametrize("form", ["kitti", "coco"])
+def test_detections_there_and_back(tmp_path: Path, form: str) -> None:
+    data = read_dataset(own.kitti_folder(tmp_path / "data"))
+    table = detections_of(data)
+    path = tmp_path / ("hog.json" if form == "coco" else "hog")
+    if form == "coco":
+        write_detections(path, "hog", table, data)
+    else:
+        write_kitti_detections(path, table, table.score, data)
+    back = read_detections(path, data)
+    assert (back.detector, back.notes) == ("hog", ())
+    for name in ("image_id", "rank", "xyxy_px", "score", "likelihood"):
+        np.testing.assert_array_equal(getattr(back.table, name), getattr(table, name), err_msg=name)
+    np.testing.assert_allclose(back.table.azimuth_deg, table.azimuth_deg)
+    candidates = back.candidates(data)[data.frames[0].image_id]
+    assert candidates.azimuth_deg is not None
+    np.testing.assert_allclose(candidates.azimuth_deg, [10, np.nan])
+    # what rescoring makes of candidates keeps the column
+    np.testing.assert_allclose(CandidateTable.of_candidates([candidates]).azimuth_deg, [10, np.nan])
+
+
+def test_frames_without_a_file_have_no_detections_and_are_counted(tmp_path: Path) -> None:
+    data = read_dataset(own.kitti_folder(tmp_path / "data"))
+    own.write_text(
+        tmp_path / "found" / "000003.txt", f"{own.KITTI_CAR} 0.7\n{own.KITTI_LABEL.split(chr(10))[2]} 1\n"
+    )
+    file = read_detections(tmp_path / "found", data)
+    assert len(file.table) == 1
+    assert any("1 of 2 frames have no file" in n for n in file.notes)
+    assert any("left out boxes of other classes: 1 Van" in n for n in file.notes)
+
+
+VOC = """<annotation><size><width>96</width><height>64</height></size>
+<object><name>car</name><difficult>0</difficult>
+  <bndbox><xmin>11</xmin><ymin>21</ymin><xmax>40</xmax><ymax>44</ymax></bndbox></object>
+<object><name>car</name><difficult>1</difficult>
+  <bndbox><xmin>1</xmin><ymin>1</ymin><xmax>5</xmax><ymax>5</ymax></bndbox></object>
+<object><name>dog</name><bndbox><xmin>1</xmin><ymin>1</ymin><xmax>5</xmax><ymax>5</ymax></bndbox></object>
+</annotation>"""
+
+
+def test_voc_boxes(tmp_path: Path) -> None:
+    own.pair_folder(tmp_path)
+    own.write_text(tmp_path / "Annotations" / "a.xml", VOC)
+    data = read_dataset(tmp_path)
+    assert data.truth[1].xyxy_px.tolist() == [[10, 20, 40, 44], [0, 0, 5, 5]]
+    assert data.truth[1].ignore.tolist() == [False, True]
+    assert any("left out boxes of other classes: 1 dog" in n for n in data.notes)
+    assert any("1 of 2 frames have no label file" in n for n in data.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("labels/classes.txt", "dog\ncar\n"),
+        ("data.yaml", "nc: 2\nnames: ['dog', 'car']\n"),
+        ("data.yaml", "names:\n  0: dog\n  1: car\n"),
+    ],
+)
+def test_yolo_boxes(tmp_path: Path, name: str, text: str) -> None:
+    own.pair_folder(tmp_path)
+    own.write_text(tmp_path / "labels" / "a.txt", "1 0.25 0.5 0.25 0.25\n0 0.5 0.5 0.1 0.1\n")
+    own.write_text(tmp_path / "labels" / "b.txt", "")
+    own.write_text(tmp_path / name, text)
+    data = read_dataset(tmp_path)
+    assert data.truth[1].xyxy_px.tolist() == [[12, 24, 36, 40]]
+    assert len(data.truth[2].annotation_id) == 0
+    own.write_text(tmp_path / "found" / "classes.txt", "dog\ncar\n")
+    own.write_text(tmp_path / "found" / "a.txt", "1 0.25 0.5 0.25 0.25 0.625\n")
+    file = read_detections(tmp_path / "found", data)
+    assert file.table.score.tolist() == [0.625]
+    assert file.table.xyxy_px.tolist() == [[12, 24, 36, 40]]
+
+
+def test_every_form_is_evaluated_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def run(*arguments: object) -> None:
+        monkeypatch.setattr(sys, "argv", ["rescore", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code, capfd.readouterr().err
+
+    kitti = own.kitti_folder(tmp_path / "kitti")
+    table = detections_of(read_dataset(kitti))
+    write_kitti_detections(tmp_path / "hog", table, table.score, read_dataset(kitti))
+    run("import", kitti, "--out", tmp_path / "ours")
+    run("convert", kitti, tmp_path / "hog", "--out", tmp_path / "hog.json")
+    run("convert", tmp_path / "ours", tmp_path / "hog.json", "--out", tmp_path / "back" / "hog")
+    metrics = []
+    for data, found in (("kitti", "hog"), ("ours", "hog.json"), ("ours", "back/hog"), ("kitti", "hog.json")):
+        run("evaluate", tmp_path / data, tmp_path / found, "--no-report", "--out", tmp_path / "run")
+        metrics.append(json.loads((tmp_path / "run" / "metrics.json").read_text()))
+    assert metrics[0]["n_cars"] == 2
+    assert metrics[0]["n_candidates"] == 3
+    assert all(m == metrics[0] for m in metrics[1:])

@@ -1,0 +1,106 @@
+"""Section 5.1 end to end, tiny: learn from a few cars, place one of another shape, localise it."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.photos.table_scene import (
+    CAMERA,
+    GROUND,
+    TABLE_M,
+    TABLE_MIDDLE_M,
+    Placement,
+    photograph,
+    place_at_random,
+)
+from recon.errors import Failure, Reason
+from recon.localization.localize import FitLocalization
+from recon.localization.shape_space import ShapeSpaceConfig
+from recon.localization.standing_box import cam_from_ground
+from recon.view_bins import ViewBins
+from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
+from rescore.studies.localization.scores import METHODS, Score
+from rescore.studies.localization.segment import segment_table
+from rescore.studies.localization.trials import TrialConfig, empty_table, localize_placement
+from tests.exact_primitives import exact_library
+
+CARS = cars_of_splits()
+SMALL = TableClassConfig(
+    elevations_rad=(float(np.deg2rad(35)),),
+    view_px=120,
+    class_model_cars=1,
+    refine_rounds=0,
+    space=ShapeSpaceConfig(cells=(56, 20, 24), modes=2),
+    heading_pictures=3,
+)
+
+
+@lru_cache(maxsize=1)
+def small_class() -> TableClass:
+    sedans = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))]
+    library = exact_library(ViewBins(12, SMALL.elevations_rad[0]))
+    return learn_table_class(sedans[:4], SMALL, 1, library)
+
+
+def sedan() -> Placement:
+    car = next(c for c in CARS["calibration"] if c.shape_id.startswith("sedan"))
+    return Placement(car, TABLE_MIDDLE_M + np.array([0.1, -0.1]), 0.6)
+
+
+def test_placements_stand_on_the_table() -> None:
+    rng = np.random.default_rng(0)
+    for car in CARS["test"]:
+        corners = place_at_random(car, rng).box.footprint_m - TABLE_MIDDLE_M
+        assert (np.abs(corners) <= np.array(TABLE_M) / 2 + 1e-9).all()
+
+
+def test_the_whole_table_is_in_view() -> None:
+    pose = cam_from_ground(GROUND)
+    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(TABLE_M) / 2
+    corners = np.insert(half + TABLE_MIDDLE_M, 2, 0, axis=1)
+    uv = CAMERA.project(corners @ pose[:3, :3].T + pose[:3, 3])
+    assert ((uv > 0) & (uv < [CAMERA.width_px, CAMERA.height_px])).all()
+
+
+def test_a_car_of_another_shape_is_localised() -> None:
+    placement = sedan()
+    rgb = photograph([placement], np.random.default_rng(3))
+    trial = localize_placement(placement, rgb, 0, small_class(), TrialConfig())
+    own, parts, surface = (trial.scores[m] for m in METHODS)
+    assert isinstance(own, Score)
+    assert isinstance(parts, Score)
+    assert parts.overlap is not None
+    assert parts.overlap > 0.5
+    assert parts.orientation_deg < 15
+    assert isinstance(surface, Score)
+    assert own.overlap is not None
+    assert own.overlap > 0.7
+    assert own.centroid_mm < 15
+    assert own.orientation_deg < 3
+    assert surface.centroid_mm > 2 * own.centroid_mm
+    assert isinstance(trial.fit, FitLocalization)
+    assert trial.fit.box.size_m == pytest.approx(placement.box.size_m, rel=0.15)
+
+
+def test_the_mask_is_where_the_car_is_drawn() -> None:
+    placement = sedan()
+    rgb = photograph([placement], np.random.default_rng(3))
+    regions = segment_table(rgb, empty_table(TrialConfig().segment))
+    assert not isinstance(regions, Failure)
+    pose = cam_from_ground(GROUND)
+    uv = CAMERA.project(placement.box.corners_m @ pose[:3, :3].T + pose[:3, 3])
+    ring = regions[0].ring_px
+    assert (ring.min(axis=0) > uv.min(axis=0) - 6).all()
+    assert (ring.max(axis=0) < uv.max(axis=0) + 6).all()
+    middle = CAMERA.project(pose[:3, :3] @ placement.box.centroid_m + pose[:3, 3])
+    assert regions[0].mask[int(middle[1]), int(middle[0])]
+
+
+def test_an_empty_picture_is_lost_by_every_method_with_its_reason() -> None:
+    rgb = photograph([], np.random.default_rng(0))
+    trial = localize_placement(sedan(), rgb, 0, small_class(), TrialConfig())
+    for result in trial.scores.values():
+        assert isinstance(result, Failure)
+        assert result.reason is Reason.NO_OUTLINE
