@@ -88,17 +88,18 @@ def digest_of(path: Path) -> str:
     """Digest of a file, or of all files of a folder with their names; empty where there is nothing."""
     total = hashlib.sha256()
     if path.is_file():
-        total.update(_file_digest(path))
+        total.update(file_digest(path))
     elif path.is_dir():
         for file in sorted(p for p in path.rglob("*") if p.is_file()):
             total.update(file.relative_to(path).as_posix().encode() + b"\0")
-            total.update(_file_digest(file))
+            total.update(file_digest(file))
     else:
         return ""
     return total.hexdigest()
 
 
-def _file_digest(path: Path) -> bytes:
+def file_digest(path: Path) -> bytes:
+    """SHA-256 of a file."""
     state = path.stat()
     return _digest_at(path, state.st_size, state.st_mtime_ns)
 

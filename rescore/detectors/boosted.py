@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -56,6 +56,11 @@ class BoostedConfig:
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
 
     @property
+    def cell_px(self) -> int:
+        """Sides of the window are multiples of this."""
+        return 1
+
+    @property
     def crop_style(self) -> CropStyle:
         """How training crops are cut."""
         return CropStyle(self.window, INTERPOLATION, self.scan, self.mining)
@@ -104,6 +109,10 @@ class BoostedDetector:
         step = config.stride * config.fragments.grid_px
         corner = np.stack([column * step - px, row * step - py], axis=1).astype(float) * scale
         return window.boxes(corner, scale), score[row, column].astype(float)
+
+    def with_scan(self, scan: ScanRange) -> "BoostedDetector":
+        """The detector, looking for other sizes of cars."""
+        return replace(self, config=replace(self.config, scan=scan))
 
     def save(self, path: Path) -> None:
         """Write the detector to one file."""

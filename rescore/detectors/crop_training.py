@@ -6,26 +6,74 @@ crop of a car is put among them, and the detector's false alarms in such scenes 
 Scenes of held-out crops tell, by cross-validation, what a detector finds, and fit its Platt scaling.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from joblib import Parallel, delayed
 
-from recon.arrays import UInt8Array
+from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
 from rescore.data.frames import Truth
 from rescore.data.pictures import PICTURES
-from rescore.detectors.base import best_candidates
-from rescore.detectors.boosted import BoostedConfig, BoostedDetector, BoostedLearner
-from rescore.detectors.hog_svm import CELL_PX, HogConfig, HogDetector, HogLearner
-from rescore.detectors.mining import ScanRange, hard_negatives, jittered
+from rescore.detectors.base import Detector, SuppressionConfig, best_candidates
+from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, hard_negatives, jittered
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
 from rescore.detectors.windows import WindowGeometry, crop_windows
 from rescore.parallel import one_thread
+
+
+class WindowConfig(Protocol):
+    """Settings of a detector that slides a window over a pyramid of the picture."""
+
+    @property
+    def window(self) -> WindowGeometry:
+        """Size of the window."""
+
+    @property
+    def scan(self) -> ScanRange:
+        """Sizes of cars that are looked for."""
+
+    @property
+    def mining(self) -> MiningConfig:
+        """How false alarms are mined."""
+
+    @property
+    def suppression(self) -> SuppressionConfig:
+        """Which windows become candidates."""
+
+    @property
+    def crop_style(self) -> CropStyle:
+        """How training crops are cut."""
+
+    @property
+    def cell_px(self) -> int:
+        """Sides of the window are multiples of this."""
+
+
+class WindowDetector(Detector, Protocol):
+    """A detector that slides a window over a pyramid of the picture."""
+
+    @property
+    def config(self) -> WindowConfig:
+        """Its settings."""
+
+    def with_scan(self, scan: ScanRange) -> "WindowDetector":
+        """The detector, looking for other sizes of cars."""
+
+
+class Learner(Protocol):
+    """Training on features that are kept from round to round."""
+
+    def features(self, crops: UInt8Array) -> Float32Array:
+        """Features (n, length) of canonical crops (n, height, width)."""
+
+    def fit(self, cars: Float32Array, street: Float32Array, rng: np.random.Generator) -> WindowDetector:
+        """A detector that parts the features (n, length) of cars and of street."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,23 +141,26 @@ def _read(file: Path) -> UInt8Array:
     return np.asarray(picture, np.uint8)
 
 
-def config_for_crops(
-    config: HogConfig | BoostedConfig, width_px: int, height_px: int
-) -> HogConfig | BoostedConfig:
+def config_for_crops(config: Any, width_px: int, height_px: int) -> Any:
     """The settings with a window that is the whole crop, and with sizes of cars from the crop's on.
 
     The window keeps its height and takes the crops' ratio of sides, for HOG in whole cells. What is found is
     then the crop, with whatever margin it has, and not the car's own box.
+
+    Args:
+        config: settings of a detector, a dataclass and a ``WindowConfig``; what comes back is of its type.
+        width_px: width of the crops.
+        height_px: height of the crops.
     """
-    cell = CELL_PX if isinstance(config, HogConfig) else 1
+    cell = config.cell_px
     height = config.window.height_px
     width = max(cell, cell * round(height * width_px / height_px / cell))
     scan = ScanRange(width_px, max(width_px, config.scan.largest_car_px), config.scan.scale_step)
     return replace(config, window=WindowGeometry(width, height, 0, 0), scan=scan)
 
 
-Config = HogConfig | BoostedConfig
-Trained = HogDetector | BoostedDetector
+LearnerOf = Callable[[Callable[[], UInt8Array], Any, np.random.Generator, int], Learner]
+"""From crops of cars (n, height, width), made when called, settings, random numbers and jobs to a learner."""
 
 
 @dataclass(frozen=True)
@@ -145,14 +196,19 @@ class CrossValidation:
 
 
 def train_on_crops(
-    crops: Crops, config: Config, scenes: SceneConfig, rng: np.random.Generator, jobs: int
-) -> Trained:
+    crops: Crops,
+    config: WindowConfig,
+    learner_of: LearnerOf,
+    scenes: SceneConfig,
+    rng: np.random.Generator,
+    jobs: int,
+) -> WindowDetector:
     """A detector trained on all crops, with rounds of mining in scenes made of them.
 
     ``config`` is one of ``config_for_crops``. The detector scans for all its sizes of cars; mining looks for
     the crops' own size alone, since scenes hold no other.
     """
-    learner = _learner(crops, config, scenes, rng, jobs)
+    learner = learner_of(lambda: _cut(crops.cars, config, scenes, 0, rng), config, rng, jobs)
     cars = learner.features(_cut(crops.cars, config, scenes, config.mining.jitter_copies, rng))
     street = learner.features(_cut(crops.street, config, scenes, 0, rng))
     detector = learner.fit(cars, street, rng)
@@ -164,7 +220,12 @@ def train_on_crops(
 
 
 def cross_validate(
-    crops: Crops, config: Config, scenes: SceneConfig, rng: np.random.Generator, jobs: int
+    crops: Crops,
+    config: WindowConfig,
+    learner_of: LearnerOf,
+    scenes: SceneConfig,
+    rng: np.random.Generator,
+    jobs: int,
 ) -> CrossValidation:
     """Train on all parts of the crops but one, and detect in scenes of that one; for each part.
 
@@ -173,7 +234,7 @@ def cross_validate(
     """
     scores, is_car, curve = [], [], []
     for training, held_out in _folds(crops, scenes.folds, rng):
-        detector = at_one_size(train_on_crops(training, config, scenes, rng, jobs))
+        detector = at_one_size(train_on_crops(training, config, learner_of, scenes, rng, jobs))
         for scene in scenes_of(held_out, scenes, rng):
             with one_thread():
                 found = detector.scan(scene.picture)
@@ -188,13 +249,11 @@ def cross_validate(
     return CrossValidation(fit_platt(np.concatenate(scores), np.concatenate(is_car)), recall_precision(curve))
 
 
-def at_one_size(detector: Trained) -> Trained:
+def at_one_size(detector: WindowDetector) -> WindowDetector:
     """The detector, looking for cars of the smallest size that it knows and no other."""
     scan = detector.config.scan
     one = replace(scan, largest_car_px=scan.smallest_car_px)
-    if isinstance(detector, HogDetector):
-        return replace(detector, config=replace(detector.config, scan=one))
-    return replace(detector, config=replace(detector.config, scan=one))
+    return detector.with_scan(one)
 
 
 def scenes_of(crops: Crops, config: SceneConfig, rng: np.random.Generator) -> Iterator[Scene]:
@@ -216,16 +275,8 @@ def _turned(crop: UInt8Array, config: SceneConfig, rng: np.random.Generator) -> 
     return crop[:, ::-1] if config.mirror and rng.integers(2) else crop
 
 
-def _learner(
-    crops: Crops, config: Config, scenes: SceneConfig, rng: np.random.Generator, jobs: int
-) -> HogLearner | BoostedLearner:
-    if isinstance(config, HogConfig):
-        return HogLearner(config)
-    return BoostedLearner.of(_cut(crops.cars, config, scenes, 0, rng), config, rng, jobs)
-
-
 def _cut(
-    crops: UInt8Array, config: Config, scenes: SceneConfig, copies: int, rng: np.random.Generator
+    crops: UInt8Array, config: WindowConfig, scenes: SceneConfig, copies: int, rng: np.random.Generator
 ) -> UInt8Array:
     """Canonical crops, and ``copies`` jittered ones of each; the same number again mirrored."""
     window, interpolation = config.window, config.crop_style.interpolation
@@ -239,7 +290,7 @@ def _cut(
     return np.concatenate(cut)
 
 
-def _mine(detector: Trained, scenes: list[Scene], jobs: int) -> UInt8Array:
+def _mine(detector: WindowDetector, scenes: list[Scene], jobs: int) -> UInt8Array:
     window, mining = detector.config.window, detector.config.mining
     limit = max(1, mining.max_negatives // (2 * mining.rounds * len(scenes)))
     per_scene = min(mining.hard_per_frame, limit)
@@ -249,7 +300,7 @@ def _mine(detector: Trained, scenes: list[Scene], jobs: int) -> UInt8Array:
     return np.concatenate([none, *mined])
 
 
-def _mined_of(scene: Scene, detector: Trained, max_count: int) -> UInt8Array:
+def _mined_of(scene: Scene, detector: WindowDetector, max_count: int) -> UInt8Array:
     style = detector.config.crop_style
     with one_thread():
         found = detector.scan(scene.picture)

@@ -62,5 +62,13 @@ def read_detector_file(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[An
     return header, arrays
 
 
+def damaged(path: Path, kind: str, error: Exception) -> RescoreError:
+    """What to raise where the content of a detector file does not make a detector of its kind."""
+    return RescoreError(
+        f"{path}: expected a whole {kind} detector, got damaged content ({_one_line(error)}); "
+        "train the detector again (rescore train)"
+    )
+
+
 def _one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".replace("\n", " ")

@@ -5,7 +5,7 @@ it drops lone hits and their scores; suppression happens in ``rescore.data.boxes
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -62,6 +62,11 @@ class HogConfig:
                 f"hog: expected a window of whole cells of {CELL_PX} px, got {self.window.width_px} x "
                 f"{self.window.height_px}; change the object size or the margin"
             )
+
+    @property
+    def cell_px(self) -> int:
+        """Sides of the window are multiples of this."""
+        return CELL_PX
 
     @property
     def crop_style(self) -> CropStyle:
@@ -135,6 +140,10 @@ class HogDetector:
         hog = hog_descriptor(self.config)
         hog.setSVMDetector(np.append(self.weight, np.float32(self.bias)))
         return hog
+
+    def with_scan(self, scan: ScanRange) -> "HogDetector":
+        """The detector, looking for other sizes of cars."""
+        return replace(self, config=replace(self.config, scan=scan))
 
     def save(self, path: Path) -> None:
         """Write the detector to one file."""

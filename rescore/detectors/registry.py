@@ -1,19 +1,128 @@
-"""The detectors by name: what trains each, and what loads it. A new detector is a module and an entry here."""
+"""The detectors by name: what trains each, and what loads it.
 
-from collections.abc import Callable
-from enum import StrEnum
+A new detector is a module that offers what ``DetectorEntry`` names, and an entry of ``DETECTORS``.
+"""
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
+from recon.arrays import UInt8Array
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet
 from rescore.detectors.base import Detector
-from rescore.detectors.boosted import BoostedConfig, train_boosted
-from rescore.detectors.crop_training import Crops, CrossValidation, SceneConfig, cross_validate
-from rescore.detectors.crop_training import train_on_crops as train_in_scenes
-from rescore.detectors.files import _one_line, read_detector_file
-from rescore.detectors.hog_svm import HogConfig, train_hog
+from rescore.detectors.boosted import BoostedConfig, BoostedDetector, BoostedLearner, train_boosted
+from rescore.detectors.crop_training import (
+    Crops,
+    CrossValidation,
+    Learner,
+    SceneConfig,
+    cross_validate,
+    train_on_crops,
+)
+from rescore.detectors.files import damaged, read_detector_file
+from rescore.detectors.hog_svm import HogConfig, HogDetector, HogLearner, train_hog
+
+
+@dataclass(frozen=True)
+class DetectorEntry:
+    """What the suite needs to know of a kind of detector."""
+
+    title: str
+    """Its name in tables and pictures."""
+    kind: str
+    """Its name in detector files."""
+    stream: int
+    """Number of the stream of random numbers that trains it, its own."""
+    config: type[Any]
+    """Settings, a frozen dataclass whose defaults train the detector of the experiment."""
+    train: Callable[[DataSet, Any, np.random.Generator, int], Detector]
+    """From frames, settings, random numbers and jobs to a detector."""
+    load: Callable[[str, Mapping[str, Any], Mapping[str, Any]], Detector]
+    """From the name, the settings and the arrays of a file to a detector."""
+    learner: Callable[[Callable[[], UInt8Array], Any, np.random.Generator, int], Learner] | None = None
+    """From crops of cars (n, height, width), made when called, settings, random numbers and jobs to what
+    learns from crops; None where the detector cannot be trained on crops."""
+
+    @property
+    def module(self) -> ModuleType:
+        """The module that does the work, for the code version of cached stages."""
+        return sys.modules[self.train.__module__]
+
+
+DETECTORS: dict[str, DetectorEntry] = {
+    "hog": DetectorEntry(
+        title="HOG + SVM",
+        kind=HogDetector.kind,
+        stream=1,
+        config=HogConfig,
+        train=train_hog,
+        load=HogDetector.from_parts,
+        learner=lambda _cars, config, _rng, _jobs: HogLearner(config),
+    ),
+    "boosted": DetectorEntry(
+        title="boosted",
+        kind=BoostedDetector.kind,
+        stream=2,
+        config=BoostedConfig,
+        train=train_boosted,
+        load=BoostedDetector.from_parts,
+        learner=lambda cars, config, rng, jobs: BoostedLearner.of(cars(), config, rng, jobs),
+    ),
+}
+"""The detectors that can be trained, by the name that commands, files and tables use."""
+
+
+def detector_entry(name: str) -> DetectorEntry:
+    """The entry of a name.
+
+    Raises:
+        RescoreError: no detector has it.
+    """
+    if name not in DETECTORS:
+        raise RescoreError(f"detector: expected {' or '.join(DETECTORS)}, got {name!r}; choose one of these")
+    return DETECTORS[name]
+
+
+def train_detector(name: str, data: DataSet, config: Any, seed: int, jobs: int) -> Detector:
+    """A detector trained on the split "train" of a data set.
+
+    Raises:
+        RescoreError: no such detector, no frames in the split, or too few cars in them.
+    """
+    training = data.split("train")
+    if not training.frames:
+        raise RescoreError(f"{data.root}: expected frames of split 'train', got none; add some")
+    entry = detector_entry(name)
+    return entry.train(training, config, np.random.default_rng([seed, entry.stream]), jobs)
+
+
+def train_detector_on_crops(
+    name: str, crops: Crops, config: Any, seed: int, jobs: int
+) -> tuple[Detector, CrossValidation]:
+    """A detector trained on all crops, and what cross-validation tells of it, with its Platt scaling.
+
+    The scaling comes from detectors trained on fewer crops, each on scenes of the crops it has not seen.
+
+    Raises:
+        RescoreError: no such detector, it cannot be trained on crops, or the crops are too few.
+    """
+    entry = detector_entry(name)
+    if entry.learner is None:
+        raise RescoreError(
+            f"{name}: expected a detector that learns from crops, got another; train it on frames"
+        )
+    scenes, stream = SceneConfig(), (seed, entry.stream)
+    validation = cross_validate(
+        crops, config, entry.learner, scenes, np.random.default_rng([*stream, 1]), jobs
+    )
+    detector = train_on_crops(crops, config, entry.learner, scenes, np.random.default_rng(stream), jobs)
+    return detector, validation
 
 
 def load_detector(path: Path) -> Detector:
@@ -22,15 +131,8 @@ def load_detector(path: Path) -> Detector:
     Raises:
         RescoreError: no such file, not a detector, an unknown kind, or damaged content.
     """
-    # imported here: each detector module imports this one to write itself
-    from rescore.detectors.boosted import BoostedDetector  # noqa: PLC0415
-    from rescore.detectors.hog_svm import HogDetector  # noqa: PLC0415
-
     header, arrays = read_detector_file(path)
-    kinds: dict[str, Callable[..., Detector]] = {
-        HogDetector.kind: HogDetector.from_parts,
-        BoostedDetector.kind: BoostedDetector.from_parts,
-    }
+    kinds = {entry.kind: entry.load for entry in DETECTORS.values()}
     if header.get("kind") not in kinds:
         raise RescoreError(
             f"{path}: expected a detector of kind {' or '.join(sorted(kinds))}, got {header.get('kind')!r}; "
@@ -39,37 +141,4 @@ def load_detector(path: Path) -> Detector:
     try:
         return kinds[header["kind"]](header["name"], header["config"], arrays)
     except (KeyError, TypeError, ValueError) as error:
-        raise RescoreError(
-            f"{path}: expected a whole {header['kind']} detector, got damaged content ({_one_line(error)}); "
-            "train the detector again (rescore train)"
-        ) from error
-
-
-class DetectorKind(StrEnum):
-    """Detectors that can be trained."""
-
-    HOG = "hog"
-    BOOSTED = "boosted"
-
-
-def train_detector(data: DataSet, config: HogConfig | BoostedConfig, seed: int, jobs: int) -> Detector:
-    """A detector trained on the split "train" of a data set."""
-    training = data.split("train")
-    if not training.frames:
-        raise RescoreError(f"{data.root}: expected frames of split 'train', got none; add some")
-    if isinstance(config, HogConfig):
-        return train_hog(training, config, np.random.default_rng([seed, 1]), jobs)
-    return train_boosted(training, config, np.random.default_rng([seed, 2]), jobs)
-
-
-def train_detector_on_crops(
-    crops: Crops, config: HogConfig | BoostedConfig, seed: int, jobs: int
-) -> tuple[Detector, CrossValidation]:
-    """A detector trained on all crops, and what cross-validation tells of it, with its Platt scaling.
-
-    The scaling comes from detectors trained on fewer crops, each on scenes of the crops it has not seen.
-    """
-    number = 1 if isinstance(config, HogConfig) else 2
-    validation = cross_validate(crops, config, SceneConfig(), np.random.default_rng([seed, number, 1]), jobs)
-    detector = train_in_scenes(crops, config, SceneConfig(), np.random.default_rng([seed, number]), jobs)
-    return detector, validation
+        raise damaged(path, header["kind"], error) from error

@@ -12,7 +12,7 @@ from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.detectors.detect import calibrate_detector, detect_candidates
 from rescore.detectors.platt import load_scaling, save_scaling
-from rescore.detectors.registry import DetectorKind, load_detector, train_detector
+from rescore.detectors.registry import str, load_detector, train_detector
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.model import fit_modes, load_models, save_models, with_difference
 from rescore.evidence.pipeline import find_evidence
@@ -70,7 +70,7 @@ class Run:
 
     def render(self) -> None:
         """The data set."""
-        from datasets_synth.build import build_dataset  # noqa: PLC0415 (open3d takes a second to import)
+        from datasets_synth import build  # noqa: PLC0415 (open3d takes a second to import)
 
         meshes = tuple(p for p in (self.train_meshes, self.test_meshes) if p is not None)
         config = {
@@ -79,10 +79,10 @@ class Run:
             "train_meshes": self.train_meshes and str(self.train_meshes),
             "test_meshes": self.test_meshes and str(self.test_meshes),
         }
-        stage = Stage("synth", config, meshes, (self.folder.data,), ("datasets_synth.build",), resumes=True)
+        stage = Stage("synth", config, meshes, (self.folder.data,), (build,), resumes=True)
 
         def work(out: Path) -> None:
-            build_dataset(
+            build.build_dataset(
                 self.config.synth,
                 out,
                 seed=self.seed,
@@ -101,7 +101,7 @@ class Run:
             [self.config.class_name, part_as_json(self.config.learn)],
             (views,),
             (self.folder.class_model,),
-            ("recon.learning.learn", "recon.part_views"),
+            (learn, part_views),
         )
 
         def work(out: Path) -> None:
@@ -114,22 +114,20 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def train(self, kind: DetectorKind) -> None:
+    def train(self, kind: str) -> None:
         """One detector, and its Platt scaling."""
-        settings = self.config.detector(kind)
-        modules = ("rescore.detectors.hog_svm", "rescore.detectors.boosted")
-        code = modules[kind is DetectorKind.BOOSTED]
+        settings, module = self.config.detector_settings[kind], DETECTORS[kind].module
         stage = Stage(
             f"train_{kind}",
             [part_as_json(settings), self.seed],
             (self.folder.data,),
             (self.folder.detector(kind),),
-            (code,),
+            (module,),
         )
         data = self._data()
 
         def work(out: Path) -> None:
-            train_detector(data, settings, self.seed, self.jobs).save(out)
+            train_detector(kind, data, settings, self.seed, self.jobs).save(out)
 
         self.report(run_stage(self.folder.root, stage, work))
         stage = Stage(
@@ -137,7 +135,7 @@ class Run:
             None,
             (self.folder.detector(kind), self.folder.data),
             (self.folder.scaling(kind),),
-            ("rescore.detectors.platt", code),
+            (detect, platt, module),
         )
 
         def fit(out: Path) -> None:
@@ -146,7 +144,7 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, fit))
 
-    def detect(self, kind: DetectorKind, split: str) -> None:
+    def detect(self, kind: str, split: str) -> None:
         """The candidates of one detector on one split."""
         detector, scaling = self.folder.detector(kind), self.folder.scaling(kind)
         stage = Stage(
@@ -164,7 +162,7 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def find_evidence(self, kind: DetectorKind, split: str) -> None:
+    def find_evidence(self, kind: str, split: str) -> None:
         """What depth says of the candidates of one detector on one split, in all modes, before w."""
         is_test = split == "test"
         output = self.folder.evidence(kind) if is_test else self.folder.evidence_table(kind, split)
@@ -182,7 +180,7 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def fit_evidence(self, kind: DetectorKind) -> None:
+    def fit_evidence(self, kind: str) -> None:
         """The models of depth evidence, from the splits "train" and "calibration"."""
         tables = tuple(self.folder.evidence_table(kind, split) for split in FITTED_ON)
         stage = Stage(
@@ -190,7 +188,7 @@ class Run:
             part_as_json(self.config.evidence),
             (*tables, self.folder.data / "annotations.json"),
             (self.folder.evidence_model(kind),),
-            ("rescore.evidence.model", "rescore.formats.coco"),
+            (model, coco),
         )
 
         def work(out: Path) -> None:
@@ -201,14 +199,14 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def tune(self, kind: DetectorKind, mode: Registration) -> None:
+    def tune(self, kind: str, mode: Registration) -> None:
         """The weight of one detector in one mode, from the validation split."""
         stage = Stage(
             f"tune_{kind}_{mode}",
             [part_as_json(self.config.tune), self.seed],
             (*self._evidence(kind, "validation", mode), self.folder.data / "annotations.json"),
             (self.folder.tuned(kind, mode),),
-            ("rescore.fusion.tune", "rescore.evidence.model"),
+            (tune, tuning_file, model),
         )
 
         def work(out: Path) -> None:
@@ -219,7 +217,7 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def apply(self, kind: DetectorKind, mode: Registration) -> None:
+    def apply(self, kind: str, mode: Registration) -> None:
         """The rescored candidates of one detector in one mode on the test split."""
         stage = Stage(
             f"apply_{kind}_{mode}",
@@ -230,7 +228,7 @@ class Run:
                 self.folder.data / "annotations.json",
             ),
             (self.folder.rescored(kind, mode),),
-            ("rescore.fusion.fuse", "rescore.evidence.model", "rescore.formats.coco"),
+            (fuse, model, coco),
         )
 
         def work(out: Path) -> None:
@@ -256,7 +254,7 @@ class Run:
                 *(self.folder.tuned(k, m) for k, m in pairs),
             ),
             outputs,
-            ("rescore.results.evaluate", "rescore.formats.coco"),
+            (evaluate, coco),
         )
 
         def work() -> None:
@@ -302,18 +300,18 @@ class Run:
     def _fitted_on(self) -> tuple[str, ...]:
         return FITTED_ON if self._learned else ()
 
-    def _evidence(self, kind: DetectorKind, split: str, mode: Registration) -> tuple[Path, ...]:
+    def _evidence(self, kind: str, split: str, mode: Registration) -> tuple[Path, ...]:
         """The files that decide D of a mode."""
         table = self.folder.evidence_table(kind, split)
         return (table, self.folder.evidence_model(kind)) if mode in LEARNED else (table,)
 
-    def _table(self, kind: DetectorKind, split: str, mode: Registration, data: DataSet) -> CandidateTable:
+    def _table(self, kind: str, split: str, mode: Registration, data: DataSet) -> CandidateTable:
         """The candidates of a split with D of a mode."""
         table = read_detections(self.folder.evidence_table(kind, split), data.split(split)).table
         models = load_models(self.folder.evidence_model(kind)) if mode in LEARNED else {}
         return with_difference(table, models.get(mode))
 
-    def _find_evidence(self, kind: DetectorKind, split: str, out: Path, npz_dir: Path | None) -> None:
+    def _find_evidence(self, kind: str, split: str, out: Path, npz_dir: Path | None) -> None:
         data = self._data().split(split)
         candidates = read_detections(self.folder.detections(kind, split), data).candidates(data)
         table = find_evidence(

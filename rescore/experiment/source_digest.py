@@ -5,60 +5,90 @@ import hashlib
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 
-from rescore.files import _file_digest
+from rescore.files import file_digest
+
+PACKAGES = ("recon", "rescore", "datasets_synth", "reports")
+ROOT = Path(__file__).resolve().parents[2]
+"""The folder that holds the packages."""
 
 
-def source_digest(*modules: str) -> str:
+def source_digest(*modules: ModuleType, root: Path = ROOT) -> str:
     """Digest of the source of modules and of everything of this project that they import, at any depth.
 
     The code version of a cached stage: an edit of what the stage runs makes a new key, an edit elsewhere does
     not.
+
+    Args:
+        modules: modules of this project.
+        root: the folder that holds the packages, for a copy of the source.
+
+    Raises:
+        ValueError: a module is none of this project, or its source is not there.
     """
     total = hashlib.sha256()
-    for name, file in sorted(_closure(modules).items()):
-        total.update(name.encode() + b"\0" + _file_digest(file))
+    for name, file in sorted(_closure((m.__name__ for m in modules), root).items()):
+        total.update(name.encode() + b"\0" + file_digest(file))
     return total.hexdigest()
 
 
-PACKAGES = ("recon", "rescore", "datasets_synth", "reports")
-
-
-def _closure(modules: Iterable[str]) -> dict[str, Path]:
+def _closure(modules: Iterable[str], root: Path) -> dict[str, Path]:
     """Files of modules and of all modules of the project that they import, by module name."""
     found: dict[str, Path] = {}
     todo = list(modules)
     while todo:
         name = todo.pop()
-        file = module_file(name)
-        if file is None or name in found:
+        if name in found:
             continue
+        file = module_file(name, root)
+        if file is None:
+            raise ValueError(f"{name}: expected a module of {', '.join(PACKAGES)}, found no source of it")
         found[name] = file
-        todo += imported_modules(file)
+        todo += imported_modules(file, root)
     return found
 
 
-def module_file(name: str) -> Path | None:
+def module_file(name: str, root: Path = ROOT) -> Path | None:
     """The source file of a module of this project; None where the name is no such module."""
     if name.partition(".")[0] not in PACKAGES:
         return None
-    base = Path(__file__).resolve().parent.parent.joinpath(*name.split("."))
+    base = root.joinpath(*name.split("."))
     return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
 
 
-def imported_modules(file: Path) -> tuple[str, ...]:
-    """Names of modules (or members of them) that a source file imports anywhere in it, by its syntax tree."""
+def imported_modules(file: Path, root: Path = ROOT) -> set[str]:
+    """Modules of this project that a source file imports anywhere in it, by its syntax tree.
+
+    Raises:
+        ValueError: the file imports a module of this project that is not there.
+    """
+    found = set()
+    for module, members in _imports(file):
+        if module.partition(".")[0] not in PACKAGES:
+            continue
+        # an unknown name must not pass: the stage would never go stale again
+        if module_file(module, root) is None:
+            raise ValueError(f"{file}: expected imports of modules that are there, got {module}")
+        found |= {module, *(name for m in members if module_file(name := f"{module}.{m}", root))}
+    return found
+
+
+def _imports(file: Path) -> tuple[tuple[str, tuple[str, ...]], ...]:
     state = file.stat()
     return _imports_at(file, state.st_size, state.st_mtime_ns)
 
 
 @lru_cache(maxsize=10_000)
-def _imports_at(file: Path, _size: int, _modified_ns: int) -> tuple[str, ...]:
-    """Imports of a file, parsed once in a process unless it changes: stages share most of their code."""
-    names: list[str] = []
+def _imports_at(file: Path, _size: int, _modified_ns: int) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Imports of a file as modules and the names taken from each.
+
+    Parsed once in a process unless the file changes: stages share most of their code.
+    """
+    found: list[tuple[str, tuple[str, ...]]] = []
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
+            found += [(alias.name, ()) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return tuple(names)
+            found.append((node.module, tuple(alias.name for alias in node.names)))
+    return tuple(found)

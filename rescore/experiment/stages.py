@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from rescore.experiment.source_digest import source_digest
@@ -27,7 +28,7 @@ class Stage:
     """Files and folders it reads."""
     outputs: tuple[Path, ...]
     """The files and folders it makes."""
-    code: tuple[str, ...]
+    code: tuple[ModuleType, ...]
     """Modules that do the work; an edit of them, or of what they import, makes the result stale."""
     resumes: bool = False
     """Whether the work can go on in the folder that a killed run left."""
