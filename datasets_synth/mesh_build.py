@@ -270,13 +270,6 @@ def _edges(soup: Soup) -> Floats:
     return np.stack([soup.corners_m, ends], axis=2).reshape(-1, 2, 3)
 
 
-def open_edges(soup: Soup) -> Floats:
-    """Edges that belong to one face only, shape (e, 2, 3), in the direction of that face."""
-    edges = _edges(soup)
-    _, index, count = np.unique(_edge_codes(edges), return_inverse=True, return_counts=True)
-    return np.asarray(edges[count[index.ravel()] == 1])
-
-
 def _edge_codes(edges: Floats) -> NDArray[np.int64]:
     """A number for each edge (n, 2, 3), the same for both directions."""
     _, point = np.unique(_point_keys(edges.reshape(-1, 3)), return_inverse=True)

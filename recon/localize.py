@@ -21,7 +21,7 @@ from recon.outlines import fill_polygon
 from recon.projected_parts import EdgeWindow, EdgeWindowConfig
 from recon.reconstruct import reconstruct_outline
 from recon.shape_space import ShapeSpace
-from recon.standing_box import StandingBox, angle_between, cam_from_ground
+from recon.standing_box import StandingBox, cam_from_ground
 from recon.view_bins import ViewBins
 from recon.view_selection import ViewSelectionConfig, best_view_bin
 
@@ -210,8 +210,6 @@ class FitLocalization:
     fit: FittedInstance
     outline: OutlinePoints
     """The points that were fitted."""
-    runner_up: FittedInstance | None
-    """The best fit of another direction of the nose; None where all starts led to one."""
 
 
 def localize_by_fit(
@@ -260,10 +258,7 @@ def localize_by_fit(
             f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
             f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
         )
-    others = [f for f in fits[1:] if angle_between(f.yaw_rad, best.yaw_rad) > np.deg2rad(15)]
-    return FitLocalization(
-        best.box(space, config.fit.model_scale), best, outline, others[0] if others else None
-    )
+    return FitLocalization(best.box(space, config.fit.model_scale), best, outline)
 
 
 def _nose_log_odds(

@@ -198,13 +198,6 @@ def train_hog(data: DataSet, config: HogConfig, rng: np.random.Generator, jobs: 
     return detector
 
 
-def train_hog_on_crops(
-    cars: NDArray[np.uint8], street: NDArray[np.uint8], config: HogConfig, rng: np.random.Generator
-) -> HogDetector:
-    """A detector trained on canonical crops (n, height, width) of cars and of street."""
-    return train_hog_on_descriptors(descriptors(cars, config), descriptors(street, config), config, rng)
-
-
 def train_hog_on_descriptors(
     cars: NDArray[np.float32], street: NDArray[np.float32], config: HogConfig, rng: np.random.Generator
 ) -> HogDetector:

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from box_car import PART_NAMES, box_car, centroid_of, labelled_view, normal_of
-from exact_primitives import exact_library
+from exact_primitives import cross_view_transforms, exact_library
 
 from recon.camera import FloatArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learn import LearnConfig, learn_class_model, part_costs
 from recon.part_views import PartView, PartViews
-from recon.primitives import cross_view_transforms, lift, primitive_normals
+from recon.primitives import lift, primitive_normals
 from recon.structure import solve_structure
 from recon.view_bins import ViewBins
 
