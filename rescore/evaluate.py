@@ -24,7 +24,7 @@ from rescore.matching import HIT, IGNORED, OUTCOMES, MatchTable, TruthTable, gre
 from rescore.metrics import Summary, summarise
 from rescore.reliability import reliability
 from rescore.store import read_json, write_candidates, write_json
-from rescore.tune import Tuning
+from rescore.tune import OBJECTIVE, Tuning
 from rescore.weight_interval import uncertainty_as_json
 
 FloatArray = NDArray[np.float64]
@@ -356,7 +356,7 @@ def _tuning(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, Any
     for (name, mode), t in sorted(tunings.items(), key=lambda item: item[0][1] != Registration.PAPER):
         one = {
             "w": t.w,
-            "objective_name": t.objective.value,
+            "objective_name": OBJECTIVE,
             "w_grid": t.grid.tolist(),
             "objective": [_number(v) for v in t.value.tolist()],
             "n_images": t.n_images,

@@ -34,7 +34,7 @@ from rescore.predicted_files import Predictions
 from rescore.progress import track
 from rescore.store import read_json, write_json
 from rescore.threads import one_thread
-from rescore.tune import Objective, TuneConfig, Tuning, tune_weight
+from rescore.tune import OBJECTIVE, TuneConfig, Tuning, tune_weight
 from rescore.weight_interval import uncertainty_as_json, uncertainty_of_json
 
 
@@ -205,7 +205,7 @@ def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
         "detector": tuning.detector,
         "registration": tuning.registration.value,
         "w": tuning.w,
-        "objective_name": tuning.objective.value,
+        "objective_name": OBJECTIVE,
         "w_grid": tuning.grid.tolist(),
         "objective": [v if np.isfinite(v) else None for v in tuning.value.tolist()],
         "n_images": tuning.n_images,
@@ -225,10 +225,11 @@ def load_tuning(path: Path) -> Tuning:
     """
     value = read_json(path, "a tuned weight")
     try:
+        if value["objective_name"] != OBJECTIVE:
+            raise ValueError(f"by objective {value['objective_name']!r}")
         tuning = Tuning(
             detector=str(value["detector"]),
             w=float(value["w"]),
-            objective=Objective(value["objective_name"]),
             grid=np.array(value["w_grid"], dtype=float),
             value=np.array(value["objective"], dtype=float),
             n_images=int(value["n_images"]),

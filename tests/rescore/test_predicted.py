@@ -14,7 +14,7 @@ from recon.camera import PinholeCamera, StereoCamera
 from recon.outcome import Failure, Reason
 from recon.stereo import SgbmConfig
 from rescore import Boxes, Camera, PredictedDepth, RescoreError, Rescorer, StereoFrame
-from rescore.align_depth import AlignConfig, DepthAlignment, Normalisation
+from rescore.align_depth import AlignConfig, DepthAlignment
 from rescore.candidates import Candidates
 from rescore.cues import CUES, LEARNED, Registration
 from rescore.evidence import CandidateTable
@@ -28,7 +28,7 @@ from tests.bank_judge import stored_judge
 WIDTH, HEIGHT = 96, 64
 PAIR = StereoCamera(PinholeCamera(80.0, 80.0, 47.5, 31.5, WIDTH, HEIGHT), 0.5)
 BOX = np.array([20.0, 10.0, 70.0, 50.0])
-UNCLIPPED = RescoreConfig(align=AlignConfig(normalisation=Normalisation.BOX_RANGE))
+UNCLIPPED = RescoreConfig(align=AlignConfig(percentiles=(0.0, 100.0)))
 """Minimum and maximum become 0 and 1, so that nothing is clipped and D is exact."""
 
 

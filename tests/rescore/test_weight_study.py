@@ -13,10 +13,10 @@ from rescore.cli import app
 from rescore.cues import Registration
 from rescore.evidence import CandidateTable
 from rescore.frames import DataSet, Splits
-from rescore.tune import Objective, TuneConfig
+from rescore.tune import TuneConfig
 from rescore.weight_study import WeightStudy, study_weight
 
-CONFIG = TuneConfig(objective=Objective.LOG_LOSS, n_grid=51)
+CONFIG = TuneConfig(n_grid=51)
 
 
 def noisy(data: DataSet) -> CandidateTable:
@@ -49,7 +49,7 @@ def test_all_quantiles_are_weights_of_the_grid() -> None:
     for name in ("low", "lower_quartile", "median", "upper_quartile", "high"):
         assert np.abs(study.grid - getattr(study.widths[0], name)).min() < 1e-12
     assert study.w in study.grid
-    assert study.value[int(np.argmin(np.abs(study.grid - study.w)))] == study.value.min()
+    assert study.value[int(np.argmin(np.abs(study.grid - study.w)))] == study.value.max()
 
 
 @pytest.mark.parametrize("sizes", [[], [0], [20, 81]])
