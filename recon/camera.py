@@ -105,10 +105,6 @@ class GroundPlane:
             t = np.where(slope < -1e-6, -self.height_m / slope, np.nan)
         return rays * t[..., None]
 
-    def horizon_row_px(self, camera: PinholeCamera) -> float:
-        """Row of the horizon in a camera's picture; the camera stands level from left to right."""
-        return float(camera.cy_px - camera.fy_px * np.tan(self.pitch_rad))
-
 
 def default_camera(width_px: int, height_px: int) -> PinholeCamera:
     """The camera assumed where none is known, after Hoiem et al. 2005 (the report, section 6).

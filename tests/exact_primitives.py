@@ -3,9 +3,20 @@
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from recon.learning.primitives import PrimitiveLibrary, cross_view_transforms, primitive_normals
+from recon.learning.primitives import PrimitiveLibrary, lift, primitive_normals
 from recon.view_bins import ViewBins
+
+FloatArray = NDArray[np.float64]
+
+
+def cross_view_transforms(normals: FloatArray, rotation_a: FloatArray, rotation_b: FloatArray) -> FloatArray:
+    """Matrices (k, 2, 2) from image offsets in view a to offsets in view b for planes with these normals.
+
+    In object units, under scaled orthographic projection, which the learned transforms approach.
+    """
+    return np.asarray(rotation_b[:2] @ lift(normals, rotation_a))
 
 
 @lru_cache(maxsize=8)

@@ -268,13 +268,6 @@ def _edges(soup: Soup) -> FloatArray:
     return np.stack([soup.corners_m, ends], axis=2).reshape(-1, 2, 3)
 
 
-def open_edges(soup: Soup) -> FloatArray:
-    """Edges that belong to one face only, shape (e, 2, 3), in the direction of that face."""
-    edges = _edges(soup)
-    _, index, count = np.unique(_edge_codes(edges), return_inverse=True, return_counts=True)
-    return np.asarray(edges[count[index.ravel()] == 1])
-
-
 def _edge_codes(edges: FloatArray) -> IntArray:
     """A number for each edge (n, 2, 3), the same for both directions."""
     _, point = np.unique(_point_keys(edges.reshape(-1, 3)), return_inverse=True)

@@ -167,12 +167,3 @@ def lift(normals: FloatArray, rotation: FloatArray) -> FloatArray:
     facing = normals @ rotation[2]
     system[np.abs(facing) < 1e-9] = np.nan
     return np.asarray(np.linalg.inv(system)[:, :, :2])
-
-
-def cross_view_transforms(normals: FloatArray, rotation_a: FloatArray, rotation_b: FloatArray) -> FloatArray:
-    """Matrices (k, 2, 2) from image offsets in view a to offsets in view b for planes with these normals.
-
-    In object units; the closed form under scaled orthographic projection, which the learned transforms
-    approach, and which planes between those of the library have.
-    """
-    return np.asarray(rotation_b[:2] @ lift(normals, rotation_a))

@@ -65,8 +65,6 @@ class FittedInstance:
     coefficients: FloatArray
     cost: float
     """Half the weighted sum of squares with the priors."""
-    outline_error_m: float
-    """Root of the mean squared residual, outliers held down."""
 
     @property
     def vector(self) -> FloatArray:
@@ -231,11 +229,8 @@ class OutlineFit:
             gain, state = state.cost - better.cost, better
             if gain < 1e-4 * state.cost:
                 break
-        weight = stage.rays.weight(state.residual)
-        capped = np.minimum(np.abs(state.residual), 3 * self.config.outlier_m) * weight
         x = state.vector
-        error = float(np.sqrt((capped**2).mean()))
-        return FittedInstance(x[:2], float(x[2]), x[3:6], x[6:], state.cost, error)
+        return FittedInstance(x[:2], float(x[2]), x[3:6], x[6:], state.cost)
 
     def _normal_equations(self, state: "_State", stage: "FitStage") -> tuple[FloatArray, FloatArray]:
         """Matrix (f, f) and gradient (f,) of the cost in the free unknowns."""

@@ -16,7 +16,7 @@ from recon.localization.heading import Heading, Posed, read_surface
 from recon.localization.joint_fit import FittedInstance, JointFitConfig, joint_fits
 from recon.localization.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
 from recon.localization.shape_space import ShapeSpace
-from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground
+from recon.localization.standing_box import StandingBox, cam_from_ground
 from recon.outlines import fill_polygon
 from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
 from recon.reconstruction.instance import Instance3D, build_instance
@@ -208,8 +208,6 @@ class FitLocalization:
     fit: FittedInstance
     outline: OutlinePoints
     """The points that were fitted."""
-    runner_up: FittedInstance | None
-    """The best fit of another direction of the nose; None where all starts led to one."""
 
 
 def localize_by_fit(
@@ -258,10 +256,7 @@ def localize_by_fit(
             f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
             f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
         )
-    others = [f for f in fits[1:] if angle_between(f.yaw_rad, best.yaw_rad) > np.deg2rad(15)]
-    return FitLocalization(
-        best.box(space, config.fit.model_scale), best, outline, others[0] if others else None
-    )
+    return FitLocalization(best.box(space, config.fit.model_scale), best, outline)
 
 
 def _nose_log_odds(

@@ -7,10 +7,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
+from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.errors import Failure, Reason
-from recon.reconstruction.ground_region import MIN_GROUND, ground_below, reach_px
 
 _MIN_FACING = float(np.sin(np.deg2rad(8.0)))
 """A side of the footprint turned to the camera by less than this sine is seen end-on."""
@@ -49,7 +48,6 @@ def ground_line(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: GroundLineConfig,
-    ground_region: Float32Array | None = None,
     bottom_px: float | None = None,
 ) -> GroundLine | Failure:
     """Line through the lower ends of the parts that touch the ground, and its points by eqs. 2 to 5.
@@ -68,8 +66,6 @@ def ground_line(
         camera: the camera M.
         ground: the ground plane Q_g.
         config: settings.
-        ground_region: probability of ground at each pixel of the whole image, shape (h, w); contacts with
-            less than one half of it below them are left out. None keeps all contacts.
         bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
             together; None takes them from the labels alone.
     """
@@ -80,15 +76,6 @@ def ground_line(
             f"one of the parts {list(feet_cam)} expected in the image, found none",
         )
     height = float(np.ptp(np.nonzero(labels)[0]) + 1)
-    if ground_region is not None:
-        below = {k: _ground_share(c, ground_region, height) for k, c in contacts.items()}
-        contacts = {k: c for k, c in contacts.items() if below[k] >= MIN_GROUND}
-        if not contacts:
-            shares = ", ".join(f"{k}: {share:.2f}" for k, share in below.items())
-            return Failure(
-                Reason.NO_GROUND_CONTACT,
-                f"ground of probability {MIN_GROUND} below a contact expected, got ({shares})",
-            )
     shown = {k: np.array(_middle(c)) for k, c in contacts.items()}
     if bottom_px is not None:
         down = bottom_px - max(float(at[1]) for at in shown.values())
@@ -227,13 +214,6 @@ def _contacts(
 def _middle(contact_px: FloatArray) -> tuple[float, float]:
     """Middle column and lower edge of a contact: the object ends at the lower edge of its lowest pixel."""
     return float(contact_px[:, 0].mean()), float(contact_px[:, 1].max()) + 0.5
-
-
-def _ground_share(contact_px: FloatArray, ground_region: Float32Array, height_px: float) -> float:
-    """Mean probability of ground below a contact; 0 where all of that is outside the picture."""
-    below = ground_below(contact_px, ground_region, reach_px(height_px))
-    seen = np.isfinite(below)
-    return float(below[seen].mean()) if seen.any() else 0.0
 
 
 def _view_slope(

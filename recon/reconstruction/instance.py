@@ -214,21 +214,6 @@ def build_instance(
     )
 
 
-def picture_depth(found: Reconstruction, instance: Instance3D, camera: PinholeCamera) -> DepthMap:
-    """Z-depth of every labelled pixel of the picture on its part's plane, predicted or not; NaN elsewhere."""
-    rows, cols = np.nonzero(found.part_labels)
-    uv = np.stack([cols + found.x0_px, rows + found.y0_px], axis=1).astype(float)
-    rays = camera.rays(uv)
-    labels = found.part_labels[rows, cols]
-    depth = np.full(len(rays), np.nan)
-    for part in instance.parts:
-        own = labels == part.label
-        depth[own] = part.depth_along(rays[own])
-    out = np.full(found.part_labels.shape, np.nan, np.float32)
-    out[rows, cols] = depth
-    return DepthMap(found.x0_px, found.y0_px, out)
-
-
 def _astray(
     placed: list[InstancePart],
     moved: ClassToInstance,

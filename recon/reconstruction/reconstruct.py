@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
+from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
@@ -91,7 +91,6 @@ def reconstruct(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig | None = None,
-    ground_region: Float32Array | None = None,
 ) -> tuple[Reconstruction | Failure, ...]:
     """The 3D instance in each box, or why there is none; one result a box, in order.
 
@@ -103,8 +102,6 @@ def reconstruct(
         camera: M; ``default_camera`` where none is known.
         ground: Q_g; ``DEFAULT_GROUND`` where none is known.
         config: settings; None for the defaults.
-        ground_region: probability of ground at each pixel, shape (h, w) (``ground_probability``), which keeps
-            parts that do not stand on ground out of the ground line; None trusts the outline alone.
 
     Raises:
         RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
@@ -114,11 +111,6 @@ def reconstruct(
         raise RescoreError(
             f"picture: expected {camera.width_px} x {camera.height_px} pixels as the camera says, "
             f"got shape {rgb.shape}; calibrate for this picture size"
-        )
-    if ground_region is not None and ground_region.shape != rgb.shape[:2]:
-        raise RescoreError(
-            f"ground region: expected shape {rgb.shape[:2]} as the picture has, got {ground_region.shape}; "
-            "take it from this picture"
         )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
     view = prepare_view(model, view_bin, config.registration)
@@ -130,9 +122,7 @@ def reconstruct(
         results[i] = (
             outline
             if isinstance(outline, Failure)
-            else _from_outline(
-                boxes[i], outline, view, view_bin, model, camera, ground, config, ground_region
-            )
+            else _from_outline(boxes[i], outline, view, view_bin, model, camera, ground, config)
         )
     return tuple(r for r in results if r is not None)
 
@@ -171,9 +161,7 @@ def reconstruct_outline(
         return (parts,) * len(turns_rad)
     level = view_rotation(model, view_bin, box, camera, ground)
     return tuple(
-        _instance(
-            outline, parts, view, to_image, level @ _about_z(-turn), model, camera, ground, config, None
-        )
+        _instance(outline, parts, view, to_image, level @ _about_z(-turn), model, camera, ground, config)
         for turn in turns_rad
     )
 
@@ -200,7 +188,6 @@ def _from_outline(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig,
-    ground_region: Float32Array | None,
 ) -> Reconstruction | Failure:
     """From the outline on: register parts, find the ground line, place the planes."""
     parts = register_parts(outline, view, config.registration)
@@ -208,7 +195,7 @@ def _from_outline(
         return parts
     to_image = grid_to_image(view.grid, box_px)
     turned = view_rotation(model, view_bin, box_px, camera, ground)
-    return _instance(outline, parts, view, to_image, turned, model, camera, ground, config, ground_region)
+    return _instance(outline, parts, view, to_image, turned, model, camera, ground, config)
 
 
 def _instance(
@@ -221,7 +208,6 @@ def _instance(
     camera: PinholeCamera,
     ground: GroundPlane,
     config: ReconstructConfig,
-    ground_region: Float32Array | None,
 ) -> Reconstruction | Failure:
     """From the registered parts on: find the ground line, place the planes."""
     outline_px = to_image(outline)
@@ -229,9 +215,7 @@ def _instance(
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
     box_bottom = np.array([0.0, view.grid.margin_px + view.grid.box_height_px - 0.5])
     bottom_px = float(to_image(box_bottom)[1]) if config.box_bottom_is_ground else None
-    line = ground_line(
-        labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, ground_region, bottom_px
-    )
+    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, bottom_px)
     if isinstance(line, Failure):
         return line
     placed = place_instance(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)

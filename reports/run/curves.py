@@ -44,11 +44,6 @@ class CurveSet:
         """Name for people."""
         return f"{detector_name(self.detector)}, {mode_name(self.mode)}"
 
-    @property
-    def short_name(self) -> str:
-        """Shorter name, for legends."""
-        return f"{detector_name(self.detector, short=True)}, {mode_name(self.mode)}"
-
 
 def match_table(run: Run, detector: str, mode: str) -> MatchTable:
     """The match table of one detector and mode, from candidates.parquet."""

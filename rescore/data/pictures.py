@@ -1,6 +1,6 @@
 """Pictures on disk: their names, sizes and pixels."""
 
-import zlib
+import io
 from collections import Counter
 from pathlib import Path
 
@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
+from PIL.PngImagePlugin import PngImageFile
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
+PNG_END = b"\x00\x00\x00\x00IEND\xae\x42\x60\x82"
 
 
 def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
@@ -33,16 +35,14 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
 
 def _is_whole_png(data: bytes) -> bool:
     """Whether the chunks of a PNG follow each other up to the last one, each with the checksum it names."""
-    place = len(PNG_HEAD)
-    while place + 12 <= len(data):
-        length = int.from_bytes(data[place : place + 4])
-        body, end = data[place + 4 : place + 8 + length], place + 12 + length
-        if end > len(data) or zlib.crc32(body) != int.from_bytes(data[end - 4 : end]):
-            return False
-        if body[:4] == b"IEND":
-            return True
-        place = end
-    return False
+    # Pillow does not read the checksum of the last chunk, and OpenCV refuses pictures without it
+    if PNG_END not in data:
+        return False
+    try:
+        PngImageFile(io.BytesIO(data)).verify()
+    except (OSError, SyntaxError, ValueError):
+        return False
+    return True
 
 
 def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
-from recon.errors import RescoreError
 from rescore.data.frames import DataSet
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.boosting import BoostConfig, Stumps, gentle_boost
@@ -175,22 +174,6 @@ def train_boosted(
         street_features = np.concatenate([street_features, _features(hard, dictionary, jobs)], axis=1)
         detector = _fit(dictionary, car_features, street_features, config, rng)
     return detector
-
-
-def train_boosted_on_crops(
-    cars: UInt8Array,
-    street: UInt8Array,
-    config: BoostedConfig,
-    rng: np.random.Generator,
-    jobs: int = 1,
-) -> BoostedDetector:
-    """A detector trained on canonical crops (n, height, width) of cars and of street."""
-    if not len(cars):
-        raise RescoreError("training: expected crops of cars, got none; add training frames")
-    dictionary = cut_dictionary(cars, config.window, config.fragments, rng)
-    return _fit(
-        dictionary, _features(cars, dictionary, jobs), _features(street, dictionary, jobs), config, rng
-    )
 
 
 @dataclass(frozen=True, eq=False)

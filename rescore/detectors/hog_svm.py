@@ -206,13 +206,6 @@ def train_hog(data: DataSet, config: HogConfig, rng: np.random.Generator, jobs: 
     return detector
 
 
-def train_hog_on_crops(
-    cars: UInt8Array, street: UInt8Array, config: HogConfig, rng: np.random.Generator
-) -> HogDetector:
-    """A detector trained on canonical crops (n, height, width) of cars and of street."""
-    return train_hog_on_descriptors(descriptors(cars, config), descriptors(street, config), config, rng)
-
-
 def train_hog_on_descriptors(
     cars: Float32Array, street: Float32Array, config: HogConfig, rng: np.random.Generator
 ) -> HogDetector:

@@ -25,16 +25,14 @@ class Normalisation(StrEnum):
     """What maps measured depth to [0, 1] before eq. 6."""
 
     BOX_PERCENTILES = "box_percentiles"
-    """The 2nd and the 98th percentile of the region go to 0 and 1, what lies outside is clipped.
+    """Two percentiles of the region go to 0 and 1, what lies outside is clipped.
 
     The default. Per box, so that D asks whether the *shape* fits, and a car at 10 m and one at 40 m are
     judged alike; percentiles, because one streak of a stereo matcher would stretch the range of the box and
     shrink every residual with it.
     """
-    BOX_RANGE = "box_range"
-    """Minimum and maximum of the region go to 0 and 1: as above without protection from outliers."""
     IMAGE_RANGE = "image_range"
-    """The 2nd and the 98th percentile of the whole picture go to 0 and 1, clipped.
+    """Two percentiles of the whole picture go to 0 and 1, clipped.
 
     The most literal reading of "the normalised stereo depth map". A car then fills a few per cent of the
     range, so every D is near 0 and says little.
@@ -47,6 +45,7 @@ class AlignConfig:
 
     normalisation: Normalisation = Normalisation.BOX_PERCENTILES
     percentiles: tuple[float, float] = (2.0, 98.0)
+    """What goes to 0 and to 1; 0 and 100 are minimum and maximum, without protection from outliers."""
     min_valid_px: int = 30
     """Fewer measured pixels than this give no D; two unknowns are fitted, and stereo noise is not white."""
     min_valid_share: float = 0.2
@@ -159,8 +158,6 @@ def _range(
 ) -> tuple[float, float]:
     """The measured depth that becomes 0, and the span that becomes 1."""
     match config.normalisation:
-        case Normalisation.BOX_RANGE:
-            low, high = float(values.min()), float(values.max())
         case Normalisation.BOX_PERCENTILES:
             low, high = (float(v) for v in np.percentile(values, config.percentiles))
         case Normalisation.IMAGE_RANGE:

@@ -22,8 +22,6 @@ GUARDED = ("relief_scale", "relief_residual", "relief_gain", "roughness")
 class GuardedConfig:
     """Settings of the guarded fit."""
 
-    inverse_depth: bool = True
-    """Whether inverse depth is fitted (the noise of stereo is even there) or depth."""
     scale_limits: tuple[float, float] = (0.3, 3.0)
     """Bounds of the scale; 1 gives the predicted relief its own size."""
     n_scales: int = 15
@@ -40,7 +38,7 @@ class GuardedConfig:
 
 @dataclass(frozen=True)
 class GuardedAlignment:
-    """The fit of one candidate. Relief is that of (inverse) depth as a share of its median."""
+    """The fit of one candidate. Relief is that of inverse depth as a share of its median."""
 
     scale: float
     """Logarithm of the scale, within its bounds: 0 where the predicted relief has its own size."""
@@ -77,10 +75,8 @@ def guarded_alignment(
     disparity = measured.ravel()[some].astype(float)
     depth = predicted.depth.ravel()[some].astype(float)
     noise = config.noise_px / float(np.median(disparity))
-    if config.inverse_depth:
-        shown, model = _relief(disparity), _relief(1 / depth)
-    else:
-        shown, model = _relief(1 / disparity), _relief(depth)
+    # inverse depth, since the noise of stereo is even there
+    shown, model = _relief(disparity), _relief(1 / depth)
     scales = np.geomspace(*config.scale_limits, config.n_scales)
     distance = _capped_distance(shown - np.append(scales, 0.0)[:, None] * model, config.cap)
     best, flat = int(np.argmin(distance[:-1])), float(distance[-1])

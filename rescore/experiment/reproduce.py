@@ -12,7 +12,7 @@ from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.detectors.detect import calibrate_detector, detect_candidates
 from rescore.detectors.platt import load_scaling, save_scaling
-from rescore.detectors.registry import str, load_detector, train_detector
+from rescore.detectors.registry import load_detector, str, train_detector
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.model import fit_modes, load_models, save_models, with_difference
 from rescore.evidence.pipeline import find_evidence

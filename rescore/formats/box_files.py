@@ -1,6 +1,5 @@
 """Boxes of other tools, a file a picture: Pascal VOC XML and YOLO text."""
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from xml.etree import ElementTree
 
 from recon.errors import RescoreError
 from rescore.formats.labels import ClassMap, LabelRow, checked_box, number, read_lines
+from rescore.formats.yaml_files import read_yaml
 
 NAME_FILES = ("classes.txt", "obj.names", "data.yaml", "dataset.yaml", "data.yml")
 """Where YOLO keeps the names of its class numbers."""
@@ -54,7 +54,7 @@ def class_names(folder: Path) -> list[str]:
     """The names of YOLO's class numbers, from a file in the folder or the one above.
 
     Raises:
-        RescoreError: there is no such file, or it holds no names.
+        RescoreError: there is no such file, or it holds no names, or not one for each number from 0.
     """
     places = [place / name for place in (folder, folder.parent) for name in NAME_FILES]
     path = next((p for p in places if p.is_file()), None)
@@ -67,20 +67,33 @@ def class_names(folder: Path) -> list[str]:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise RescoreError(f"{path}: expected names in UTF-8, got other bytes; write it again") from error
-    names = _yaml_names(text) if path.suffix in (".yaml", ".yml") else text.splitlines()
-    names = [n.strip().strip("'\"") for n in names if n.strip()]
+    if path.suffix in (".yaml", ".yml"):
+        names = _yaml_names(path, text)
+    else:
+        names = [n.strip().strip("'\"") for n in text.splitlines() if n.strip()]
     if not names:
         raise RescoreError(f"{path}: expected names of classes, found none; write them in order")
     return names
 
 
-def _yaml_names(text: str) -> list[str]:
-    """``names: [a, b]``, or a name a line as ``- a`` or ``0: a``."""
-    row = re.search(r"^names:[ \t]*\[([^\]]*)\]", text, re.MULTILINE)
-    if row:
-        return row[1].split(",")
-    block = re.search(r"^names:[ \t]*\n((?:[ \t]*(?:-|\d+:)[ \t]*\S.*\n?)+)", text, re.MULTILINE)
-    return re.findall(r"(?:-|\d+:)[ \t]*(\S.*)", block[1]) if block else []
+def _yaml_names(path: Path, text: str) -> list[str]:
+    """The names by their numbers, which a list leaves out: ``names: [a, b]`` or ``names: {0: a, 1: b}``."""
+    told = [document["names"] for document in read_yaml(path, text) if document.get("names")]
+    if not told:
+        return []
+    by_number = dict(enumerate(told[0])) if isinstance(told[0], list) else told[0]
+    if len(told) > 1 or not isinstance(by_number, dict):
+        raise RescoreError(f"{path}: names: expected one list of names, got other values; mend it")
+    names = {str(number): name for number, name in by_number.items()}
+    if set(names) != {str(i) for i in range(len(names))}:
+        raise RescoreError(
+            f"{path}: names: expected a name for each number from 0 to {len(names) - 1}, got the numbers "
+            f"{', '.join(names)[:40]}; number them without gaps"
+        )
+    in_order = [names[str(i)] for i in range(len(names))]
+    if not all(isinstance(name, str) and name.strip() for name in in_order):
+        raise RescoreError(f"{path}: names: expected texts, got an empty name or a list; mend it")
+    return [name.strip() for name in in_order]
 
 
 def read_yolo(path: Path, width_px: int, height_px: int, names: Sequence[str]) -> list[LabelRow]:

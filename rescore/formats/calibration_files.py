@@ -1,29 +1,19 @@
-"""Calibrations of rectified pairs: OpenCV and ROS YAML, Middlebury's and KITTI's calib.txt.
+"""Calibrations of rectified pairs: YAML of OpenCV, ROS and Kalibr, Middlebury's and KITTI's calib.txt.
 
 All are read into pixels and metres. Nothing is rectified here: the numbers are those of rectified pictures.
 """
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from recon.arrays import FloatArray
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
+from rescore.formats.calibration_values import ONE_CAMERA, calibration_values, matrix_of, number_of
 
 DEPTH_CAMERA_BASELINE_M = 0.1
 """Baseline for cameras that measure depth without a pair: depth is turned to the disparity of a pair, as all
 that follows reads it, and this chooses the pair. The depth itself does not depend on it."""
-
-_MATRIX = re.compile(
-    r"^(\w+):[^\n\[]*\n(?:[ \t]+(?:rows|cols|dt):[^\n]*\n)*[ \t]+data:[ \t]*"
-    r"(?:\[([^\]]*)\]|\n((?:[ \t]*-[ \t][^\n]*\n?)+))",
-    re.MULTILINE,
-)
-_ROW = re.compile(r"^(\w+):[ \t]*\[([^\]]*)\]", re.MULTILINE)
-_SCALAR = re.compile(r"^(\w+):[ \t]*([-+.\deE]+|\.?nan|\.?inf)[ \t]*(?:#.*)?$", re.MULTILINE | re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -83,9 +73,10 @@ def read_calibration(
     Raises:
         RescoreError: a file is missing, or holds no calibration.
     """
-    values = _values(path)
+    values = calibration_values(path)
     if right is not None:
-        return _of_projections(path, values, _values(right), "projection_matrix", "projection_matrix")
+        other = calibration_values(right)
+        return _of_projections(path, values, other, _projection_name(values), _projection_name(other))
     if "cam0" in values:
         return _middlebury(path, values)
     if path.suffix == ".txt" and "P0" in values:
@@ -98,74 +89,17 @@ def read_calibration(
     return _of_one_matrix(path, values)
 
 
-def _values(path: Path) -> dict[str, FloatArray]:
-    """Every matrix, list and number of a calibration file by its name, flat."""
-    if not path.is_file():
-        raise RescoreError(f"{path}: expected a calibration, found no file; check the path")
-    try:
-        text = path.read_text(encoding="utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise RescoreError(f"{path}: expected a calibration as text, got other bytes; check it") from error
-    found: dict[str, str] = {}
-    if path.suffix == ".txt":
-        pairs = (re.split(r"[=:]", line, maxsplit=1) for line in text.splitlines())
-        found = {p[0].strip(): p[1].strip(" []").replace(";", " ") for p in pairs if len(p) == 2}
-    else:
-        found |= dict(_SCALAR.findall(text))
-        found |= dict(_ROW.findall(text))
-        found |= {name: row or block.replace("- ", " ") for name, row, block in _MATRIX.findall(text)}
-    return {name: _numbers(path, name, value) for name, value in found.items() if _is_wanted(name)}
+def _projection_name(values: dict[str, FloatArray]) -> str:
+    """What the projection matrix of a camera is called: in a calibration of ROS, or in its camera_info."""
+    return "P" if "P" in values and "projection_matrix" not in values else "projection_matrix"
 
 
-_ONE_CAMERA = [
-    "projection_matrix",
-    "K1",
-    "M1",
-    "cameraMatrix",
-    "camera_matrix",
-    "CameraMatrix",
-    "K",
-    "P1",
-    "P2",
-]
-"""Names of the matrix of one camera, best first."""
-_WANTED = re.compile(
-    r"(cam[01]|doffs|baseline(_m)?|width|height|P[0-3]|P_rect_0[23]|[KMQT]|[KM][12]|camera_?matrix|"
-    r"projection_matrix|image_(width|height)|image_?Size|depth_?(map_?)?factor|f[xy]|c[xy]|Camera_?(f|c)[xy])",
-    re.IGNORECASE,
-)
-
-
-def _is_wanted(name: str) -> bool:
-    return _WANTED.fullmatch(name) is not None
-
-
-def _numbers(path: Path, name: str, text: str) -> FloatArray:
-    try:
-        # YAML writes .nan and .inf
-        plain = re.sub(r"\.(nan|inf)", r"\1", text, flags=re.IGNORECASE)
-        values = np.array([float(v) for v in re.split(r"[\s,]+", plain.strip()) if v])
-    except ValueError as error:
-        raise RescoreError(f"{path}: {name}: expected numbers, got {text.strip()[:40]!r}; mend it") from error
-    if not len(values) or not np.isfinite(values).all():
-        raise RescoreError(f"{path}: {name}: expected finite numbers, got {text.strip()[:40]!r}; mend it")
-    return values
-
-
-def _matrix(path: Path, values: dict[str, FloatArray], name: str, rows: int, columns: int) -> FloatArray:
-    value = values.get(name)
-    if value is None or value.size != rows * columns:
-        got = "no such entry" if value is None else f"{value.size} numbers"
-        raise RescoreError(f"{path}: {name}: expected {rows} x {columns} numbers, got {got}; mend it")
-    return value.reshape(rows, columns)
-
-
-def _size(values: dict[str, FloatArray]) -> tuple[int | None, int | None]:
+def _size(path: Path, values: dict[str, FloatArray]) -> tuple[int | None, int | None]:
     both = next((values[k] for k in ("imageSize", "image_size") if k in values and values[k].size == 2), None)
     if both is not None:
-        return int(both[0]), int(both[1])
+        return int(both.flat[0]), int(both.flat[1])
     width, height = (
-        next((int(values[k][0]) for k in (name, f"image_{name}") if k in values), None)
+        next((int(number_of(path, values, k)) for k in (name, f"image_{name}") if k in values), None)
         for name in ("width", "height")
     )
     return width, height
@@ -175,14 +109,14 @@ def _of_projections(
     path: Path, left: dict[str, FloatArray], right: dict[str, FloatArray], first: str, second: str
 ) -> Calibration:
     """From two 3 x 4 projection matrices: column 3 of each is -fx times the camera's x."""
-    p, q = _matrix(path, left, first, 3, 4), _matrix(path, right, second, 3, 4)
+    p, q = matrix_of(path, left, first, 3, 4), matrix_of(path, right, second, 3, 4)
     if not p[0, 0] > 0 or abs(q[0, 0] - p[0, 0]) > 0.01 * p[0, 0]:
         raise RescoreError(
             f"{path}: expected projections of a rectified pair with one focal length, got fx {p[0, 0]:g} and "
             f"{q[0, 0]:g}; calibrate after rectification"
         )
     baseline = (p[0, 3] - q[0, 3]) / p[0, 0]
-    width, height = _size(left)
+    width, height = _size(path, left)
     return _checked(
         path,
         Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline, q[0, 2] - p[0, 2], width, height),
@@ -191,19 +125,19 @@ def _of_projections(
 
 def _of_q(path: Path, values: dict[str, FloatArray]) -> Calibration:
     """From OpenCV's Q, which takes (u, v, disparity, 1) to the homogeneous point."""
-    q = _matrix(path, values, "Q", 4, 4)
+    q = matrix_of(path, values, "Q", 4, 4)
     if not q[3, 2] or not q[2, 3] > 0:
         raise RescoreError(f"{path}: Q: expected Q[2, 3] > 0 and Q[3, 2] other than 0; mend Q")
     # stereoRectify writes -1 / Tx with Tx negative where the second camera stands on the right
     baseline, offset = 1 / q[3, 2], q[3, 3] / q[3, 2]
-    width, height = _size(values)
+    width, height = _size(path, values)
     return _checked(path, Calibration(q[2, 3], q[2, 3], -q[0, 3], -q[1, 3], baseline, offset, width, height))
 
 
 def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
     """cam0 is [f 0 cx; 0 f cy; 0 0 1], baseline in millimetres, doffs in pixels (Scharstein et al. 2014)."""
-    k = _matrix(path, values, "cam0", 3, 3)
-    width, height = _size(values)
+    k = matrix_of(path, values, "cam0", 3, 3)
+    width, height = _size(path, values)
     return _checked(
         path,
         Calibration(
@@ -211,8 +145,8 @@ def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
             fy_px=k[1, 1],
             cx_px=k[0, 2],
             cy_px=k[1, 2],
-            baseline_m=_matrix(path, values, "baseline", 1, 1)[0, 0] / 1000,
-            disparity_offset_px=float(values.get("doffs", np.zeros(1))[0]),
+            baseline_m=number_of(path, values, "baseline") / 1000,
+            disparity_offset_px=number_of(path, values, "doffs") if "doffs" in values else 0.0,
             width_px=width,
             height_px=height,
         ),
@@ -221,16 +155,16 @@ def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
 
 def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
     """From the matrix of the left camera, or ROS's projection of it, and a baseline if there is one."""
-    name = next((n for n in _ONE_CAMERA if n in values), None)
+    name = next((n for n in ONE_CAMERA if n in values), None)
     if name is None:
         raise RescoreError(
             f"{path}: expected a calibration (P1 and P2, Q, K1, cameraMatrix, projection_matrix, or cam0), "
             f"got {', '.join(sorted(values)) or 'none of them'}; write one"
         )
     columns = 4 if values[name].size == 12 else 3
-    k = _matrix(path, values, name, 3, columns)
-    width, height = _size(values)
-    factor = next((values[n][0] for n in ("depth_factor", "DepthMapFactor") if n in values), None)
+    k = matrix_of(path, values, name, 3, columns)
+    width, height = _size(path, values)
+    factor = next((n for n in ("depth_factor", "DepthMapFactor") if n in values), None)
     return _checked(
         path,
         Calibration(
@@ -238,28 +172,28 @@ def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
             fy_px=k[1, 1],
             cx_px=k[0, 2],
             cy_px=k[1, 2],
-            baseline_m=_baseline(values),
+            baseline_m=_baseline(path, values),
             disparity_offset_px=_offset(path, values, k),
             width_px=width,
             height_px=height,
-            depth_factor=None if factor is None else float(factor),
+            depth_factor=None if factor is None else number_of(path, values, factor),
         ),
     )
 
 
-def _baseline(values: dict[str, FloatArray]) -> float | None:
+def _baseline(path: Path, values: dict[str, FloatArray]) -> float | None:
     """The baseline that is written out, or the length of T along the rows."""
     for name in ("baseline_m", "baseline"):
         if name in values:
-            return float(values[name][0])
+            return number_of(path, values, name)
     if "T" in values and values["T"].size == 3:
-        return float(-values["T"][0])
+        return float(-values["T"].flat[0])
     return None
 
 
 def _offset(path: Path, values: dict[str, FloatArray], left: FloatArray) -> float:
     other = next((n for n in ("K2", "M2") if n in values), None)
-    return 0.0 if other is None else float(_matrix(path, values, other, 3, 3)[0, 2] - left[0, 2])
+    return 0.0 if other is None else float(matrix_of(path, values, other, 3, 3)[0, 2] - left[0, 2])
 
 
 def _checked(path: Path, c: Calibration) -> Calibration:

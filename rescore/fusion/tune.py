@@ -1,7 +1,6 @@
 """The weight w of eq. 7, chosen for one detector on the validation set alone."""
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
@@ -11,39 +10,21 @@ from rescore.data.frames import DataSet
 from rescore.data.splits import Splits, ValidationSet
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import CLASS_MODEL, Registration
-from rescore.fusion.fuse import SMALLEST, LearnedFusion, fit_fusion, fuse
+from rescore.fusion.fuse import LearnedFusion, fit_fusion, fuse
 from rescore.fusion.weight_interval import WeightUncertainty, describe, middle_of_plateau, weight_uncertainty
 from rescore.metrics.bootstrap import draw_images
-from rescore.metrics.matching import HIT, IGNORED, MatchTable, TruthTable, greedy_match, ranking_of
+from rescore.metrics.matching import MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics.resampled import Levels, Weights, weighted_figures
 
-
-class Objective(StrEnum):
-    """What w is chosen by."""
-
-    AVERAGE_PRECISION = "average_precision"
-    """The default: it counts missed cars and weighs the top of the ranking, where a detector is used."""
-    AREA = "area"
-    """Area under the candidate ROC."""
-    FPPI_AT_RECALL = "fppi_at_recall"
-    """False positives an image where the share ``TuneConfig.recall`` of the cars is found, few as can be."""
-    LOG_LOSS = "log_loss"
-    """Mean of -log of what the posterior gives to what the candidate is, a hit or not; as small as can be.
-    Ignored candidates are left out."""
-
-    @property
-    def sign(self) -> int:
-        """-1 where smaller is better, else 1."""
-        return -1 if self in (Objective.FPPI_AT_RECALL, Objective.LOG_LOSS) else 1
+OBJECTIVE = "average_precision"
+"""What w is chosen by, as files of results name it. It counts missed cars and weighs the top of the ranking,
+where a detector is used."""
 
 
 @dataclass(frozen=True)
 class TuneConfig:
     """How w is chosen."""
 
-    objective: Objective = Objective.AVERAGE_PRECISION
-    recall: float = 0.7
-    """Where objective ``FPPI_AT_RECALL`` reads false positives off."""
     n_grid: int = 101
     """w = 0, 1 / (n - 1), ..., 1."""
     min_iou: float = 0.5
@@ -54,11 +35,8 @@ class TuneConfig:
     def __post_init__(self) -> None:
         if self.n_grid < 2:
             raise RescoreError(f"tune: expected n_grid of at least 2, got {self.n_grid}; 101 is usual")
-        for name, usual in (("min_iou", 0.5), ("recall", 0.7)):
-            if not 0 < getattr(self, name) <= 1:
-                raise RescoreError(
-                    f"tune: expected {name} in (0, 1], got {getattr(self, name):g}; {usual} is usual"
-                )
+        if not 0 < self.min_iou <= 1:
+            raise RescoreError(f"tune: expected min_iou in (0, 1], got {self.min_iou:g}; 0.5 is usual")
         if self.n_resamples < 100:
             raise RescoreError(
                 f"tune: expected n_resamples of at least 100, got {self.n_resamples}; 1000 is usual"
@@ -71,11 +49,10 @@ class Tuning:
 
     detector: str
     w: float
-    objective: Objective
     grid: FloatArray
     """Every w tried, shape (n_grid,)."""
     value: FloatArray
-    """The objective at each, shape (n_grid,)."""
+    """Average precision at each, shape (n_grid,)."""
     n_images: int
     """Size of the validation set."""
     n_cars: int
@@ -102,7 +79,7 @@ def tune_weight(
     config: TuneConfig,
     rng: np.random.Generator | None = None,
 ) -> Tuning:
-    """The w of eq. 7 for the best objective on the validation set.
+    """The w of eq. 7 for the best average precision on the validation set.
 
     A small validation set does not tell many w apart, and the very best of them is chance. So the middle of
     those within one standard error of the best is taken (``WeightUncertainty.plateau``); without ``rng``,
@@ -116,7 +93,7 @@ def tune_weight(
         rng: draws images for the standard error and the interval of w, which are left out without.
 
     Raises:
-        RescoreError: the validation set holds no car, or the objective is undefined on it.
+        RescoreError: the validation set holds no car.
         ValueError: ``table`` holds a candidate of another image.
     """
     truth = TruthTable.of(validation.data)
@@ -130,16 +107,13 @@ def tune_weight(
     if rng is not None and truth.n_images > 1:
         weight = np.concatenate([weight, draw_images(truth.n_images, config.n_resamples, rng)])
     value = objective_on_grid(table, truth, config, weight)
-    _check_defined(detector, value[:, 0], config)
-    gain = config.objective.sign * value
-    best = middle_of_plateau(gain[:, 0])
+    best = middle_of_plateau(value[:, 0])
     uncertainty = None
     if len(weight) > 1:
-        uncertainty = weight_uncertainty(grid, best, gain[:, 0], gain[:, 1:], truth.n_images)
+        uncertainty = weight_uncertainty(grid, best, value[:, 0], value[:, 1:], truth.n_images)
     return Tuning(
         detector,
         float(grid[best]) if uncertainty is None else uncertainty.w,
-        config.objective,
         grid,
         value[:, 0],
         truth.n_images,
@@ -151,13 +125,13 @@ def tune_weight(
 def objective_on_grid(
     table: CandidateTable, truth: TruthTable, config: TuneConfig, weight: Weights
 ) -> FloatArray:
-    """The objective at each w of the grid for each set of image weights (r, n_images), shape (n_grid, r).
+    """Average precision at each w of the grid for each set of image weights (r, n_images), shape (n_grid, r).
 
-    NaN where it is undefined; infinity for false positives at a recall that is never reached.
+    NaN for images without a car.
     """
-    return np.stack(
-        [_objective(table, truth, w, config, weight) for w in np.linspace(0, 1, config.n_grid).tolist()]
-    )
+    matches = [match_at(table, truth, w, config.min_iou) for w in np.linspace(0, 1, config.n_grid).tolist()]
+    no_levels = Levels((), ())
+    return np.stack([weighted_figures(m, truth.cars_of_image, weight, no_levels)[:, 1] for m in matches])
 
 
 def match_at(table: CandidateTable, truth: TruthTable, w: float, min_iou: float = 0.5) -> MatchTable:
@@ -165,42 +139,6 @@ def match_at(table: CandidateTable, truth: TruthTable, w: float, min_iou: float 
     posterior = fuse(table.likelihood, table.depth_difference, w)
     ranking = ranking_of(posterior, table.score)
     return greedy_match(table.image_id, table.xyxy_px, ranking, truth, min_iou)
-
-
-def _objective(
-    table: CandidateTable, truth: TruthTable, w: float, config: TuneConfig, weight: Weights
-) -> FloatArray:
-    match = match_at(table, truth, w, config.min_iou)
-    if config.objective is Objective.LOG_LOSS:
-        return _log_loss(fuse(table.likelihood, table.depth_difference, w), match, weight)
-    columns = (Objective.AREA, Objective.AVERAGE_PRECISION, Objective.FPPI_AT_RECALL)
-    figures = weighted_figures(match, truth.cars_of_image, weight, Levels((), (config.recall,)))
-    return np.asarray(figures[:, columns.index(config.objective)])
-
-
-def _log_loss(posterior: FloatArray, match: MatchTable, weight: Weights) -> FloatArray:
-    """Mean over the candidates of the weighted images, shape (r,); NaN where there is none."""
-    counts = match.outcome != IGNORED
-    p = np.clip(posterior, SMALLEST, 1 - SMALLEST)
-    loss = -np.log(np.where(match.outcome == HIT, p, 1 - p))
-    image, n_images = match.image[counts], match.n_images
-    total = weight @ np.bincount(image, loss[counts], n_images)
-    number = weight @ np.bincount(image, minlength=n_images)
-    return np.asarray(np.divide(total, number, out=np.full(len(weight), np.nan), where=number > 0))
-
-
-def _check_defined(detector: str, value: FloatArray, config: TuneConfig) -> None:
-    if np.isfinite(value).any():
-        return
-    if np.isinf(value).any():
-        raise RescoreError(
-            f"tuning {detector}: expected a weight at which {config.recall:.0%} of the cars of the "
-            "validation set are found, got none; choose a smaller recall"
-        )
-    raise RescoreError(
-        f"tuning {detector}: expected both hits and false alarms on the validation set for objective "
-        f"{config.objective.value!r}, got one kind only; use average_precision or a larger set"
-    )
 
 
 def tune_on_validation(

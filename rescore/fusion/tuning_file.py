@@ -10,7 +10,7 @@ from recon.errors import RescoreError
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.files import read_json
 from rescore.fusion.fuse import LearnedFusion
-from rescore.fusion.tune import Objective, Tuning
+from rescore.fusion.tune import OBJECTIVE, Tuning
 from rescore.fusion.weight_interval import uncertainty_as_json, uncertainty_of_json
 
 
@@ -20,7 +20,7 @@ def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
         "detector": tuning.detector,
         "registration": tuning.registration.value,
         "w": tuning.w,
-        "objective_name": tuning.objective.value,
+        "objective_name": OBJECTIVE,
         "w_grid": tuning.grid.tolist(),
         "objective": [v if np.isfinite(v) else None for v in tuning.value.tolist()],
         "n_images": tuning.n_images,
@@ -40,10 +40,11 @@ def load_tuning(path: Path) -> Tuning:
     """
     value = read_json(path, "a tuned weight")
     try:
+        if value["objective_name"] != OBJECTIVE:
+            raise ValueError(f"by objective {value['objective_name']!r}")
         tuning = Tuning(
             detector=str(value["detector"]),
             w=float(value["w"]),
-            objective=Objective(value["objective_name"]),
             grid=np.array(value["w_grid"], dtype=float),
             value=np.array(value["objective"], dtype=float),
             n_images=int(value["n_images"]),

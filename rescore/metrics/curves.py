@@ -15,8 +15,6 @@ from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
 
 RECALL_LEVELS = (0.5, 0.6, 0.7, 0.8)
 """Where false positives per image are read off."""
-FPPI_LIMIT = 2.0
-"""Right end of the area under the curve over false positives per image, in false positives an image."""
 COCO_RECALLS = np.linspace(0, 1, 101)
 
 
@@ -40,8 +38,6 @@ class Summary:
     """Area under the candidate ROC; NaN where there are only hits or only false alarms."""
     average_precision: float
     """NaN where no car is annotated."""
-    fppi_area: float
-    """Mean true-positive rate between 0 and ``FPPI_LIMIT`` false positives an image."""
     recall_ceiling: float
     """Share of the cars found when every candidate counts."""
     fppi_at_recall: dict[float, float | None]
@@ -73,17 +69,6 @@ def area_under_roc(curve: Curve) -> float:
     if np.isnan(curve.x[-1] + curve.y[-1]):
         return float("nan")
     return float(np.trapezoid(curve.y, curve.x))
-
-
-def area_under_recall(curve: Curve, fppi_limit: float = FPPI_LIMIT) -> float:
-    """Mean true-positive rate over false positives per image from 0 to the limit, in [0, 1].
-
-    The curve is a staircase: at a given x the rate is that of the last threshold with at most x false
-    positives, and right of its end the curve keeps its last rate.
-    """
-    inside = curve.x <= fppi_limit
-    widths = np.diff(np.append(curve.x[inside], fppi_limit))
-    return float((curve.y[inside] * widths).sum() / fppi_limit)
 
 
 def average_precision(match: MatchTable) -> float:
@@ -135,7 +120,6 @@ def summarise(match: MatchTable) -> Summary:
     return Summary(
         area_under_roc(candidate_roc(match)),
         average_precision(match),
-        area_under_recall(recall),
         recall_ceiling(recall),
         {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS},
     )

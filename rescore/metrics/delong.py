@@ -35,17 +35,6 @@ class AreaTest:
     """Two-sided."""
 
 
-def delong_test(ranking: FloatArray, is_hit: BoolArray) -> AreaTest:
-    """DeLong's test: the same independent candidates ranked twice.
-
-    Args:
-        ranking: larger is better, before and after, shape (2, n).
-        is_hit: which candidates are right, the same for both, shape (n,); at least two are and two are not.
-    """
-    itself = np.arange(len(is_hit))
-    return _test(*(_placements(r, is_hit, itself, len(is_hit)) for r in ranking))
-
-
 def compare_areas(before: MatchTable, after: MatchTable) -> AreaTest:
     """Obuchowski's test for two match tables of the same images, candidates of one image correlated.
 

@@ -39,7 +39,6 @@ class WeightStudy:
 
     detector: str
     registration: Registration
-    objective: str
     n_images: int
     """Images that subsets are drawn from."""
     n_cars: int
@@ -89,17 +88,15 @@ def study_weight(
             f"{', '.join(map(str, sizes)) or 'none'}; choose others or render more images"
         )
     whole = tune_weight(detector, table, validation, config)
-    gain = config.objective.sign * whole.value
     share = np.full(truth.n_images, 1 / truth.n_images)
     widths = []
     for size in sizes:
         weight = rng.multinomial(size, share, size=n_draws).astype(np.int32)
-        sample = config.objective.sign * objective_on_grid(table, truth, config, weight)
-        widths.append(_width(size, whole.grid, gain, choices(whole.grid, sample)))
+        sample = objective_on_grid(table, truth, config, weight)
+        widths.append(_width(size, whole.grid, whole.value, choices(whole.grid, sample)))
     return WeightStudy(
         detector,
         registration,
-        config.objective.value,
         truth.n_images,
         truth.n_cars,
         n_draws,

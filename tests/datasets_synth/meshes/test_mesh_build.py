@@ -1,10 +1,12 @@
 """Cutting, recessing and smoothing of triangle soups."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
 from datasets_synth.cars.body_cuts import above_curve_level, box_level, line_level, smooth_max
-from datasets_synth.meshes.mesh_build import cut, grid_corners, open_edges, recess, smooth_normals, soup_of
+from datasets_synth.meshes.mesh_build import Soup, cut, grid_corners, recess, smooth_normals, soup_of
 
 
 def plate(n: int = 12) -> np.ndarray:
@@ -29,6 +31,15 @@ def test_cutting_keeps_the_area_and_splits_exactly_on_a_straight_line() -> None:
     assert area(parts.corners_m).sum() == pytest.approx(1.0)
     # Share with x < 0.52 - 0.3 y: 0.52 - 0.3 / 2 = 0.37.
     assert area(parts.corners_m)[values.mean(1) < 0].sum() == pytest.approx(0.37, abs=2e-3)
+
+
+def open_edges(soup: Soup) -> np.ndarray:
+    """Edges that belong to one face only, shape (e, 2, 3)."""
+    ends = np.roll(soup.corners_m, -1, axis=1)
+    edges = np.stack([soup.corners_m, ends], axis=2).reshape(-1, 2, 3)
+    both = [tuple(sorted(map(tuple, edge))) for edge in np.round(edges, 6).tolist()]
+    count = Counter(both)
+    return edges[[count[edge] == 1 for edge in both]]
 
 
 def test_cutting_opens_no_edge() -> None:

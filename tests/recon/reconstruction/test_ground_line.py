@@ -94,39 +94,6 @@ def test_above_horizon() -> None:
     )
 
 
-def region(left: float, right: float) -> np.ndarray:
-    """Ground below row 310 with one probability to the left of column 320 and another to the right."""
-    found = np.zeros((481, 641), np.float32)
-    found[311:, :320], found[311:, 320:] = left, right
-    return found
-
-
-def test_feet_on_ground_are_as_without_a_region() -> None:
-    for feet in (window(), window(40, 39)):
-        plain = ground_line(feet, 280, 270, FEET, CAMERA, GROUND, FREE)
-        line = ground_line(feet, 280, 270, FEET, CAMERA, GROUND, FREE, region(0.6, 0.9))
-        assert isinstance(plain, GroundLine)
-        assert isinstance(line, GroundLine)
-        np.testing.assert_array_equal(line.line_px, plain.line_px)
-        np.testing.assert_array_equal(line.points_m[2], plain.points_m[2])
-
-
-def test_a_foot_that_is_not_above_ground_is_left_out() -> None:
-    line = ground_line(window(), 280, 270, FEET, CAMERA, GROUND, FREE, region(0.4, 0.9))
-    assert isinstance(line, GroundLine)
-    assert set(line.points_m) == {2}
-
-
-def test_no_foot_above_ground() -> None:
-    failure = ground_line(window(), 280, 270, FEET, CAMERA, GROUND, FREE, region(0.4, 0.0))
-    assert isinstance(failure, Failure)
-    assert failure.reason is Reason.NO_GROUND_CONTACT
-    assert failure.detail == "ground of probability 0.5 below a contact expected, got (1: 0.40, 2: 0.00)"
-    # the picture ends at row 480: what stands there shows no ground
-    cut = ground_line(window(), 280, 440, FEET, CAMERA, GROUND, FREE, np.ones((481, 641), np.float32))
-    assert isinstance(cut, Failure)
-
-
 def corner(near_bottom: int, side_bottom: int, front_bottom: int) -> np.ndarray:
     """A corner view: the near foot (1) in the middle, one to its right (2), one to its left (3)."""
     labels = np.zeros((80, 140), np.uint8)

@@ -16,7 +16,6 @@ from recon.reconstruction.instance import (
     InstanceQuality,
     _absent,
     _astray,
-    picture_depth,
 )
 from recon.reconstruction.occluded_parts import ClassToInstance
 from recon.reconstruction.reconstruct import Reconstruction
@@ -186,18 +185,6 @@ def test_parts_that_contradict_the_class_model_are_not_used() -> None:
     assert reasons[2] == "its plane lies 0.60 m off the class model, more than 0.45 m"
     assert reasons[3] == "its outline leaves the box by 0.90 m, more than 0.69 m"
     assert "too flat for its outline" in reasons[4]
-
-
-def test_picture_depth_takes_the_plane_of_each_label() -> None:
-    parts = (
-        part(1, [(-1, -1, 4), (1, -1, 4), (1, 1, 4), (-1, 1, 4)]),
-        part(2, [(-2, -2, 7), (2, -2, 7), (2, 2, 7), (-2, 2, 7)], seen=False),
-    )
-    labels = np.array([[0, 1, 2], [1, 1, 2]], np.uint8)
-    found = reconstruction(labels, 90, 70)
-    depth = picture_depth(found, instance(parts), CAMERA)
-    assert (depth.x0_px, depth.y0_px) == (90, 70)
-    np.testing.assert_allclose(depth.depth, [[np.nan, 4, 7], [4, 4, 7]])
 
 
 def test_wrong_values_are_refused() -> None:

@@ -175,25 +175,6 @@ def test_no_ground_contact_where_the_wheels_are_outside_the_picture(model: Class
     assert reason(model, box, ReconstructConfig()) is Reason.NO_GROUND_CONTACT
 
 
-def test_ground_region(model: ClassModel) -> None:
-    rgb, box, truth = drawn()
-    everywhere = np.ones(rgb.shape[:2], np.float32)
-    (plain,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND)
-    (found,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=everywhere)
-    assert isinstance(plain, Reconstruction)
-    assert isinstance(found, Reconstruction)
-    np.testing.assert_array_equal(found.depth.depth, plain.depth.depth)
-    # ground all around the car, as it is
-    around = np.where(np.isfinite(truth), 0, everywhere).astype(np.float32)
-    (found,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=around)
-    assert isinstance(found, Reconstruction)
-    (failed,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=0 * everywhere)
-    assert isinstance(failed, Failure)
-    assert failed.reason is Reason.NO_GROUND_CONTACT
-    with pytest.raises(RescoreError, match="ground region: expected shape"):
-        reconstruct(rgb, box[None], 3, model, CAMERA, GROUND, ground_region=everywhere[1:])
-
-
 def test_model_side_is_prepared_once(model: ClassModel) -> None:
     config = RegistrationConfig()
     assert prepare_view(model, 3, config) is prepare_view(model, 3, RegistrationConfig())

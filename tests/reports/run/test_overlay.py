@@ -12,7 +12,7 @@ from reports.run.overlay import (
     stereo_points,
     world_from_camera,
 )
-from rescore.evidence.align_depth import AlignConfig, DepthAlignment, Normalisation, align_depth
+from rescore.evidence.align_depth import AlignConfig, DepthAlignment, align_depth
 from tests.reports.fake_run import CAMERA, HEIGHT, WIDTH, car_box, ground_depth, predicted
 
 
@@ -47,7 +47,7 @@ def test_a_perfect_prediction_lies_on_the_stereo_points():
     seen = labels > 0
     # any affine map of the true depth is a perfect prediction: eq. 6 takes scale and offset out
     measured[prediction.window][seen] = 9.0 + 1.5 * (prediction.depth[seen] - 3)
-    solved = align_depth(prediction, measured, box, AlignConfig(Normalisation.BOX_RANGE))
+    solved = align_depth(prediction, measured, box, AlignConfig(percentiles=(0.0, 100.0)))
     assert isinstance(solved, DepthAlignment)
     assert solved.difference < 1e-6
     registered = registered_depth(prediction, solved)

@@ -84,7 +84,7 @@ def test_a_damaged_picture_is_one_error_and_prints_nothing(
     noise = np.random.default_rng(0).integers(0, 255, (20, 40, 3), dtype=np.uint8)
     whole = bytearray(cv2.imencode(".png", noise)[1].tobytes())
     path = tmp_path / "left.png"
-    for place in (20, 200, len(whole) - 30):
+    for place in (20, 200, *range(len(whole) - 30, len(whole))):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 255]) + whole[place + 1 :])
         with pytest.raises(RescoreError, match="could not decode"):
             read_rgb(path, 40, 20)
@@ -94,7 +94,7 @@ def test_a_damaged_picture_is_one_error_and_prints_nothing(
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-@pytest.mark.parametrize("share", [0.0, 0.6])
+@pytest.mark.parametrize("share", [0.0, 0.6, 0.9999])
 def test_a_cut_off_picture_is_one_error_and_prints_nothing(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], suffix: str, share: float
 ) -> None:
@@ -104,6 +104,18 @@ def test_a_cut_off_picture_is_one_error_and_prints_nothing(
     path.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(RescoreError, match="could not decode"):
         read_rgb(path, 40, 20)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_png_without_its_last_chunk_is_one_error_and_prints_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = cv2.imencode(".png", np.zeros((20, 40), np.uint8))[1].tobytes()
+    path = tmp_path / "left.png"
+    for left_out in range(1, 13):
+        path.write_bytes(whole[:-left_out])
+        with pytest.raises(RescoreError, match="could not decode"):
+            read_rgb(path, 40, 20)
     assert capfd.readouterr() == ("", "")
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.detectors.boosted import BoostedConfig, BoostedDetector, train_boosted_on_crops
+from rescore.detectors.boosted import BoostedConfig, BoostedDetector, BoostedLearner
 from rescore.detectors.boosting import BoostConfig
 from rescore.detectors.fragments import FragmentConfig
-from rescore.detectors.hog_svm import HogConfig, HogDetector, train_hog_on_crops
+from rescore.detectors.hog_svm import HogConfig, HogDetector, HogLearner
 from rescore.detectors.mining import ScanRange
 from rescore.detectors.registry import load_detector
 from rescore.detectors.windows import WindowGeometry
@@ -18,13 +18,16 @@ def random_crops(window, seed):
     return rng.integers(0, 255, (12, window.height_px, window.width_px), dtype=np.uint8)
 
 
+def trained(learner, window, rng):
+    cars, street = (learner.features(random_crops(window, seed)) for seed in (0, 1))
+    return learner.fit(cars, street, rng)
+
+
 def hog():
     config = HogConfig(
         window=WindowGeometry(56, 24, 4, 4), scan=ScanRange(50, 120, 1.3), floor=-9, padding_px=(8, 8)
     )
-    return train_hog_on_crops(
-        random_crops(config.window, 0), random_crops(config.window, 1), config, np.random.default_rng(0)
-    )
+    return trained(HogLearner(config), config.window, np.random.default_rng(0))
 
 
 def boosted():
@@ -34,9 +37,8 @@ def boosted():
         boosting=BoostConfig(rounds=12, features_per_round=30),
         floor=-99,
     )
-    return train_boosted_on_crops(
-        random_crops(config.window, 0), random_crops(config.window, 1), config, np.random.default_rng(0)
-    )
+    rng = np.random.default_rng(0)
+    return trained(BoostedLearner.of(random_crops(config.window, 0), config, rng, 1), config.window, rng)
 
 
 @pytest.mark.parametrize(("make", "kind"), [(hog, HogDetector), (boosted, BoostedDetector)])

@@ -4,7 +4,7 @@ import pytest
 
 from recon.errors import RescoreError
 from rescore.data.boxes import iou_matrix
-from rescore.detectors.boosted import BoostedConfig, train_boosted, train_boosted_on_crops
+from rescore.detectors.boosted import BoostedConfig, train_boosted
 from rescore.detectors.boosting import BoostConfig
 from rescore.detectors.fragments import (
     FragmentConfig,
@@ -196,9 +196,3 @@ def test_crops_without_contrast_are_refused():
 def test_patches_larger_than_the_window_are_refused():
     with pytest.raises(RescoreError, match="no room for patches of 61 px"):
         cut_dictionary(noisy_crops(), WINDOW, FragmentConfig(sizes_px=(61,)), np.random.default_rng(0))
-
-
-def test_training_without_cars_is_refused():
-    crops = noisy_crops()
-    with pytest.raises(RescoreError, match="expected crops of cars, got none"):
-        train_boosted_on_crops(crops[:0], crops, BoostedConfig(), np.random.default_rng(0))

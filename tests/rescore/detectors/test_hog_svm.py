@@ -10,9 +10,10 @@ from rescore.detectors.hog_svm import (
     HogConfig,
     HogDetector,
     descriptor_length,
+    descriptors,
     hog_descriptor,
     train_hog,
-    train_hog_on_crops,
+    train_hog_on_descriptors,
 )
 from rescore.detectors.mining import MiningConfig, ScanRange
 from rescore.detectors.windows import WindowGeometry
@@ -136,9 +137,9 @@ def test_a_window_of_broken_cells_is_refused():
 
 
 def test_training_without_crops_is_refused():
-    crops = np.zeros((3, 48, 104), np.uint8)
+    crops = descriptors(np.zeros((3, 48, 104), np.uint8), HogConfig())
     with pytest.raises(RescoreError, match="got 3 and 0"):
-        train_hog_on_crops(crops, crops[:0], HogConfig(), np.random.default_rng(0))
+        train_hog_on_descriptors(crops, crops[:0], HogConfig(), np.random.default_rng(0))
 
 
 def test_floating_point_pictures_are_refused(trained):

@@ -17,7 +17,8 @@ from rescore.evidence.align_depth import (
 )
 
 BOX = np.array([2.0, 3.0, 12.0, 9.0])
-RANGE = AlignConfig(normalisation=Normalisation.BOX_RANGE)
+RANGE = AlignConfig(percentiles=(0.0, 100.0))
+CONFIGS = [RANGE, *(AlignConfig(normalisation) for normalisation in Normalisation)]
 
 
 def depth_map(values: np.ndarray, x0: int = 2, y0: int = 3) -> DepthMap:
@@ -63,15 +64,12 @@ def test_equals_numpy_least_squares() -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    st.integers(0, 2**32 - 1), st.floats(0.01, 50), st.floats(-100, 100), st.sampled_from(list(Normalisation))
-)
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 50), st.floats(-100, 100), st.sampled_from(CONFIGS))
 def test_difference_ignores_scale_and_offset_of_the_prediction(
-    seed: int, a: float, b: float, normalisation: Normalisation
+    seed: int, a: float, b: float, config: AlignConfig
 ) -> None:
     rng = np.random.default_rng(seed)
     z_i, z_s = rng.uniform(5, 10, (6, 10)), rng.uniform(2, 40, (6, 10))
-    config = AlignConfig(normalisation=normalisation)
     before = solved(align_depth(depth_map(z_i), picture(z_s), BOX, config))
     after = solved(align_depth(depth_map(a * z_i + b), picture(z_s), BOX, config))
     # float32 of a value near 100 with a spread of 0.01 * 5 keeps three digits
@@ -79,11 +77,10 @@ def test_difference_ignores_scale_and_offset_of_the_prediction(
     assert 0 <= before.difference <= 0.5
 
 
-@pytest.mark.parametrize("normalisation", list(Normalisation))
-def test_difference_ignores_the_unit_of_stereo(normalisation: Normalisation) -> None:
+@pytest.mark.parametrize("config", CONFIGS)
+def test_difference_ignores_the_unit_of_stereo(config: AlignConfig) -> None:
     rng = np.random.default_rng(1)
     z_i, z_s = rng.uniform(5, 10, (6, 10)), rng.uniform(2, 40, (6, 10))
-    config = AlignConfig(normalisation=normalisation)
     metres = solved(align_depth(depth_map(z_i), picture(z_s), BOX, config))
     other = solved(align_depth(depth_map(z_i), picture(z_s * 0.013), BOX, config))
     assert other.difference == pytest.approx(metres.difference, abs=1e-5)

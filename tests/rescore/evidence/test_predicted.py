@@ -15,7 +15,7 @@ from recon.errors import Failure, Reason
 from recon.stereo.sgbm import SgbmConfig
 from rescore import Boxes, Camera, PredictedDepth, RescoreError, Rescorer, StereoFrame
 from rescore.data.frames import Frame, load_frame
-from rescore.evidence.align_depth import AlignConfig, DepthAlignment, Normalisation
+from rescore.evidence.align_depth import AlignConfig, DepthAlignment
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.evidence.files import read_evidence, write_evidence
 from rescore.evidence.pipeline import FrameEvidence, compared_with_prediction
@@ -34,7 +34,7 @@ from tests.bank_judge import stored_judge
 WIDTH, HEIGHT = 96, 64
 PAIR = StereoCamera(PinholeCamera(80.0, 80.0, 47.5, 31.5, WIDTH, HEIGHT), 0.5)
 BOX = np.array([20.0, 10.0, 70.0, 50.0])
-UNCLIPPED = RescoreConfig(align=AlignConfig(normalisation=Normalisation.BOX_RANGE))
+UNCLIPPED = RescoreConfig(align=AlignConfig(percentiles=(0.0, 100.0)))
 """Minimum and maximum become 0 and 1, so that nothing is clipped and D is exact."""
 
 

@@ -146,9 +146,9 @@ def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> No
 
 def test_settings_of_a_file_replace_those_of_the_preset(tmp_path: Path) -> None:
     file = tmp_path / "changes.json"
-    file.write_text('{"rescore": {"align": {"normalisation": "box_range"}}, "detectors": ["hog"]}')
+    file.write_text('{"rescore": {"align": {"normalisation": "image_range"}}, "detectors": ["hog"]}')
     config = with_changes(run_preset("demo"), file)
-    assert config.rescore.align.normalisation == "box_range"
+    assert config.rescore.align.normalisation == "image_range"
     assert config.detectors == (DetectorKind.HOG,)
     assert config.synth == run_preset("demo").synth
 

@@ -13,6 +13,7 @@ from recon.errors import RescoreError
 from rescore.cli import main
 from rescore.data.frames import DataSet, Truth, load_frame
 from rescore.evidence.candidates import CandidateTable
+from rescore.formats.box_files import class_names
 from rescore.formats.coco import write_detections
 from rescore.formats.coco_write import write_dataset
 from rescore.formats.kitti import (
@@ -173,6 +174,11 @@ def test_voc_boxes(tmp_path: Path) -> None:
         ("labels/classes.txt", "dog\ncar\n"),
         ("data.yaml", "nc: 2\nnames: ['dog', 'car']\n"),
         ("data.yaml", "names:\n  0: dog\n  1: car\n"),
+        ("data.yaml", "names:\n  1: car\n  0: dog\n"),
+        ("data.yaml", "names:\n- dog  # the first\n# a line between\n- car  # the second\n"),
+        ("data.yaml", "train: x\nnames: {0: dog, 1: 'car'}  # in one line\n"),
+        ("dataset.yaml", "names: [\n  'dog',\n  \"car\" # last\n  ]\n"),
+        ("data.yml", "nc: 2\nnames: ['dog, small', car]\n"),
     ],
 )
 def test_yolo_boxes(tmp_path: Path, name: str, text: str) -> None:
@@ -188,6 +194,50 @@ def test_yolo_boxes(tmp_path: Path, name: str, text: str) -> None:
     file = read_detections(tmp_path / "found", data)
     assert file.table.score.tolist() == [0.625]
     assert file.table.xyxy_px.tolist() == [[12, 24, 36, 40]]
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("names: ['dog, small', \"it's\", car]\n", ["dog, small", "it's", "car"]),
+        ("names:\n  2: c\n  0: 'a: b'\n  1: no\n", ["a: b", "no", "c"]),
+        (
+            "nc: 12\nnames: {" + ", ".join(f"{i}: n{i}" for i in range(11, -1, -1)) + "}\n",
+            [f"n{i}" for i in range(12)],
+        ),
+        ("path: a\n---\nnames: [1, 2.50, yes]\n", ["1", "2.50", "yes"]),
+    ],
+)
+def test_yolo_names_by_their_numbers(tmp_path: Path, text: str, names: list[str]) -> None:
+    own.write_text(tmp_path / "data.yaml", text)
+    assert class_names(tmp_path) == names
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (
+            "names: {1: dog, 2: car}\n",
+            "names: expected a name for each number from 0 to 1, got the numbers 1, 2",
+        ),
+        (
+            "names: {0: dog, x: car}\n",
+            "names: expected a name for each number from 0 to 1, got the numbers 0, x",
+        ),
+        ("names: {0: dog, 0: car}\n", r"expected YAML, got a mistake in line 1 \(a name that occurs twice\)"),
+        ("names: [dog, '', car]\n", "names: expected texts, got an empty name or a list"),
+        ("names: [dog, [car]]\n", "names: expected texts, got an empty name or a list"),
+        ("names: dog\n", "names: expected one list of names, got other values"),
+        ("names: [dog]\n---\nnames: [car]\n", "names: expected one list of names, got other values"),
+        ("names: [dog, car\n", r"expected YAML, got a mistake in line 2 \(expected ',' or '\]'"),
+        ("names: []\n", "expected names of classes, found none"),
+    ],
+)
+def test_yolo_names_that_are_refused_in_one_line(tmp_path: Path, text: str, problem: str) -> None:
+    own.write_text(tmp_path / "data.yaml", text)
+    with pytest.raises(RescoreError, match=f"data.yaml: {problem}") as refused:
+        class_names(tmp_path)
+    assert "\n" not in str(refused.value)
 
 
 def test_every_form_is_evaluated_alike(

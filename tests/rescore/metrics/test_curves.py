@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score, roc_curve
 
 from rescore.metrics.curves import (
-    area_under_recall,
     area_under_roc,
     average_precision,
     candidate_roc,
@@ -43,11 +42,6 @@ def test_recall_curve_counts_all_cars_and_images() -> None:
     assert fppi_at_recall(curve, 0.6) is None
 
 
-def test_area_under_recall_is_the_staircase() -> None:
-    # 0.25 over [0, 0.5), 0.5 over [0.5, 2]: (0.125 + 0.75) / 2
-    assert area_under_recall(recall_curve(MIXED), 2.0) == pytest.approx(0.4375)
-
-
 def test_average_precision_by_hand() -> None:
     # precision at recall 0.25 is 1, at 0.5 it is 2/3; 26 recalls 0 .. 0.25 get 1, 25 get 2/3, 50 get 0
     assert average_precision(MIXED) == pytest.approx((26 + 25 * 2 / 3) / 101)
@@ -66,7 +60,6 @@ def test_a_car_free_image_with_one_false_alarm_makes_the_curve_worse() -> None:
     assert after.auc < before.auc
     # 1 / 2 false positives an image before, 2 / 3 after
     assert (before.fppi_at_recall[0.5], after.fppi_at_recall[0.5]) == (0.5, pytest.approx(2 / 3))
-    assert after.fppi_area < before.fppi_area
 
 
 def test_a_missed_car_lowers_the_rate() -> None:
@@ -126,5 +119,5 @@ def test_no_candidates_and_no_cars() -> None:
 
 def test_perfect_detector() -> None:
     perfect = summarise(table([4, 3, 2, 1, 0], [HIT] * 4 + [FALSE_ALARM]))
-    assert (perfect.auc, perfect.average_precision, perfect.fppi_area, perfect.recall_ceiling) == (1, 1, 1, 1)
+    assert (perfect.auc, perfect.average_precision, perfect.recall_ceiling) == (1, 1, 1)
     assert set(perfect.fppi_at_recall.values()) == {0.0}

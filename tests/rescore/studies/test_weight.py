@@ -13,11 +13,11 @@ from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import Registration
-from rescore.fusion.tune import Objective, TuneConfig
+from rescore.fusion.tune import TuneConfig
 from rescore.studies.weight import WeightStudy, study_weight
 from tests.rescore.fusion.test_tune import data_set, table
 
-CONFIG = TuneConfig(objective=Objective.LOG_LOSS, n_grid=51)
+CONFIG = TuneConfig(n_grid=51)
 
 
 def noisy(data: DataSet) -> CandidateTable:
@@ -50,7 +50,7 @@ def test_all_quantiles_are_weights_of_the_grid() -> None:
     for name in ("low", "lower_quartile", "median", "upper_quartile", "high"):
         assert np.abs(study.grid - getattr(study.widths[0], name)).min() < 1e-12
     assert study.w in study.grid
-    assert study.value[int(np.argmin(np.abs(study.grid - study.w)))] == study.value.min()
+    assert study.value[int(np.argmin(np.abs(study.grid - study.w)))] == study.value.max()
 
 
 @pytest.mark.parametrize("sizes", [[], [0], [20, 81]])
