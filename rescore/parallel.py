@@ -1,11 +1,12 @@
-"""One thread for one frame: frames run in parallel, and sums come out the same for any number of them."""
+"""Work on many frames: several at a time, one thread for each, in their order, with a bar of progress."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
+from joblib import Parallel
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
@@ -24,6 +25,14 @@ def track(items: Iterable[T], description: str, total: int, show: bool = True) -
         for item in items:
             yield item
             progress.advance(bar)
+
+
+def in_order(tasks: Iterable[Any], jobs: int) -> Iterator[Any]:
+    """The results of joblib's delayed tasks in their order, as they are done, ``jobs`` at a time.
+
+    Memory does not grow with the number of tasks: two tasks ahead for each worker keep it busy.
+    """
+    return iter(Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks))
 
 
 @contextmanager

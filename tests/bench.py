@@ -41,10 +41,10 @@ from rescore.detectors.hog_svm import HogDetector
 from rescore.detectors.registry import train_detector
 from rescore.evidence.align_depth import align_depth, measured_depth
 from rescore.evidence.candidates import Candidates
-from rescore.evidence.pipeline import depth_evidence
-from rescore.evidence.settings import assumed_camera
+from rescore.evidence.instances import assumed_camera
 from rescore.experiment.config import RunConfig, run_preset
 from rescore.formats.coco_dataset import read_dataset
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
 from rescore.metrics.curves import Summary, summarise
 from rescore.metrics.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
@@ -156,8 +156,8 @@ def recorded_casts(work: Callable[[], object]) -> list[Callable[[], object]]:
 
 def detection(data: DataSet, config: RunConfig) -> list[Row]:
     """HOG against the bare detectMultiScale call with the same windows; boosted against HOG."""
-    hog = train_detector(data, config.hog, 0, 2)
-    boosted = train_detector(data, config.boosted, 0, 2)
+    hog = train_detector("hog", data, config.detector_settings["hog"], 0, 2)
+    boosted = train_detector("boosted", data, config.detector_settings["boosted"], 0, 2)
     assert isinstance(hog, HogDetector)
     pictures = [read_rgb(f.left_path, f.width_px, f.height_px) for f in data.split("test").frames[:SCENES]]
 
@@ -180,9 +180,15 @@ def detection(data: DataSet, config: RunConfig) -> list[Row]:
     ]
 
 
+def learned(data: DataSet, config: RunConfig) -> ClassModel:
+    """The class model of a data set's part-labelled views."""
+    views = load_part_views(data.root / "part_views")
+    return learn_class_model(views, config.class_name, views.part_names, config.learn)
+
+
 def rescoring(data: DataSet, config: RunConfig) -> Row:
     """15 candidates of a frame, from picture and disparity to D, against one 5-path SGBM of the frame."""
-    model = learned(load_part_views(data.root / "part_views"), config)
+    model = learned(data, config)
     rng = np.random.default_rng(0)
 
     def pairs() -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
@@ -192,7 +198,7 @@ def rescoring(data: DataSet, config: RunConfig) -> Row:
             right = read_rgb(record.right_path, record.width_px, record.height_px)
             candidates = car_sized_boxes(record.image_id, record.width_px, record.height_px, rng)
             yield (
-                lambda f=frame, c=candidates: depth_evidence(f, c, model, config.rescore),
+                lambda f=frame, c=candidates: rescore_frame(f, c, model, Rescoring(config.rescore)),
                 lambda f=frame, r=right: compute_disparity(f.left_rgb, r, config.synth.sgbm),
             )
 
@@ -201,7 +207,7 @@ def rescoring(data: DataSet, config: RunConfig) -> Row:
 
 def modes(data: DataSet, config: RunConfig) -> Row:
     """The evidence of all modes for 15 candidates of a frame, against that of eq. 6 alone."""
-    model = learned(load_part_views(data.root / "part_views"), config)
+    model = learned(data, config)
     rng = np.random.default_rng(0)
     settings = config.rescore
 
@@ -221,7 +227,7 @@ def modes(data: DataSet, config: RunConfig) -> Row:
             frame = load_frame(record, config.synth.sgbm)
             candidates = car_sized_boxes(record.image_id, record.width_px, record.height_px, rng)
             yield (
-                lambda f=frame, c=candidates: depth_evidence(f, c, model, settings),
+                lambda f=frame, c=candidates: rescore_frame(f, c, model, Rescoring(settings)),
                 lambda f=frame, c=candidates: eq_6_alone(f, c),
             )
 

@@ -1,4 +1,4 @@
-"""Who may import whom, read from the source: recon <- rescore <- datasets_synth, reports <- the top."""
+"""Who may import whom, read from the source: between the packages, and between the rooms of each."""
 
 import ast
 from pathlib import Path
@@ -6,21 +6,42 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-ALLOWED = {
-    "recon": {"recon"},
-    "rescore": {"recon", "rescore"},
-    "datasets_synth": {"recon", "rescore", "datasets_synth"},
-    "reports": {"recon", "rescore", "reports"},
-}
+PACKAGES = ("recon", "rescore", "datasets_synth", "reports")
 DRAWING = {"plotly", "jinja2", "matplotlib", "rerun"}
 MESHES = {"open3d", "trimesh"}
 FILES = {
     ".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): f
-    for package in ALLOWED
+    for package in PACKAGES
     for f in sorted((ROOT / package).rglob("*.py"))
 }
-COMMANDS = {m for m in FILES if m == "rescore.cli" or m.startswith("rescore.commands")}
-TOP = COMMANDS | {"rescore.experiment.reproduce", "rescore.experiment.config"}
+
+TOP = ("rescore.experiment", "rescore.studies", "rescore.commands", "rescore.cli")
+"""What may import the renderer and the pages: the experiment, the studies and the commands."""
+METHOD = {"recon", "rescore"}
+ALLOWED = {
+    "recon": {"recon"},
+    "rescore": METHOD,
+    "datasets_synth": METHOD | {"datasets_synth"},
+    "reports": METHOD | {"reports"},
+}
+"""Packages that a package may import, where a module is not of ``TOP``."""
+
+FLOORS = {
+    "recon": (
+        *("errors arrays", "files camera depth_map outlines view_bins pixels shape_matching"),
+        *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),
+    ),
+    "rescore": (
+        *("files parallel", "data", "metrics", "evidence", "detectors", "fusion", "formats", "results"),
+        *("library doctor", "experiment", "studies", "commands", "cli"),
+    ),
+    "datasets_synth": ("presets meshes", "render", "cars", "objects", "street", "photos", "build"),
+    "reports": ("palette templating", "charts", "objects run", "page recording studies", "publishing"),
+}
+"""Modules and rooms of each package from the ground up. What stands on a floor imports lower floors and its
+own room; rooms of one floor do not know each other."""
+MOST_IN_A_ROOM = 17
+"""Modules beside each other in a folder."""
 
 
 def imports(file: Path, lazy: bool = True) -> set[str]:
@@ -48,30 +69,70 @@ def own(names: set[str]) -> set[str]:
     return {n for n in names if n in FILES}
 
 
+def in_top(module: str) -> bool:
+    return any(module == top or module.startswith(f"{top}.") for top in TOP)
+
+
+def floor_of(module: str) -> tuple[str, int] | None:
+    """The module or room of ``FLOORS`` that a module belongs to, and its floor; None for a package itself."""
+    package, _, rest = module.partition(".")
+    room = rest.partition(".")[0]
+    if not room:
+        return None
+    for number, names in enumerate(FLOORS[package]):
+        if room in names.split():
+            return room, number
+    raise AssertionError(f"{module}: expected a room of FLOORS; say there on which floor it stands")
+
+
 def test_all_packages_are_read() -> None:
     assert {"recon.stereo.sgbm", "rescore.cli", "datasets_synth.build", "reports"} <= set(FILES)
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if m not in TOP])
-def test_layers(module: str) -> None:
+@pytest.mark.parametrize("module", FILES)
+def test_between_the_packages(module: str) -> None:
     package = module.partition(".")[0]
-    packages = {n.partition(".")[0] for n in imports(FILES[module])}
-    assert packages & set(ALLOWED) <= ALLOWED[package]
-    assert not own(imports(FILES[module])) & TOP, "nothing imports the top"
+    names = imports(FILES[module])
+    packages = {n.partition(".")[0] for n in names}
+    if not in_top(module):
+        assert packages & set(PACKAGES) <= ALLOWED[package]
     if package != "reports":
         assert not packages & DRAWING
-    if package in {"recon", "rescore"}:
+    if package in METHOD:
         assert not packages & MESHES
 
 
-@pytest.mark.parametrize("module", sorted(TOP))
-def test_the_top_draws_nothing_itself(module: str) -> None:
-    assert not {n.partition(".")[0] for n in imports(FILES[module])} & (DRAWING | MESHES)
+@pytest.mark.parametrize("module", [m for m in FILES if floor_of(m)])
+def test_inside_the_packages(module: str) -> None:
+    package = module.partition(".")[0]
+    room, floor = floor_of(module) or ("", 0)
+    for name in own(imports(FILES[module])):
+        other = floor_of(name) if name.partition(".")[0] == package else None
+        if other and other[0] != room:
+            assert other[1] < floor, f"{module} imports {name}, which does not stand below it"
 
 
-@pytest.mark.parametrize("module", sorted(COMMANDS))
+def test_reports_draw_what_the_studies_found_and_nothing_else_of_the_top() -> None:
+    for module, file in FILES.items():
+        if not in_top(module):
+            top = {n for n in own(imports(file)) if in_top(n)}
+            allowed = "rescore.studies" if module.startswith("reports.studies") else "nothing"
+            assert all(n.startswith(allowed) for n in top), f"{module} imports {sorted(top)}"
+
+
+@pytest.mark.parametrize("folder", sorted({f.parent for f in FILES.values()}))
+def test_rooms_have_a_purpose_and_few_modules(folder: Path) -> None:
+    modules = [f for f in folder.glob("*.py") if f.name != "__init__.py"]
+    assert len(modules) <= MOST_IN_A_ROOM
+    first = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+    assert first, f"{folder}: expected a first sentence that says what the room is for"
+
+
+@pytest.mark.parametrize("module", sorted(m for m in FILES if m == "rescore.cli" or ".commands" in m))
 def test_the_commands_import_heavy_modules_lazily(module: str) -> None:
-    assert own(imports(FILES[module], lazy=False)) <= COMMANDS | {"recon.errors"}
+    allowed = {"recon.errors", "recon", "rescore"}
+    names = own(imports(FILES[module], lazy=False)) - allowed
+    assert all(n == "rescore.cli" or n.startswith("rescore.commands") for n in names)
 
 
 def test_no_circular_imports() -> None:

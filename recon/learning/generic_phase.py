@@ -8,7 +8,7 @@ pair of bins.
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
+from importlib.resources import as_file, files
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -77,8 +77,8 @@ def learn_primitives(
 def primitive_library(bins: ViewBins) -> PrimitiveLibrary:
     """The library for a view space: that of the package where it holds one, else learned here, which takes
     some 20 seconds; remembered."""
-    path = Path(__file__).with_name("data") / file_name(bins)
-    return PrimitiveLibrary.load(path) if path.is_file() else learn_primitives(bins)
+    with as_file(files("recon") / "data" / file_name(bins)) as path:
+        return PrimitiveLibrary.load(path) if path.is_file() else learn_primitives(bins)
 
 
 def file_name(bins: ViewBins) -> str:

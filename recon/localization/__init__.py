@@ -1,1 +1,1 @@
-"""Section 5.1 of the report: where an object stands and how large it is, from one picture of a known ground."""
+"""Section 5.1 of the report: the place and size of an object, from one picture of a known ground."""

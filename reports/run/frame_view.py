@@ -56,7 +56,7 @@ class CandidateView:
     """Predicted depth of the window after the registration of the mode shown, in the unit of the measured
     depth; None where there is no registration."""
     cues: FloatArray
-    """Parts of the depth evidence (k,), columns ``rescore.evidence.registration.CUES``; NaN where one is missing."""
+    """Parts of the depth evidence (k,), columns ``CUES``; NaN where one is missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +185,7 @@ class _Table:
         new_rank[order] = np.arange(len(index))
         instances: tuple[Predicted, ...] = ()
         if self._folder is not None:
-            path = evidence_path(self._folder, self._detector, image_id)
+            path = evidence_path(self._folder / self._detector, image_id)
             instances = read_evidence(path) if path.is_file() else ()
         return tuple(
             self._view(int(i), int(new), _found(instances, int(rows["rank"][i])), measured)

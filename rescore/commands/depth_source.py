@@ -163,20 +163,22 @@ def evidence_of(
 
     ``folder`` takes what led to each score, a folder a detector; doubts on predictions are told.
     """
-    from rescore.evidence.pipeline import find_evidence
+    from rescore.fusion.rescore_frame import Rescoring
+    from rescore.fusion.rescore_frames import rescore_frames
 
     file = detections_of(detections, data)
     candidates = file.candidates(data)
     source = asked.on(data, candidates)
-    table = find_evidence(
+    found = rescore_frames(
         data,
         candidates,
         source,
-        config,
+        Rescoring(config),
         jobs=jobs,
-        detector=file.detector,
         evidence_dir=None if folder is None else folder / file.detector,
+        progress=f"depth evidence {file.detector}",
     )
+    table = found.candidates
     tell_doubts(source, table)
     return source, table, file.detector
 

@@ -54,13 +54,13 @@ def train(
     from rescore.detectors.crop_training import config_for_crops, read_crops
     from rescore.detectors.detect import calibrate_detector
     from rescore.detectors.platt import save_scaling
-    from rescore.detectors.registry import DetectorKind, train_detector, train_detector_on_crops
+    from rescore.detectors.registry import DETECTORS, train_detector, train_detector_on_crops
     from rescore.experiment.config import part_as_json
     from rescore.files import write_provenance
 
-    kinds = [k for k in DetectorKind if detector in ("all", k.value)]
+    kinds = [name for name in DETECTORS if detector in ("all", name)]
     if not kinds:
-        known = ", ".join(DetectorKind)
+        known = ", ".join(DETECTORS)
         raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")
     if (dataset is None) == (crops is None):
         raise RescoreError("train: expected a data set or --crops, got both or neither; give one of them")
@@ -68,14 +68,14 @@ def train(
     data = None if dataset is None else read_data(dataset, settings.class_name)
     examples = None if crops is None else read_crops(*crops)
     for kind in kinds:
-        chosen = settings.detector(kind)
+        chosen = settings.detector_settings[kind]
         if data is not None:
-            trained = train_detector(data, chosen, seed, jobs)
+            trained = train_detector(kind, data, chosen, seed, jobs)
             scaling = calibrate_detector(trained, data, jobs)
         else:
             assert examples is not None
             chosen = config_for_crops(chosen, examples.width_px, examples.height_px)
-            trained, validation = train_detector_on_crops(examples, chosen, seed, jobs)
+            trained, validation = train_detector_on_crops(kind, examples, chosen, seed, jobs)
             scaling = validation.scaling
             say(f"{kind}, scenes of held-out crops: {validation.curve.summary()}")
         trained.save(out / f"{kind}.npz")

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
-from rescore.experiment.config import run_config
-from rescore.studies.finished_run import finished_run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,9 +79,11 @@ def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int,
     from datasets_synth.photos.distractor_bank import BankConfig
     from datasets_synth.photos.distractor_kinds import KIND
     from reports.studies.distractors import Example, draw_boxes, draw_examples
+    from rescore.experiment.config import run_config
     from rescore.files import write_json
     from rescore.parallel import track
     from rescore.studies.distractors import Judge, bank_as_json, judge_bank
+    from rescore.studies.finished_run import finished_run
     from rescore.studies.sweep import RECALL
 
     finished = finished_run(run, detector, None)
@@ -109,6 +109,7 @@ def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, 
     """Fit the evidence again without each of its parts; writes ablation.json."""
     from rescore.data.splits import Splits
     from rescore.evidence.candidates import CandidateTable
+    from rescore.experiment.config import run_config
     from rescore.experiment.reproduce import FITTED_ON
     from rescore.files import write_json
     from rescore.formats.coco import read_detections
@@ -166,6 +167,7 @@ def _sweep(
     """Sweep, write sweep.json and draw; returns the page."""
     from reports.studies.sweep import write_sweep_page
     from rescore.files import write_json, write_provenance
+    from rescore.studies.finished_run import finished_run
     from rescore.studies.sweep import SweepConfig, by_visibility, sweep_as_json, tables_of_steps
     from rescore.studies.sweep import sweep as sweep_dials
 

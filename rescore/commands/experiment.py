@@ -108,13 +108,13 @@ def apply(
 
     Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
     """
-    from rescore.evidence.model import models_as_json, with_difference
+    from rescore.evidence.model import models_as_json
     from rescore.evidence.registration import check_depth_of
     from rescore.evidence.settings import with_camera, with_stereo_for
     from rescore.experiment.config import part_as_json
     from rescore.files import write_provenance
     from rescore.formats.coco import write_rescored
-    from rescore.fusion.fuse import fuse
+    from rescore.fusion.rescore_frame import Rescoring
     from rescore.fusion.tuning_file import tuned_weight
 
     if (tuned is None) == (w is None):
@@ -129,20 +129,20 @@ def apply(
         check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
     data = read_split(dataset, split, settings.class_name)
-    rescoring = with_stereo_for(with_camera(settings.rescore, camera), data, disparities)
-    source, table, detector = evidence_of(data, detections, asked, rescoring, jobs, evidence)
+    looked = with_stereo_for(with_camera(settings.rescore, camera), data, disparities)
+    source, table, detector = evidence_of(data, detections, asked, looked, jobs, evidence)
     learned, shift = with_share(learned, table, adapt_share)
-    table = with_difference(table, learned)
-    posterior = fuse(table.likelihood, table.depth_difference, weight)
-    write_rescored(out, detector, table, posterior, w=weight, data=data, registration=mode)
+    rescoring = Rescoring(looked, learned, weight)
+    found = rescoring.fuse(table)
+    write_rescored(out, detector, found, data, w=rescoring.w, registration=rescoring.mode)
     made_with = {"w": weight, "split": split, "registration": mode.value, "log_odds_shift": shift}
-    made_with |= {"rescore": part_as_json(rescoring)}
+    made_with |= {"rescore": part_as_json(looked)}
     if learned is not None:
         # for the words of reports: D cannot be explained without what it was made with
         made_with["evidence_model"] = models_as_json({mode: learned})
     write_provenance(out, "apply", made_with | source_as_json(source), None)
     say(_grounds(table.image_id.tolist(), table.ground.tolist()))
-    say(f"{_reasons(table.status.tolist())}: {out}")
+    say(f"{_reasons(found.candidates.status.tolist())}: {out}")
 
 
 @app.command()

@@ -63,12 +63,14 @@ def fit_evidence(
     """
     from rescore.data.splits import Splits
     from rescore.evidence.candidates import CandidateTable
-    from rescore.evidence.model import fit_modes, save_models
-    from rescore.evidence.pipeline import find_evidence
+    from rescore.evidence.fit_model import fit_modes
+    from rescore.evidence.model import save_models
     from rescore.evidence.registration import LEARNED
     from rescore.evidence.settings import with_stereo_for
     from rescore.experiment.config import part_as_json
     from rescore.files import write_provenance
+    from rescore.fusion.rescore_frame import Rescoring
+    from rescore.fusion.rescore_frames import rescore_frames
 
     settings = config_of(preset, config)
     asked = source_of(
@@ -77,13 +79,15 @@ def fit_evidence(
     data = read_data(dataset, settings.class_name)
     splits = Splits.of(data)
     fitting = splits.fitting_set.data
-    rescoring = with_stereo_for(settings.rescore, fitting, None)
+    rescoring = Rescoring(with_stereo_for(settings.rescore, fitting, None))
     files = [detections_of(path, fitting) for path in detections]
     given = [(file.detector, file.candidates(fitting)) for file in files]
     source = asked.on(fitting, {i: c for _, found in given for i, c in found.items() if len(c)})
     table = CandidateTable.concatenate(
         [
-            find_evidence(fitting, candidates, source, rescoring, jobs=jobs, detector=name)
+            rescore_frames(
+                fitting, candidates, source, rescoring, jobs=jobs, progress=f"depth evidence {name}"
+            ).candidates
             for name, candidates in given
         ]
     )
@@ -119,11 +123,11 @@ def tune(
     Example: [bold]rescore tune data/demo hog_validation.json --model car.json --out hog_w.json[/bold]
     """
     from rescore.data.splits import Splits
-    from rescore.evidence.model import with_difference
     from rescore.evidence.registration import check_depth_of
     from rescore.evidence.settings import with_stereo_for
     from rescore.experiment.config import part_as_json
     from rescore.files import write_json, write_provenance
+    from rescore.fusion.rescore_frame import Rescoring
     from rescore.fusion.tune import tune_on_validation
     from rescore.fusion.tuning_file import tuning_as_json
 
@@ -136,10 +140,11 @@ def tune(
     settings = config_of(preset, config)
     data = read_data(dataset, settings.class_name)
     validation = Splits.of(data).validation
-    rescoring = with_stereo_for(settings.rescore, validation, None)
-    source, table, detector = evidence_of(validation, detections, asked, rescoring, jobs)
+    looked = with_stereo_for(settings.rescore, validation, None)
+    source, table, detector = evidence_of(validation, detections, asked, looked, jobs)
     learned, _ = with_share(learned, table, adapt_share)
-    tuning = tune_on_validation(detector, with_difference(table, learned), data, settings.tune, mode, seed)
+    judged = Rescoring(looked, learned).fuse(table).candidates
+    tuning = tune_on_validation(detector, judged, data, settings.tune, mode, seed)
     write_json(out, tuning_as_json(replace(tuning, depth_of=asked.depth_of)))
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "tune")}
     write_provenance(out, "tune", parts | source_as_json(source), seed)

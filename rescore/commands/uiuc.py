@@ -21,8 +21,7 @@ def uiuc(
 
     Example: [bold]rescore uiuc CarData models/hog.npz models/boosted.npz[/bold]
     """
-    from rescore.detectors.boosted import BoostedDetector
-    from rescore.detectors.hog_svm import HogDetector
+    from rescore.detectors.crop_training import WindowDetector
     from rescore.detectors.registry import load_detector
     from rescore.formats.uiuc import read_uiuc
     from rescore.studies.uiuc import evaluate_uiuc
@@ -30,7 +29,7 @@ def uiuc(
     pictures = read_uiuc(folder)
     for path in detectors:
         detector = load_detector(path)
-        if not isinstance(detector, HogDetector | BoostedDetector):
+        if not isinstance(detector, WindowDetector):
             raise RescoreError(f"{path}: expected a detector that scans for sizes, got {detector.name}")
         curve = evaluate_uiuc(detector, pictures, jobs)
         print(f"{detector.name}, {len(pictures)} pictures: {curve.summary()}")

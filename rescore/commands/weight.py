@@ -12,8 +12,7 @@ from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, read_data, sa
 
 if TYPE_CHECKING:
     from rescore.data.frames import DataSet
-    from rescore.detectors.registry import DetectorKind
-    from rescore.evidence.candidates import CandidateTable
+    from rescore.evidence.candidates import CandidateTable, RescoredTable
     from rescore.experiment.config import RunConfig
     from rescore.results.run_folder import RunFolder
 
@@ -48,12 +47,14 @@ def study_weight(
 
     from reports.studies.weight import width_table, write_weight_study
     from rescore.data.splits import Splits
-    from rescore.evidence.model import load_models, with_difference
+    from rescore.evidence.model import load_models
+    from rescore.experiment.config import run_config
+    from rescore.fusion.rescore_frame import Rescoring
     from rescore.results.run_folder import RunFolder
     from rescore.studies.weight import study_weight as study
 
     folder = RunFolder(run)
-    config = _config_of(run)
+    config = run_config(run)
     validation = Splits.of(read_data(dataset or folder.data, config.class_name)).validation_set
     chosen = _sizes(sizes, len(validation.data.frames))
     studies = []
@@ -62,7 +63,7 @@ def study_weight(
         models = load_models(folder.evidence_model(kind)) if folder.evidence_model(kind).is_file() else {}
         for number, mode in enumerate(config.registrations):
             rng = np.random.default_rng([seed, number])
-            rated = with_difference(table, models.get(mode))
+            rated = Rescoring(config.rescore, models.get(mode)).fuse(table).candidates
             studies.append(study(kind, mode, rated, validation, chosen, draws, config.tune, rng))
     Console().print(width_table(studies, short=True).rich())
     of_data = "" if dataset is None else f" --dataset {dataset}"
@@ -89,27 +90,9 @@ def _sizes(text: str, n_images: int) -> list[int]:
     return fit
 
 
-def _config_of(run: Path) -> "RunConfig":
-    from pydantic import ValidationError
-
-    from rescore.experiment.config import RunConfig
-    from rescore.files import read_json
-    from rescore.formats.checked_json import first_difference
-
-    file = run / "config.json"
-    value = read_json(file, "the settings of a run")
-    try:
-        return RunConfig.model_validate(value.get("config") if isinstance(value, dict) else value)
-    except ValidationError as error:
-        raise RescoreError(
-            f"{file}: expected the settings of a run of `rescore reproduce`, got {first_difference(error)}; "
-            "name such a run"
-        ) from error
-
-
 def _candidates(
     folder: "RunFolder",
-    kind: "DetectorKind",
+    kind: str,
     config: "RunConfig",
     validation: "DataSet",
     keep: Path | None,
@@ -120,34 +103,40 @@ def _candidates(
     from rescore.detectors.detect import detect_candidates
     from rescore.detectors.platt import load_scaling
     from rescore.detectors.registry import load_detector
-    from rescore.evidence.pipeline import find_evidence
     from rescore.experiment.config import part_as_json
     from rescore.experiment.stages import Stage, run_stage
-    from rescore.formats.coco import read_detections, write_rescored
+    from rescore.formats import coco
+    from rescore.fusion import rescore_frames
+    from rescore.fusion.rescore_frame import Rescoring
 
     if validation.root.resolve() == folder.data.resolve():
-        return read_detections(folder.evidence_table(kind, "validation"), validation).table
+        return coco.read_detections(folder.evidence_table(kind, "validation"), validation).table
     detector, scaling, model = folder.detector(kind), folder.scaling(kind), folder.class_model
+    rescoring = Rescoring(config.rescore)
 
-    def find() -> "CandidateTable":
+    def find() -> "RescoredTable":
         found = detect_candidates(load_detector(detector), load_scaling(scaling), validation, jobs)
         candidates = found.by_image([f.image_id for f in validation.frames])
         class_model = ClassModel.load(model)
-        return find_evidence(validation, candidates, class_model, config.rescore, jobs=jobs, detector=kind)
-
-    def work(out: Path) -> None:
-        table = find()
-        write_rescored(out, kind, table, table.likelihood, w=1.0, data=validation)
+        return rescore_frames.rescore_frames(
+            validation, candidates, class_model, rescoring, jobs=jobs, progress=f"depth evidence {kind}"
+        )
 
     if keep is None:
-        return find()
+        return find().candidates
     stage = Stage(
         f"evidence_{kind}",
         part_as_json(config.rescore),
         (detector, scaling, model, validation.root / "annotations.json"),
         (keep / f"{kind}.json",),
-        ("rescore.evidence.pipeline", "rescore.detectors.files", "rescore.formats.coco"),
+        (rescore_frames, coco),
     )
-    if run_stage(keep, stage, work).reused:
+    if run_stage(
+        keep,
+        stage,
+        lambda out: coco.write_rescored(
+            out, kind, find(), validation, w=rescoring.w, registration=rescoring.mode
+        ),
+    ).reused:
         say(f"{kind}: candidates of {keep}")
-    return read_detections(keep / f"{kind}.json", validation).table
+    return coco.read_detections(keep / f"{kind}.json", validation).table

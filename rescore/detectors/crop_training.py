@@ -9,7 +9,7 @@ Scenes of held-out crops tell, by cross-validation, what a detector finds, and f
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -55,6 +55,7 @@ class WindowConfig(Protocol):
         """Sides of the window are multiples of this."""
 
 
+@runtime_checkable
 class WindowDetector(Detector, Protocol):
     """A detector that slides a window over a pyramid of the picture."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from rescore.data.frames import DataSet, FrameRecord
 from rescore.data.pictures import read_rgb
@@ -11,7 +11,7 @@ from rescore.data.splits import Splits
 from rescore.detectors.base import Detections, Detector
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
 from rescore.evidence.candidates import Candidates, CandidateTable
-from rescore.parallel import one_thread, track
+from rescore.parallel import in_order, one_thread, track
 
 
 def calibrate_detector(detector: Detector, data: DataSet, jobs: int, show: bool = True) -> PlattScaling:
@@ -39,8 +39,7 @@ def _detections(
     detector: Detector, data: DataSet, jobs: int, what: str, show: bool
 ) -> Iterator[tuple[int, Detections]]:
     tasks = (delayed(_detect_frame)(record, detector) for record in data.frames)
-    results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks)
-    return track(results, what, len(data.frames), show)
+    return track(in_order(tasks, jobs), what, len(data.frames), show)
 
 
 def _detect_frame(record: FrameRecord, detector: Detector) -> tuple[int, Detections]:

@@ -10,8 +10,10 @@ are options:
 - pixels without a measurement (holes) are left out, and a region with too few measurements has no D at all.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 
@@ -70,16 +72,53 @@ class DepthAlignment:
     """Measured depth from 0 to 1: ``(scale * Zi + offset) * span + low`` is Zi as measured depth."""
 
 
-def measured_depth(disparity_px: Float32Array, camera: StereoCamera | None) -> Float32Array:
+def measured_depth(
+    disparity_px: Float32Array, camera: StereoCamera | None, *, inverse: bool = False
+) -> Float32Array:
     """Measured depth Zs (h, w), NaN where there is none: metres, or ``1 / disparity`` without a camera.
 
     Depth is ``fx * baseline / disparity``, so without calibration it is known up to one factor, and eq. 6
     does not see that factor: the normalisation takes it out.
+
+    Args:
+        disparity_px: shape (h, w), NaN where there is none.
+        camera: the pair; None where it is not known.
+        inverse: whether the inverse of that depth is wanted, for predictions of inverse depth.
     """
     if camera is not None:
-        return camera.depth_m(disparity_px)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(disparity_px > 0, 1 / disparity_px, np.nan).astype(np.float32)
+        depth = camera.depth_m(disparity_px)
+    else:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.where(disparity_px > 0, 1 / disparity_px, np.nan).astype(np.float32)
+    return np.float32(1) / depth if inverse else depth
+
+
+class WithDepth(Protocol):
+    """What holds the predicted depth of one candidate."""
+
+    @property
+    def depth(self) -> DepthMap:
+        """Zi, NaN outside the depth region."""
+
+
+def align_instances(
+    predicted: Sequence[WithDepth | Failure], measured: Float32Array, xyxy_px: FloatArray, config: AlignConfig
+) -> tuple[DepthAlignment | Failure, ...]:
+    """The outcome of eq. 6 for each candidate of a frame; why nothing is predicted where nothing is.
+
+    Args:
+        predicted: what is predicted of each candidate, or why nothing is.
+        measured: Zs of the whole picture (h, w), NaN where there is no measurement.
+        xyxy_px: the boxes, shape (n, 4), pixel edges.
+        config: the options.
+    """
+    limits = None
+    if config.normalisation is Normalisation.IMAGE_RANGE:
+        limits = depth_range(measured, config.percentiles)
+    return tuple(
+        one if isinstance(one, Failure) else align_depth(one.depth, measured, box, config, limits)
+        for one, box in zip(predicted, xyxy_px, strict=True)
+    )
 
 
 def align_depth(

@@ -25,7 +25,7 @@ class Candidates:
     likelihood: FloatArray
     """l_i in [0, 1], shape (n,): the score after Platt scaling."""
     azimuth_deg: FloatArray | None = None
-    """From where the detector says that the object is seen (see ``rescore.data.frames.Truth``), shape (n,), NaN
+    """Azimuth from which the detector sees the object (see ``rescore.data.frames.Truth``), shape (n,), NaN
     where unknown; None where it never says."""
 
     def __post_init__(self) -> None:
@@ -50,6 +50,11 @@ class Candidates:
 
     def __len__(self) -> int:
         return len(self.score)
+
+    @staticmethod
+    def none(image_id: int) -> "Candidates":
+        """An image without candidates."""
+        return Candidates(image_id, np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
 
 OK = "ok"
@@ -89,13 +94,12 @@ class CandidateTable:
     reason_detail: NDArray[np.object_]
     """What was expected and what came, "" where status is "ok"; strings, shape (n,)."""
     cues: FloatArray
-    """Parts of the evidence of the other modes, shape (n, k), columns ``rescore.evidence.registration.CUES``; NaN where one
-    is missing."""
+    """Parts of the evidence of the other modes, shape (n, k), columns ``CUES``; NaN where one is missing."""
     azimuth_deg: FloatArray
-    """From where the object is seen, by the detector (see ``rescore.data.frames.Truth``), shape (n,); NaN where it
-    does not say."""
+    """Azimuth from which the detector sees the object (see ``rescore.data.frames.Truth``), shape (n,); NaN
+    where it does not say."""
     ground: NDArray[np.object_]
-    """Where the ground plane of the frame came from (``rescore.data.frames.GroundSource``), "" where nothing was
+    """Origin of the ground plane of the frame (``rescore.data.frames.GroundSource``), "" where nothing was
     rescored; strings, shape (n,)."""
 
     def __len__(self) -> int:
@@ -125,7 +129,7 @@ class CandidateTable:
     @staticmethod
     def concatenate(tables: Sequence["CandidateTable"]) -> "CandidateTable":
         """One table below the other."""
-        empty = _rows(Candidates(0, np.zeros((0, 4)), np.zeros(0), np.zeros(0)), [], [])
+        empty = _rows(Candidates.none(0), [], [])
         parts = [empty, *tables]
         return CandidateTable(
             **{f.name: np.concatenate([getattr(t, f.name) for t in parts]) for f in fields(CandidateTable)}
@@ -174,3 +178,21 @@ def _rows(
         ground=np.full(n, "", object),
         **solved,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class RescoredTable:
+    """Candidates with D and their posterior likelihood."""
+
+    candidates: CandidateTable
+    """A row a candidate, with D and status of the mode."""
+    posterior: FloatArray
+    """Eq. 7, shape (n,), in [0, 1]; in mode "paper" the likelihood itself where there is no evidence."""
+
+    @staticmethod
+    def concatenate(tables: "Sequence[RescoredTable]") -> "RescoredTable":
+        """One table below the other."""
+        return RescoredTable(
+            CandidateTable.concatenate([t.candidates for t in tables]),
+            np.concatenate([np.zeros(0), *(t.posterior for t in tables)]),
+        )

@@ -20,9 +20,9 @@ Predicted = Reconstruction | BoxPrediction | Failure
 _HEADER = "header_json"
 
 
-def evidence_path(evidence_dir: Path, detector: str, image_id: int) -> Path:
-    """Where the evidence of one frame lies in a run folder's ``evidence/``."""
-    return evidence_dir / detector / f"{image_id}.npz"
+def evidence_path(folder: Path, image_id: int) -> Path:
+    """Where the evidence of one frame lies in a detector's folder of evidence files."""
+    return folder / f"{image_id}.npz"
 
 
 def write_evidence(path: Path, found: Sequence[Predicted]) -> None:

@@ -6,41 +6,21 @@ Hastie and Tibshirani 1990), fitted by penalised logistic regression. So what ea
 a candidate can be read off.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.special import expit
-from sklearn.linear_model import LogisticRegression
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
-from rescore.data.splits import FittingSet
 from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.registration import CLASS_MODEL, CUES, LEARNED, Registration
 from rescore.files import read_json, write_json
-from rescore.metrics.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
 
 FORMAT = "depth evidence 2"
-
-
-@dataclass(frozen=True)
-class EvidenceConfig:
-    """Settings of the fit."""
-
-    knots: int = 5
-    """Knots of each cue's function, at evenly spaced quantiles."""
-    inverse_penalty: float = 0.1
-    """scikit-learn's C: smaller is stronger. About a hundred cars fit twenty functions, so it is strong."""
-    min_share: float = 0.5
-    """A candidate with a smaller share of a mode's cues has no evidence."""
-    floor_quantile: float = 0.01
-    """A candidate whose checks are lower than this quantile of those fitted to has no evidence: nothing is
-    known of such measurements."""
-    min_cars: int = 10
-    """Fewer cars among the candidates fit nothing that could be trusted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +55,7 @@ class EvidenceModel:
         return out
 
     def shifted(self, log_odds: float) -> "EvidenceModel":
-        """The model with so much added to the log odds of every candidate (``rescore.evidence.car_share``)."""
+        """The model with ``log_odds`` added to those of every candidate (``rescore.evidence.car_share``)."""
         return replace(self, bias=self.bias + log_odds)
 
     @property
@@ -102,103 +82,6 @@ class EvidenceModel:
         for name, floor in self.floors.items():
             passed &= ~(cues[:, CUES.index(name)] < floor)
         return passed
-
-
-def fit_evidence(
-    cues: FloatArray,
-    is_car: BoolArray,
-    registration: Registration,
-    config: EvidenceConfig,
-    without: Sequence[str] = (),
-) -> EvidenceModel:
-    """The model of a mode from labelled candidates.
-
-    Args:
-        cues: shape (n, k), columns ``CUES``, NaN where one is missing.
-        is_car: shape (n,).
-        registration: the mode, not ``PAPER``.
-        config: settings.
-        without: cues of the mode that are left out, to learn what they are worth.
-
-    Raises:
-        RescoreError: too few cars, or nothing but cars, among candidates with evidence.
-    """
-    names = tuple(name for name in registration.cues if name not in without)
-    if not names:
-        raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
-    columns = cues[:, [CUES.index(n) for n in names]]
-    use = np.isfinite(columns).mean(axis=1) >= config.min_share
-    n_cars = int(is_car[use].sum())
-    if n_cars < config.min_cars or n_cars == int(use.sum()):
-        raise RescoreError(
-            f"depth evidence ({registration}): expected at least {config.min_cars} cars and some other "
-            f"things among candidates with measured depth, got {n_cars} cars of {int(use.sum())}; "
-            "add frames to the splits 'train' and 'calibration'"
-        )
-    quantiles = np.linspace(0.02, 0.98, config.knots)
-    knots: dict[str, FloatArray] = {}
-    shapes: list[FloatArray] = []
-    middles: list[FloatArray] = []
-    for name, values in zip(names, columns[use].T, strict=True):
-        known = np.isfinite(values)
-        at = np.unique(np.quantile(values[known], quantiles)) if known.any() else np.zeros(1)
-        shape = np.stack([np.interp(values[known], at, unit) for unit in np.eye(len(at))], axis=1)
-        middle = shape.mean(axis=0) if known.any() else np.zeros(len(at))
-        full = np.zeros((len(values), len(at)))
-        full[known] = shape - middle
-        knots[name] = at
-        shapes.append(full)
-        middles.append(middle)
-    fitted = LogisticRegression(C=config.inverse_penalty, max_iter=5000, tol=1e-8).fit(
-        np.hstack(shapes), is_car[use]
-    )
-    splits = np.cumsum([len(m) for m in middles])[:-1]
-    parts = np.split(fitted.coef_[0], splits)
-    log_odds = {n: part - float(part @ m) for n, part, m in zip(names, parts, middles, strict=True)}
-    checked = {name: cues[use, CUES.index(name)] for name in registration.checks}
-    floors = {
-        name: float(np.nanquantile(values, config.floor_quantile))
-        for name, values in checked.items()
-        if np.isfinite(values).any()
-    }
-    return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share, floors)
-
-
-def labelled_cues(
-    table: CandidateTable, fitting: FittingSet, min_iou: float = 0.5
-) -> tuple[FloatArray, BoolArray]:
-    """Cues (n, k) of the candidates on the fitting set that count, and whether each is a car (n,).
-
-    A candidate is a car where it is the detector's best box of an annotated one; other boxes on a car are
-    not, so that evidence prefers the box that fits. Candidates on ignore regions are left out.
-
-    Raises:
-        ValueError: ``table`` holds a candidate of another image.
-    """
-    truth = TruthTable.of(fitting.data)
-    match = greedy_match(table.image_id, table.xyxy_px, ranking_of(table.score, table.score), truth, min_iou)
-    use = match.outcome != IGNORED
-    return table.cues[use], match.outcome[use] == HIT
-
-
-def fit_modes(
-    table: CandidateTable, fitting: FittingSet, config: EvidenceConfig, min_iou: float = 0.5
-) -> dict[Registration, EvidenceModel]:
-    """The models of all learned modes from the candidates of one detector on the fitting set.
-
-    See ``labelled_cues`` for what counts as a car.
-    A mode that no candidate has cues for, as ``METRIC`` without calibrated cameras, is left out.
-
-    Raises:
-        RescoreError: too few cars.
-        ValueError: ``table`` holds a candidate of another image.
-    """
-    cues, is_car = labelled_cues(table, fitting, min_iou)
-    return {
-        mode: fit_evidence(cues, is_car, mode, config)
-        for mode in LEARNED
-        if mode is not Registration.METRIC or np.isfinite(cues[:, CUES.index("measured")]).any()
-    }
 
 
 def with_difference(table: CandidateTable, model: EvidenceModel | None) -> CandidateTable:

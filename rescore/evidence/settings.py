@@ -77,8 +77,8 @@ def stereo_for(
 
     Disparities up to a tenth of the picture's width are searched, rounded up to a multiple of 16, 64 at 640
     pixels; and where cameras are known at least as many as reach ``nearest_m``, which makes it
-    ``recon.stereo.sgbm.KITTI_SGBM`` for KITTI's. What is nearer than the search reaches does not come out as a
-    hole: much of it gets the largest disparity.
+    ``recon.stereo.sgbm.KITTI_SGBM`` for KITTI's. What is nearer than the search reaches does not come out as
+    a hole: much of it gets the largest disparity.
 
     Args:
         width_px: Of the widest picture.

@@ -12,14 +12,21 @@ if TYPE_CHECKING:
 from collections.abc import Mapping
 from typing import get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
 from datasets_synth.presets import SynthConfig, synth_preset
 from recon.learning.learn import LearnConfig
-from rescore.detectors.boosted import BoostedConfig
-from rescore.detectors.hog_svm import HogConfig
-from rescore.detectors.registry import DetectorKind
-from rescore.evidence.model import EvidenceConfig
+from rescore.detectors.registry import DETECTORS
+from rescore.evidence.fit_model import EvidenceConfig
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.files import read_json
@@ -34,15 +41,14 @@ class RunConfig(BaseModel):
 
     preset: str
     """Name of the preset it started from."""
-    detectors: tuple[DetectorKind, ...] = Field(
-        default=(DetectorKind.HOG, DetectorKind.BOOSTED), min_length=1
-    )
-    """Detectors to train and compare."""
+    detectors: tuple[str, ...] = Field(default_factory=lambda: tuple(DETECTORS), min_length=1)
+    """Detectors to train and compare, names of ``rescore.detectors.registry``."""
     class_name: str = "car"
     synth: SynthConfig
     learn: LearnConfig = LearnConfig()
-    hog: HogConfig = HogConfig()
-    boosted: BoostedConfig = BoostedConfig()
+    detector_settings: dict[str, Any] = Field(default_factory=dict, exclude=True)
+    """Settings of every detector of the registry by its name. In JSON they stand beside the other settings,
+    under the detector's own name."""
     rescore: RescoreConfig = RescoreConfig()
     evidence: EvidenceConfig = EvidenceConfig()
     registrations: tuple[Registration, ...] = Field(default=tuple(Registration), min_length=1)
@@ -51,21 +57,35 @@ class RunConfig(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _refuse_unknown(cls, value: Any) -> Any:
-        """Dataclasses would drop keys they do not know; a misspelt setting must not go unseen."""
-        if isinstance(value, Mapping):
-            hints = get_type_hints(cls)
-            for name, part in value.items():
-                refuse_unknown_keys(name, hints.get(name), part)
-        return value
+    def _read(cls, value: Any) -> Any:
+        """Gather the settings of detectors, and refuse unknown keys of all parts.
 
-    def detector(self, kind: DetectorKind) -> HogConfig | BoostedConfig:
-        """The settings of one detector."""
-        return self.hog if kind is DetectorKind.HOG else self.boosted
+        Dataclasses would drop keys they do not know; a misspelt setting must not go unseen.
+        """
+        if not isinstance(value, Mapping):
+            return value
+        value, hints = dict(value), get_type_hints(cls)
+        given = value.pop("detector_settings", {})
+        given = {name: value.pop(name, given.get(name, entry.config())) for name, entry in DETECTORS.items()}
+        hints |= {name: entry.config for name, entry in DETECTORS.items()}
+        for name, part in {**value, **given}.items():
+            refuse_unknown_keys(name, hints.get(name), part)
+        kinds: dict[str, Any] = {name: (entry.config, ...) for name, entry in DETECTORS.items()}
+        checked = create_model("detectors", **kinds).model_validate(given)
+        return {**value, "detector_settings": dict(checked)}
+
+    @field_validator("detectors")
+    @classmethod
+    def _known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        for name in names:
+            if name not in DETECTORS:
+                raise ValueError(f"expected {' or '.join(DETECTORS)}, got {name!r}")
+        return names
 
     def as_json(self) -> dict[str, Any]:
         """The effective config as JSON values."""
-        return self.model_dump(mode="json")
+        parts = {name: part_as_json(part) for name, part in self.detector_settings.items()}
+        return {**self.model_dump(mode="json"), **parts}
 
 
 def run_preset(name: str) -> RunConfig:
@@ -78,18 +98,21 @@ def run_preset(name: str) -> RunConfig:
     if name != "tiny":
         return config
     # of three training frames every car must serve, and floors must be low for anything to be found
-    mining = replace(config.hog.mining, rounds=0, jitter_copies=12, min_visibility=0.3)
-    boosted = replace(
-        config.boosted,
-        floor=-50.0,
-        mining=mining,
-        fragments=replace(config.boosted.fragments, count=200),
-        boosting=replace(config.boosted.boosting, rounds=30),
-    )
+    hog, boosted = config.detector_settings["hog"], config.detector_settings["boosted"]
+    mining = replace(hog.mining, rounds=0, jitter_copies=12, min_visibility=0.3)
+    small = {
+        "hog": replace(hog, floor=-5.0, mining=mining),
+        "boosted": replace(
+            boosted,
+            floor=-50.0,
+            mining=mining,
+            fragments=replace(boosted.fragments, count=200),
+            boosting=replace(boosted.boosting, rounds=30),
+        ),
+    }
     return config.model_copy(
         update={
-            "hog": replace(config.hog, floor=-5.0, mining=mining),
-            "boosted": boosted,
+            "detector_settings": config.detector_settings | small,
             "evidence": replace(config.evidence, min_cars=1),
         }
     )
@@ -119,22 +142,18 @@ def part_as_json(part: Any) -> Any:
     return TypeAdapter(type(part)).dump_python(part, mode="json")
 
 
-def run_config(root: Path) -> "RunConfig":
-    """The settings of a finished run.
+def run_config(root: Path) -> RunConfig:
+    """The settings of a finished run of `rescore reproduce`.
 
     Raises:
-        RescoreError: no settings there, or not those of `rescore reproduce`.
+        RescoreError: no settings there, or those of something else.
     """
-    from pydantic import ValidationError
-
-    pass
-    from rescore.files import read_json
-
-    value = read_json(root / "config.json", "the settings of a run")
+    file = root / "config.json"
+    value = read_json(file, "the settings of a run")
     try:
-        return RunConfig.model_validate(value["config"])
-    except (ValidationError, KeyError, TypeError) as error:
+        return RunConfig.model_validate(value.get("config") if isinstance(value, dict) else value)
+    except ValidationError as error:
         raise RescoreError(
-            f"{root}: expected a run of `rescore reproduce`, got other settings in config.json "
-            f"({type(error).__name__}); run it again"
+            f"{file}: expected the settings of a run of `rescore reproduce`, got {first_difference(error)}; "
+            "name such a run"
         ) from error

@@ -3,31 +3,28 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+from recon import part_views
 from recon.class_model import ClassModel
-from recon.learning.learn import learn_class_model
-from recon.part_views import load_part_views
+from recon.learning import learn
 from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
-from rescore.detectors.detect import calibrate_detector, detect_candidates
-from rescore.detectors.platt import load_scaling, save_scaling
-from rescore.detectors.registry import load_detector, str, train_detector
+from rescore.detectors import detect, platt
+from rescore.detectors.registry import DETECTORS, load_detector, train_detector
+from rescore.evidence import fit_model, model
 from rescore.evidence.candidates import CandidateTable
-from rescore.evidence.model import fit_modes, load_models, save_models, with_difference
-from rescore.evidence.pipeline import find_evidence
 from rescore.evidence.registration import LEARNED, Registration
 from rescore.experiment.config import RunConfig, part_as_json
-from rescore.experiment.source_digest import module_file
 from rescore.experiment.stages import Done, Stage, run_stage, run_stage_in_place
 from rescore.files import digest_of, read_json, versions, write_json
-from rescore.formats.coco import read_detections, write_detections, write_rescored
+from rescore.formats import coco
 from rescore.formats.coco_dataset import read_dataset
-from rescore.fusion.fuse import fuse
-from rescore.fusion.tune import tune_on_validation
-from rescore.fusion.tuning_file import load_tuning, tuning_as_json
+from rescore.fusion import rescore_frame, rescore_frames, tune, tuning_file
+from rescore.fusion.rescore_frame import Rescoring
 from rescore.parallel import one_thread
-from rescore.results.evaluate import evaluate
+from rescore.results import evaluate
 from rescore.results.run_folder import EVIDENCE_TABLE, RunFolder
 
 Report = Callable[[Done], None]
@@ -105,12 +102,12 @@ class Run:
         )
 
         def work(out: Path) -> None:
-            labelled = load_part_views(views)
+            labelled = part_views.load_part_views(views)
             with one_thread():
-                model = learn_class_model(
+                learned = learn.learn_class_model(
                     labelled, self.config.class_name, labelled.part_names, self.config.learn
                 )
-            model.save(out)
+            learned.save(out)
 
         self.report(run_stage(self.folder.root, stage, work))
 
@@ -140,7 +137,7 @@ class Run:
 
         def fit(out: Path) -> None:
             detector = load_detector(self.folder.detector(kind))
-            save_scaling(out, calibrate_detector(detector, data, self.jobs))
+            platt.save_scaling(out, detect.calibrate_detector(detector, data, self.jobs))
 
         self.report(run_stage(self.folder.root, stage, fit))
 
@@ -152,13 +149,15 @@ class Run:
             split,
             (detector, scaling, self.folder.data),
             (self.folder.detections(kind, split),),
-            ("rescore.detectors.files", "rescore.formats.coco", "rescore.detectors.platt"),
+            (detect, platt, coco, DETECTORS[kind].module),
         )
 
         def work(out: Path) -> None:
             data = self._data().split(split)
-            table = detect_candidates(load_detector(detector), load_scaling(scaling), data, self.jobs)
-            write_detections(out, kind, table, data)
+            table = detect.detect_candidates(
+                load_detector(detector), platt.load_scaling(scaling), data, self.jobs
+            )
+            coco.write_detections(out, kind, table, data)
 
         self.report(run_stage(self.folder.root, stage, work))
 
@@ -171,7 +170,7 @@ class Run:
             part_as_json(self.config.rescore),
             (self.folder.detections(kind, split), self.folder.class_model, self.folder.data),
             (output,),
-            ("rescore.evidence.pipeline", "rescore.formats.coco"),
+            (rescore_frame, rescore_frames, coco),
         )
 
         def work(out: Path) -> None:
@@ -188,14 +187,18 @@ class Run:
             part_as_json(self.config.evidence),
             (*tables, self.folder.data / "annotations.json"),
             (self.folder.evidence_model(kind),),
-            (model, coco),
+            (fit_model, model, coco),
         )
 
         def work(out: Path) -> None:
             data = self._data()
-            parts = [read_detections(t, data.split(s)).table for t, s in zip(tables, FITTED_ON, strict=True)]
+            parts = [
+                coco.read_detections(t, data.split(s)).table for t, s in zip(tables, FITTED_ON, strict=True)
+            ]
             table = CandidateTable.concatenate(parts)
-            save_models(out, fit_modes(table, Splits.of(data).fitting_set, self.config.evidence))
+            model.save_models(
+                out, fit_model.fit_modes(table, Splits.of(data).fitting_set, self.config.evidence)
+            )
 
         self.report(run_stage(self.folder.root, stage, work))
 
@@ -211,9 +214,10 @@ class Run:
 
         def work(out: Path) -> None:
             data = self._data()
-            table = self._table(kind, "validation", mode, data)
-            tuning = tune_on_validation(kind, table, data, self.config.tune, mode, self.seed)
-            write_json(out, tuning_as_json(tuning))
+            table = self._evidence_table(kind, "validation", data)
+            judged = self._rescoring(kind, mode).fuse(table).candidates
+            tuning = tune.tune_on_validation(kind, judged, data, self.config.tune, mode, self.seed)
+            write_json(out, tuning_file.tuning_as_json(tuning))
 
         self.report(run_stage(self.folder.root, stage, work))
 
@@ -228,15 +232,14 @@ class Run:
                 self.folder.data / "annotations.json",
             ),
             (self.folder.rescored(kind, mode),),
-            (fuse, model, coco),
+            (rescore_frame, coco),
         )
 
         def work(out: Path) -> None:
             data = self._data()
-            table = self._table(kind, "test", mode, data)
-            w = load_tuning(self.folder.tuned(kind, mode)).w
-            posterior = fuse(table.likelihood, table.depth_difference, w)
-            write_rescored(out, kind, table, posterior, w=w, data=data, registration=mode)
+            rescoring = self._rescoring(kind, mode, tuning_file.load_tuning(self.folder.tuned(kind, mode)).w)
+            found = rescoring.fuse(self._evidence_table(kind, "test", data))
+            coco.write_rescored(out, kind, found, data, w=rescoring.w, registration=rescoring.mode)
 
         self.report(run_stage(self.folder.root, stage, work))
 
@@ -259,13 +262,13 @@ class Run:
 
         def work() -> None:
             data = self._data().split("test")
-            files = [read_detections(self.folder.rescored(k, m), data) for k, m in pairs]
-            tunings = {(str(k), m): load_tuning(self.folder.tuned(k, m)) for k, m in pairs}
+            files = [coco.read_detections(self.folder.rescored(k, m), data) for k, m in pairs]
+            tunings = {(str(k), m): tuning_file.load_tuning(self.folder.tuned(k, m)) for k, m in pairs}
             write_run_config(
                 root, "reproduce", self.config.as_json(), self.seed, stereo=self.config.synth.sgbm
             )
             min_iou = self.config.tune.min_iou
-            evaluate(data, files, root, tunings=tunings, min_iou=min_iou, seed=self.seed)
+            evaluate.evaluate(data, files, root, tunings=tunings, min_iou=min_iou, seed=self.seed)
 
         self.report(run_stage_in_place(root, stage, work))
         metrics: dict[str, Any] = read_json(root / "metrics.json", "the figures of a run")
@@ -273,25 +276,28 @@ class Run:
 
     def write_report(self) -> None:
         """The report with its curves, and the recording."""
-        from reports.page.html import build_report  # noqa: PLC0415 (matplotlib and rerun take a second to import)
-        from reports.recording.log import write_recording  # noqa: PLC0415
+        from reports.page import html  # noqa: PLC0415 (matplotlib and rerun take a second to import)
+        from reports.recording import log  # noqa: PLC0415
 
         root = self.folder.root
-        names = ("config.json", "candidates.parquet", "metrics.json", "evidence", "data", "models", "sweep")
-        inputs = tuple(root / n for n in names)
-        pages = module_file("reports.page.html")
-        assert pages is not None
-        words = {"templates": digest_of(pages.with_name("templates"))}
-        stage = Stage("report", words, inputs, (self.folder.html, root / "curves"), ("reports.page.html",))
-        self.report(run_stage_in_place(root, stage, lambda: _ignore(build_report(root))))
-        stage = Stage("log", words, inputs, (self.folder.recording,), ("reports.recording.log",))
-        self.report(
-            run_stage_in_place(
-                root,
-                stage,
-                lambda: _ignore(write_recording(root, self.folder.recording, jobs=self.jobs)),
-            )
+        self._draw(
+            "report", html, (self.folder.html, root / "curves"), lambda: _ignore(html.build_report(root))
         )
+        recording = self.folder.recording
+        self._draw(
+            "log", log, (recording,), lambda: _ignore(log.write_recording(root, recording, jobs=self.jobs))
+        )
+
+    def _draw(
+        self, name: str, module: ModuleType, outputs: tuple[Path, ...], work: Callable[[], None]
+    ) -> None:
+        """A stage that draws what the run folder holds; the words of its templates are part of its code."""
+        root = self.folder.root
+        names = ("config.json", "candidates.parquet", "metrics.json", "evidence", "data", "models", "sweep")
+        assert module.__file__ is not None
+        words = {"templates": digest_of(Path(module.__file__).with_name("templates"))}
+        stage = Stage(name, words, tuple(root / n for n in names), outputs, (module,))
+        self.report(run_stage_in_place(root, stage, work))
 
     @property
     def _learned(self) -> bool:
@@ -305,25 +311,29 @@ class Run:
         table = self.folder.evidence_table(kind, split)
         return (table, self.folder.evidence_model(kind)) if mode in LEARNED else (table,)
 
-    def _table(self, kind: str, split: str, mode: Registration, data: DataSet) -> CandidateTable:
-        """The candidates of a split with D of a mode."""
-        table = read_detections(self.folder.evidence_table(kind, split), data.split(split)).table
-        models = load_models(self.folder.evidence_model(kind)) if mode in LEARNED else {}
-        return with_difference(table, models.get(mode))
+    def _rescoring(self, kind: str, mode: Registration, w: float = 1.0) -> Rescoring:
+        """How candidates of a detector are rescored in a mode."""
+        models = model.load_models(self.folder.evidence_model(kind)) if mode in LEARNED else {}
+        return Rescoring(self.config.rescore, models.get(mode), w)
+
+    def _evidence_table(self, kind: str, split: str, data: DataSet) -> CandidateTable:
+        """The candidates of a split with their evidence in all modes."""
+        return coco.read_detections(self.folder.evidence_table(kind, split), data.split(split)).table
 
     def _find_evidence(self, kind: str, split: str, out: Path, npz_dir: Path | None) -> None:
         data = self._data().split(split)
-        candidates = read_detections(self.folder.detections(kind, split), data).candidates(data)
-        table = find_evidence(
+        # with w = 1 the likelihoods stay: D of each mode and w come later
+        rescoring = Rescoring(self.config.rescore)
+        found = rescore_frames.rescore_frames(
             data,
-            candidates,
+            coco.read_detections(self.folder.detections(kind, split), data).candidates(data),
             ClassModel.load(self.folder.class_model),
-            self.config.rescore,
+            rescoring,
             jobs=self.jobs,
-            detector=kind,
             evidence_dir=npz_dir,
+            progress=f"depth evidence {kind}",
         )
-        write_rescored(out, kind, table, table.likelihood, w=1.0, data=data)
+        coco.write_rescored(out, kind, found, data, w=rescoring.w, registration=rescoring.mode)
 
     def _data(self) -> DataSet:
         return read_dataset(self.folder.data, self.config.class_name)

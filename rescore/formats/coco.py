@@ -12,7 +12,7 @@ from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.data.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.data.frames import DataSet
-from rescore.evidence.candidates import NOT_RESCORED, Candidates, CandidateTable
+from rescore.evidence.candidates import NOT_RESCORED, Candidates, CandidateTable, RescoredTable
 from rescore.evidence.registration import CUES, Registration
 from rescore.files import atomic_path
 from rescore.formats.checked_json import Box, Number, read_checked
@@ -215,14 +215,7 @@ def write_detections(path: Path, detector: str, table: CandidateTable, data: Dat
 
 
 def write_rescored(
-    path: Path,
-    detector: str,
-    table: CandidateTable,
-    posterior: FloatArray,
-    *,
-    w: float,
-    data: DataSet,
-    registration: Registration = Registration.PAPER,
+    path: Path, detector: str, rescored: RescoredTable, data: DataSet, *, w: float, registration: Registration
 ) -> None:
     """Write rescored detections: ``score`` is the posterior, and what led to it lies beside it.
 
@@ -238,6 +231,7 @@ def write_rescored(
         "stereo_low",
         "stereo_span",
     )
+    table, posterior = rescored.candidates, rescored.posterior
     columns: Mapping[str, FloatArray] = {name: getattr(table, name) for name in numbers}
     rows = []
     for i, base in enumerate(_boxes(table, data)):

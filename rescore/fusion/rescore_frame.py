@@ -1,28 +1,103 @@
-"""Rescoring (section 6 of the report): candidates of a frame in, posterior likelihoods out."""
+"""Rescoring (section 6 of the report): candidates of a frame in, posterior likelihoods out.
 
-from dataclasses import dataclass
+Everything that rescores calls ``rescore_frame``: the library, the commands, the experiment and the studies.
+"""
+
+from dataclasses import dataclass, field
 
 from recon.arrays import FloatArray
-from recon.class_model import ClassModel
+from recon.errors import Failure, RescoreError
 from rescore.data.frames import Frame
-from rescore.evidence.candidates import Candidates
-from rescore.evidence.pipeline import FrameEvidence, depth_evidence
+from rescore.evidence.align_depth import DepthAlignment, align_instances, measured_depth
+from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
+from rescore.evidence.cues import frame_cues
+from rescore.evidence.files import Predicted
+from rescore.evidence.instances import DepthSource, predict_instances
+from rescore.evidence.model import EvidenceModel, with_difference
+from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
+from rescore.evidence.views import Views
 from rescore.fusion.fuse import fuse
 
 
 @dataclass(frozen=True, eq=False)
-class RescoredFrame:
-    """The candidates of one frame with their posterior likelihood."""
+class Rescoring:
+    """How candidates are rescored: the settings, what D comes from, and the weight of eq. 7.
 
-    evidence: FrameEvidence
-    posterior: FloatArray
-    """Eq. 7, shape (n,), in [0, 1]; the likelihood itself where there is no depth evidence."""
+    Raises:
+        RescoreError: w outside [0, 1].
+    """
+
+    config: RescoreConfig = field(default_factory=RescoreConfig)
+    evidence_model: EvidenceModel | None = None
+    """D of the modes that go past eq. 6; None for that of eq. 6, mode "paper"."""
+    w: float = 1.0
+    """Weight of the detector in [0, 1]; 1 leaves the likelihoods as they are, for D to be looked at alone."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.w <= 1:
+            raise RescoreError(
+                f"rescoring: expected w in [0, 1], got {self.w}; `rescore tune` finds it, 1 is the detector "
+                "alone"
+            )
+
+    @property
+    def mode(self) -> Registration:
+        """How predicted and measured depth are compared."""
+        return Registration.PAPER if self.evidence_model is None else self.evidence_model.registration
+
+    def fuse(self, evidence: CandidateTable) -> RescoredTable:
+        """Candidates with their depth evidence, of one frame or many, fused with what the detector says."""
+        judged = with_difference(evidence, self.evidence_model)
+        return RescoredTable(judged, fuse(judged.likelihood, judged.depth_difference, self.w))
+
+
+@dataclass(frozen=True, eq=False)
+class RescoredFrame:
+    """The candidates of one frame, rescored, with all that led there."""
+
+    table: RescoredTable
+    views: Views
+    """From where each candidate is taken to be seen."""
+    instances: tuple[Predicted, ...]
+    """The 3D instance of each candidate, or the depth that another system predicts in its box."""
+    alignments: tuple[DepthAlignment | Failure, ...]
+    """The outcome of eq. 6 of each candidate; why nothing is predicted where nothing is."""
+
+    @property
+    def candidates(self) -> CandidateTable:
+        """The candidates with D, a row each."""
+        return self.table.candidates
+
+    @property
+    def posterior(self) -> FloatArray:
+        """Eq. 7, shape (n,), in [0, 1]."""
+        return self.table.posterior
 
 
 def rescore_frame(
-    frame: Frame, candidates: Candidates, model: ClassModel, w: float, config: RescoreConfig
+    frame: Frame, candidates: Candidates, source: DepthSource, rescoring: Rescoring
 ) -> RescoredFrame:
-    """Section 6 on one frame: what depth says (eq. 6), fused with what the detector says (eq. 7)."""
-    evidence = depth_evidence(frame, candidates, model, config)
-    return RescoredFrame(evidence, fuse(candidates.likelihood, evidence.table.depth_difference, w))
+    """The candidates of a frame with D and posterior likelihood, in the order of the report.
+
+    Outlines and parts (sections 4.1 and 4.2) are found on the way to the predicted depth (section 4.3), in
+    ``recon.reconstruction.reconstruct``. One prediction and one look at the measured depth serve all modes.
+
+    Args:
+        frame: the left picture, measured disparity, and what is known of camera and ground.
+        candidates: boxes b_i with likelihoods l_i.
+        source: what predicts depth.
+        rescoring: settings, mode and weight.
+
+    Raises:
+        RescoreError: see ``predict_instances``.
+    """
+    config = rescoring.config
+    instances = predict_instances(frame, candidates, source, config)  # Zi
+    measured = measured_depth(frame.disparity_px, frame.camera, inverse=instances.inverse)  # Zs
+    alignments = align_instances(instances.found, measured, candidates.xyxy_px, config.align)  # eq. 6
+    cues = frame_cues(  # past eq. 6
+        frame, candidates.xyxy_px, instances.scaled_depths, instances.views.azimuth_rad, config.cues
+    )
+    evidence = CandidateTable.of_alignments(candidates, alignments, cues, frame.ground_source)
+    return RescoredFrame(rescoring.fuse(evidence), instances.views, instances.found, alignments)  # eq. 7

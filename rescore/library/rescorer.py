@@ -12,16 +12,14 @@ import numpy as np
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
-from rescore.data.frames import Frame
 from rescore.detectors.platt import PlattScaling
-from rescore.evidence.candidates import OK, Candidates
+from rescore.evidence.candidates import OK
 from rescore.evidence.files import Predicted
-from rescore.evidence.model import EvidenceModel, with_difference
-from rescore.evidence.pipeline import FrameEvidence, compared_with_prediction, depth_evidence
+from rescore.evidence.model import EvidenceModel
 from rescore.evidence.predicted import PredictedDepth, another_system, check_mode
 from rescore.evidence.registration import CLASS_MODEL, CUES, Registration, check_depth_of
 from rescore.evidence.settings import RescoreConfig
-from rescore.fusion.fuse import fuse
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.library.inputs import Boxes, StereoFrame
 from rescore.library.rescorer_files import Parts, parts_of_file, parts_of_run
 
@@ -81,11 +79,7 @@ class Rescorer:
     config: RescoreConfig = field(default_factory=RescoreConfig)
 
     def __post_init__(self) -> None:
-        if not 0 <= self.w <= 1:
-            raise RescoreError(
-                f"rescorer: expected w in [0, 1], got {self.w}; `rescore tune` finds it, 1 is the detector "
-                "alone"
-            )
+        Rescoring(self.config, self.evidence_model, self.w)
         if self.class_model is not None and self.config.view_bin != "model":
             self.class_model.view(self.config.view_bin)
 
@@ -140,36 +134,38 @@ class Rescorer:
         """
         candidates = boxes.candidates(self.scaling)
         loaded = frame.loaded(self.config.stereo, self.config.nearest_m)
-        evidence = self._evidence(loaded, candidates, predicted)
-        table = with_difference(evidence.table, self.evidence_model)
+        source = self._source(predicted)
+        rescored = rescore_frame(
+            loaded, candidates, source, Rescoring(self.config, self.evidence_model, self.w)
+        )
+        table = rescored.candidates
         log_odds = np.zeros_like(table.cues)
         if self.evidence_model is not None:
             log_odds = self.evidence_model.contributions(table.cues) * (table.status == OK)[:, None]
         return Rescored(
-            posterior=fuse(candidates.likelihood, table.depth_difference, self.w),
+            posterior=rescored.posterior,
             likelihood=candidates.likelihood,
             depth_difference=table.depth_difference,
             status=tuple(str(s) for s in table.status),
             reasons=tuple(str(s) for s in table.reason_detail),
             cues=table.cues,
             log_odds=log_odds,
-            view_bin=evidence.views.view_bin,
-            instances=evidence.instances if instances else None,
+            view_bin=rescored.views.view_bin,
+            instances=rescored.instances if instances else None,
         )
 
-    def _evidence(
-        self, frame: Frame, candidates: Candidates, predicted: PredictedDepth | None
-    ) -> FrameEvidence:
+    def _source(self, predicted: PredictedDepth | None) -> ClassModel | PredictedDepth:
+        """What predicts depth, and whether the evidence model and the mode go with it."""
         if predicted is not None:
             check_mode(predicted.unit, self.mode)
             self._check_evidence(another_system(predicted.predicted_as, predicted.unit))
-            return compared_with_prediction(frame, candidates, predicted, self.config)
+            return predicted
         if self.class_model is None:
             raise RescoreError(
                 "rescorer: expected a class model or a prediction, got neither; give rescore(predicted=...)"
             )
         self._check_evidence(CLASS_MODEL)
-        return depth_evidence(frame, candidates, self.class_model, self.config)
+        return self.class_model
 
     def _check_evidence(self, depth_of: str) -> None:
         if self.evidence_model is not None:

@@ -1,4 +1,4 @@
-"""Bands of 95 % around the curves of a match table, by a bootstrap over images as in ``rescore.metrics.bootstrap``.
+"""Bands of 95 % around the curves of a match table, by the bootstrap of ``rescore.metrics.bootstrap``.
 
 A band holds each point of a curve by itself, not the curve as a whole: of a curve that is drawn again from
 other images, one point in twenty lies outside.

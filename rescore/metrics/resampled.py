@@ -1,7 +1,8 @@
-"""Figures of a match table for many sets of image weights at once: what ``rescore.metrics.curves`` says of the table
-in which each image, with its cars and candidates, appears as often as its weight says. For resampling.
+"""Figures of ``rescore.metrics.curves`` for many bootstrap resamples at once.
 
-What became of a candidate depends on its own image alone, so it stays as it is, and so does the ranking:
+A resample is given as the number of times that each image was drawn.
+
+The outcome of a candidate depends on its own image alone, so it stays as it is, and so does the ranking:
 running sums of weights along it give every curve. Copies of one candidate follow each other; copies of a tie
 enter a curve together.
 """

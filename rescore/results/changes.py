@@ -1,7 +1,8 @@
 """What a rescoring changed, candidate by candidate, between a point of the curve before and one after.
 
-Both points are thresholds of ``rescore.metrics.curves.recall_curve``. A car is found where an accepted candidate has
-it as its hit; false positives are accepted false alarms and second boxes (duplicates). So the changes add up:
+Both points are thresholds of ``rescore.metrics.curves.recall_curve``. A car is found where an accepted
+candidate has it as its hit; false positives are accepted false alarms and second
+boxes (duplicates). So the changes add up:
 
 - cars found after = before + gained - lost;
 - false positives after = before + newly accepted - newly rejected + hits that became second boxes - second

@@ -11,8 +11,9 @@ import numpy as np
 
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import CandidateTable
-from rescore.evidence.model import EvidenceConfig, fit_evidence, labelled_cues, with_difference
+from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
 from rescore.evidence.registration import Registration
+from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.tune import TuneConfig, match_at, tune_weight
 from rescore.metrics.bootstrap import BootstrapConfig, Interval, bootstrap
 from rescore.metrics.matching import TruthTable
@@ -68,10 +69,11 @@ def ablate(
     matches, weights = {}, []
     for name, without in left_out:
         model = fit_evidence(cues, is_car, Registration.METRIC, evidence, without)
-        validation = with_difference(given.validation, model)
+        validation = Rescoring(evidence_model=model).fuse(given.validation).candidates
         drawn = np.random.default_rng(seed)
         w = tune_weight(name, validation, given.splits.validation_set, tune, drawn).w
-        matches[name] = match_at(with_difference(given.test, model), truth, w, tune.min_iou)
+        test = Rescoring(evidence_model=model).fuse(given.test).candidates
+        matches[name] = match_at(test, truth, w, tune.min_iou)
         weights.append(w)
     whole = left_out[0][0]
     pairs = [(name, whole) for name, _ in left_out[1:]]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from datasets_synth.cars.models import cars_of_splits
 from datasets_synth.cars.shapes import CarModel
@@ -15,11 +15,11 @@ from datasets_synth.street.pictures import car_picture
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.class_model import ClassModel
 from rescore.evidence.candidates import OK, Candidates
-from rescore.evidence.model import EvidenceModel, with_difference
-from rescore.evidence.pipeline import depth_evidence
+from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
-from rescore.parallel import one_thread
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.parallel import in_order, one_thread
 
 _PICTURE_STREAM = 3_000_000
 """Beyond every number of a kind, so that prints draw from a stream of their own."""
@@ -62,7 +62,7 @@ def judge_bank(
         for kind in kinds
         for index in range(count)
     )
-    return iter(Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks))
+    return in_order(tasks, jobs)
 
 
 def _judged(
@@ -83,9 +83,9 @@ def _judged(
 def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
     """D of each mode."""
     one = Candidates(item.frame.image_id, item.xyxy_px[None], np.zeros(1), np.full(1, 0.5))
-    table = depth_evidence(item.frame, one, judge.class_model, judge.config).table
+    evidence = rescore_frame(item.frame, one, judge.class_model, Rescoring(judge.config)).candidates
     modes = (Registration.PAPER, *judge.models)
-    judged = {m: with_difference(table, judge.models.get(m)) for m in modes}
+    judged = {m: Rescoring(judge.config, judge.models.get(m)).fuse(evidence).candidates for m in modes}
     return {m: float(t.depth_difference[0]) if t.status[0] == OK else float("nan") for m, t in judged.items()}
 
 

@@ -2,31 +2,27 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+from recon.class_model import ClassModel
 from recon.errors import RescoreError
-from rescore.experiment.config import run_config
+from rescore.data.frames import DataSet
+from rescore.evidence.candidates import Candidates
+from rescore.evidence.model import load_models
+from rescore.evidence.registration import LEARNED
+from rescore.experiment.config import RunConfig, run_config
+from rescore.formats.coco import read_detections
+from rescore.formats.coco_dataset import read_dataset
+from rescore.fusion.tuning_file import load_tuning
+from rescore.results.run_folder import RunFolder
+from rescore.studies.sweep import FinishedRun
 
-if TYPE_CHECKING:
-    from rescore.data.frames import DataSet
-    from rescore.experiment.config import RunConfig
-    from rescore.results.run_folder import RunFolder
-    from rescore.studies.sweep import FinishedRun
 
-
-def finished_run(root: Path, detector: str, frames: int | None) -> "FinishedRun":
+def finished_run(root: Path, detector: str, frames: int | None) -> FinishedRun:
     """The parts of a finished run that a sweep needs, cut to evenly spread test frames.
 
     Raises:
         RescoreError: the run is not finished, or has no such detector.
     """
-    from recon.class_model import ClassModel
-    from rescore.evidence.model import load_models
-    from rescore.evidence.registration import LEARNED
-    from rescore.fusion.tuning_file import load_tuning
-    from rescore.results.run_folder import RunFolder
-    from rescore.studies.sweep import FinishedRun
-
     folder, config = RunFolder(root), run_config(root)
     if detector not in list(config.detectors):
         raise RescoreError(
@@ -45,14 +41,12 @@ def finished_run(root: Path, detector: str, frames: int | None) -> "FinishedRun"
     )
 
 
-def _test_frames(folder: "RunFolder", config: "RunConfig") -> "DataSet":
-    from rescore.formats.coco_dataset import read_dataset
-
+def _test_frames(folder: RunFolder, config: RunConfig) -> DataSet:
     return read_dataset(folder.data, config.class_name).split("test")
 
 
-def _spread(data: "DataSet", count: int | None) -> "DataSet":
-    """So many frames evenly over the data set; all for None or where there are fewer."""
+def _spread(data: DataSet, count: int | None) -> DataSet:
+    """The data set cut to ``count`` frames, evenly spread; whole for None or where it has fewer."""
     n = len(data.frames)
     if count is None or count >= n:
         return data
@@ -60,9 +54,7 @@ def _spread(data: "DataSet", count: int | None) -> "DataSet":
     return replace(data, frames=kept, truth={f.image_id: data.truth[f.image_id] for f in kept})
 
 
-def _candidates(folder: "RunFolder", detector: str, data: "DataSet", config: "RunConfig") -> dict[int, Any]:
-    from rescore.formats.coco import read_detections
-
+def _candidates(folder: RunFolder, detector: str, data: DataSet, config: RunConfig) -> dict[int, Candidates]:
     whole = _test_frames(folder, config)
     found = read_detections(folder.detections(detector, "test"), whole).candidates(whole)
     return {f.image_id: found[f.image_id] for f in data.frames}

@@ -1,12 +1,12 @@
 """Where depth evidence breaks: test frames spoilt step by step, rescored with nothing fitted again."""
 
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
@@ -14,14 +14,15 @@ from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.evidence.candidates import OK, Candidates, CandidateTable
-from rescore.evidence.model import EvidenceModel, with_difference
-from rescore.evidence.pipeline import compare_depth, instances_of
+from rescore.evidence.instances import predict_instances
+from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.fusion.tune import match_at
 from rescore.metrics.bootstrap import BootstrapConfig, Comparison, Interval, bootstrap
 from rescore.metrics.matching import TruthTable
-from rescore.parallel import one_thread, track
+from rescore.parallel import in_order, one_thread, track
 from rescore.studies.degrade import Dial
 
 RECALL = 0.7
@@ -105,10 +106,7 @@ def tables_of_steps(run: FinishedRun, steps: Sequence[Step], config: SweepConfig
         for record in run.data.frames
         if len(run.candidates[record.image_id])
     )
-    results: Iterator[list[CandidateTable]] = Parallel(
-        n_jobs=config.jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1
-    )(tasks)
-    frames = list(track(results, "sweep", len(run.data.frames)))
+    frames = list(track(in_order(tasks, config.jobs), "sweep", len(run.data.frames)))
     return [CandidateTable.concatenate([frame[k] for frame in frames]) for k in range(len(steps))]
 
 
@@ -118,7 +116,7 @@ def figures_of(
     """The figures of the detector alone and of every mode on frames with their truth."""
     truth = TruthTable.of(data)
     alone = replace(table, depth_difference=np.full(len(table), np.nan))
-    scored = {m.value: with_difference(table, run.models.get(m)) for m in run.weights}
+    scored = {m.value: Rescoring(run.config, run.models.get(m)).fuse(table).candidates for m in run.weights}
     matches = {ALONE: match_at(alone, truth, 1.0)}
     matches |= {m.value: match_at(scored[m.value], truth, w) for m, w in run.weights.items()}
     pairs = [(ALONE, m) for m in scored]
@@ -203,13 +201,13 @@ def _frame_steps(
     with one_thread():
         frame = load_frame(record, run.sgbm)
         right = read_rgb(record.right_path, record.width_px, record.height_px) if record.right_path else None
-        own = instances_of(frame, candidates, run.class_model, run.config)
+        own = predict_instances(frame, candidates, run.class_model, run.config)
         tables = []
         for dial, level in steps:
             spoilt = frame if dial is None else _spoilt(frame, right, dial, level, run.sgbm, seed)
             moved = dial is not None and dial.calibration is not None
-            instances = instances_of(spoilt, candidates, run.class_model, run.config) if moved else own
-            tables.append(compare_depth(spoilt, candidates, instances, run.config).table)
+            source = run.class_model if moved else own
+            tables.append(rescore_frame(spoilt, candidates, source, Rescoring(run.config)).candidates)
         return tables
 
 

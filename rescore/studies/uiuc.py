@@ -8,13 +8,13 @@ from joblib import Parallel, delayed
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import RescoreError
-from rescore.detectors.crop_training import Trained, at_one_size
+from rescore.detectors.crop_training import WindowDetector, at_one_size
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
 from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture
 from rescore.parallel import one_thread
 
 
-def evaluate_uiuc(detector: Trained, pictures: Sequence[TestPicture], jobs: int) -> RecallPrecision:
+def evaluate_uiuc(detector: WindowDetector, pictures: Sequence[TestPicture], jobs: int) -> RecallPrecision:
     """Recall and precision on the single-scale test pictures, by the set's own rule.
 
     The detector looks for cars of the set's size alone; its boxes must be windows such as the set's crops.
@@ -34,7 +34,7 @@ def evaluate_uiuc(detector: Trained, pictures: Sequence[TestPicture], jobs: int)
     return recall_precision(Parallel(n_jobs=jobs)(tasks))
 
 
-def _picture_hits(detector: Trained, picture: TestPicture) -> tuple[FloatArray, BoolArray, int]:
+def _picture_hits(detector: WindowDetector, picture: TestPicture) -> tuple[FloatArray, BoolArray, int]:
     with one_thread():
         found = lone(detector.scan(_read(picture)))
     hit = hits(found.xyxy_px[:, :2], found.score, picture.left_top_px, CAR_WIDTH_PX, CAR_HEIGHT_PX)

@@ -253,7 +253,7 @@ def _detector_rows(
                 row[name] = np.nan if failed else getattr(solved, name)
             for name, value in row.items():
                 columns.setdefault(name, []).append(value)
-        write_evidence(evidence_path(root / "evidence", detector, record.image_id), found)
+        write_evidence(evidence_path(root / "evidence" / detector, record.image_id), found)
     return {
         name: np.array(values, object if isinstance(values[0], str) else None)
         for name, values in columns.items()

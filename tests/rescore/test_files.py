@@ -3,13 +3,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.experiment.source_digest import imported_modules, module_file, source_digest
 from rescore.files import atomic_path, digest_of, read_json, versions, write_json
-from rescore.results.candidate_file import CANDIDATE_COLUMNS, read_candidates, write_candidates
 
 
 def test_atomic_path_moves_a_whole_file_into_place(tmp_path: Path) -> None:
@@ -51,7 +48,7 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path: Path) -> None:
     target = tmp_path / "x.txt"
     target.write_text("old")
     code = (
-        "import os, sys; from pathlib import Path; from rescore.store import atomic_path\n"
+        "import os, sys; from pathlib import Path; from rescore.files import atomic_path\n"
         "with atomic_path(Path(sys.argv[1])) as beside:\n    beside.write_text('half'); os._exit(9)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(target)], check=False)
@@ -84,35 +81,5 @@ def test_digest_sees_content_and_names(tmp_path: Path) -> None:
     assert digest_of(tmp_path / "none") == ""
 
 
-def test_source_digest_follows_imports() -> None:
-    file = module_file("rescore.fusion.fuse")
-    assert file is not None
-    assert file.name == "fuse.py"
-    assert module_file("numpy") is None
-    assert module_file("rescore.nothing") is None
-    tune = module_file("rescore.fusion.tune")
-    assert tune is not None
-    assert "rescore.fusion.fuse" in imported_modules(tune)
-    assert source_digest("rescore.fusion.fuse") != source_digest("rescore.fusion.tune")
-    assert source_digest("rescore.fusion.tune") == source_digest("rescore.fusion.tune", "rescore.fusion.fuse")
-
-
 def test_versions_name_what_results_depend_on() -> None:
     assert {"python", "numpy", "opencv-python-headless", "scikit-learn", "rerun-sdk"} <= set(versions())
-
-
-def test_candidates_table_round_trip(tmp_path: Path) -> None:
-    text = {"detector", "status", "reason_detail", "outcome_detector", "outcome_paper", "kind"}
-    columns = {n: np.array(["a", ""], object) if n in text else np.array([1, 2]) for n in CANDIDATE_COLUMNS}
-    columns["depth_difference"] = np.array([0.25, np.nan])
-    path = tmp_path / "candidates.parquet"
-    write_candidates(path, columns)
-    back = read_candidates(path)
-    assert list(back) == list(CANDIDATE_COLUMNS)
-    np.testing.assert_array_equal(back["depth_difference"], [0.25, np.nan])
-    assert back["status"].tolist() == ["a", ""]
-    with pytest.raises(ValueError, match="columns differ: \\['kind'\\]"):
-        write_candidates(path, {n: c for n, c in columns.items() if n != "kind"})
-    path.write_text("no table")
-    with pytest.raises(RescoreError, match="expected a table of candidates, got"):
-        read_candidates(path)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import (
@@ -33,7 +33,7 @@ from recon.localization.localize import (
 from recon.localization.single_plane import UprightSurface, lower_edge, single_plane
 from recon.localization.standing_box import StandingBox
 from recon.pixels import linear_from_srgb
-from rescore.parallel import one_thread
+from rescore.parallel import in_order, one_thread
 from rescore.studies.localization.learned import TableClass
 from rescore.studies.localization.scores import Score, score
 from rescore.studies.localization.segment import EmptyTable, TableRegion, TableSegmentConfig, segment_table
@@ -90,7 +90,7 @@ def run_trials(
     The same seed gives the same trials for any number of jobs.
     """
     tasks = (delayed(run_trial)(cars[i % len(cars)], i, table_class, config, seed) for i in range(count))
-    return iter(Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks))
+    return in_order(tasks, jobs)
 
 
 def run_trial(car: CarModel, index: int, table_class: TableClass, config: TrialConfig, seed: int) -> Trial:

@@ -1,5 +1,6 @@
 """The generic phase: learned transforms against the closed form, and the file of the library."""
 
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ PACKAGED = [ViewBins(12, float(np.deg2rad(e))) for e in (5, 20, 30)]
 
 @pytest.mark.parametrize("bins", PACKAGED, ids=str)
 def test_the_package_holds_libraries_that_agree_with_the_closed_form(bins: ViewBins) -> None:
+    assert (files("recon") / "data" / file_name(bins)).is_file()
     learned, exact = primitive_library(bins), exact_library(bins)
     assert learned.bins == bins
     known = np.isfinite(learned.transform[..., 0, 0])

@@ -10,15 +10,8 @@ from recon.errors import Reason, RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.splits import FittingSet, Splits
 from rescore.evidence.candidates import OK, Candidates, CandidateTable
-from rescore.evidence.model import (
-    EvidenceConfig,
-    EvidenceModel,
-    fit_evidence,
-    fit_modes,
-    load_models,
-    save_models,
-    with_difference,
-)
+from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, fit_modes
+from rescore.evidence.model import EvidenceModel, load_models, save_models, with_difference
 from rescore.evidence.registration import CUES, LEARNED, Registration
 
 CONFIG = EvidenceConfig()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane, StereoCamera, default_camera
-from rescore.evidence.model import EvidenceConfig, fit_evidence
+from rescore.evidence.fit_model import EvidenceConfig, fit_evidence
 from rescore.evidence.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.evidence.registration import CUES, Registration
 

@@ -18,7 +18,6 @@ from rescore.data.frames import Frame, load_frame
 from rescore.evidence.align_depth import AlignConfig, DepthAlignment
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.evidence.files import read_evidence, write_evidence
-from rescore.evidence.pipeline import FrameEvidence, compared_with_prediction
 from rescore.evidence.predicted import (
     BoxPrediction,
     another_system,
@@ -29,6 +28,7 @@ from rescore.evidence.predicted import (
 from rescore.evidence.registration import CUES, LEARNED, Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.formats.coco_dataset import read_dataset
+from rescore.fusion.rescore_frame import RescoredFrame, Rescoring, rescore_frame
 from tests.bank_judge import stored_judge
 
 WIDTH, HEIGHT = 96, 64
@@ -63,8 +63,8 @@ def compared(
     frame: Frame | None = None,
     config: RescoreConfig = UNCLIPPED,
     box: np.ndarray = BOX,
-) -> FrameEvidence:
-    return compared_with_prediction(frame or frame_of(scene()), candidates_in(box), predicted, config)
+) -> RescoredFrame:
+    return rescore_frame(frame or frame_of(scene()), candidates_in(box), predicted, Rescoring(config))
 
 
 def alignment(*given: Any, **options: Any) -> DepthAlignment:
@@ -115,11 +115,11 @@ def test_metric_inverse_depth_is_metric_depth() -> None:
 
 def test_metric_predictions_give_the_cues_that_need_a_scale() -> None:
     """Measured depth of 1.25 times the predicted: the logarithm of the ratio is log 1.25."""
-    cues = compared(PredictedDepth(scene() / 1.25, "depth", "metric")).cues
+    cues = compared(PredictedDepth(scene() / 1.25, "depth", "metric")).candidates.cues
     assert cues[0, CUES.index("depth_ratio")] == pytest.approx(np.log(1.25), abs=1e-4)
     assert cues[0, CUES.index("relief_scale")] == pytest.approx(0, abs=0.2)
     assert cues[0, CUES.index("relief_residual")] < 0.02
-    free = compared(PredictedDepth(scene() / 1.25, "depth")).cues
+    free = compared(PredictedDepth(scene() / 1.25, "depth")).candidates.cues
     assert np.isnan(free[0, [CUES.index(n) for n in (*Registration.GUARDED.cues, "depth_ratio")]]).all()
     assert np.isfinite(free[0, CUES.index("measured")])
 
@@ -191,7 +191,7 @@ def test_boxes_on_the_edge_are_cut_to_the_picture() -> None:
 def test_the_side_that_a_box_shows_needs_no_class_model() -> None:
     given = replace(candidates_in(BOX, BOX), azimuth_deg=np.array([10.0, np.nan]))
     predicted = PredictedDepth(scene(), "depth")
-    views = compared_with_prediction(frame_of(scene()), given, predicted, RescoreConfig()).views
+    views = rescore_frame(frame_of(scene()), given, predicted, Rescoring()).views
     np.testing.assert_allclose(np.rad2deg(views.azimuth_rad), [10, 90])
     assert views.view_bin.tolist() == [-1, -1]
 
@@ -209,9 +209,7 @@ def test_evidence_files_hold_predictions(tmp_path: Path) -> None:
 
 
 def table_of(predicted: PredictedDepth, n: int = 6) -> CandidateTable:
-    return compared_with_prediction(
-        frame_of(scene()), candidates_in(*[BOX] * n), predicted, RescoreConfig()
-    ).table
+    return rescore_frame(frame_of(scene()), candidates_in(*[BOX] * n), predicted, Rescoring()).candidates
 
 
 def test_unlikely_kinds_of_prediction_are_told() -> None:
@@ -332,7 +330,7 @@ def test_on_rendered_frames_a_right_prediction_fits_cars_better_than_a_wrong_one
         def differences(values: np.ndarray, frame: Frame = frame, boxes: np.ndarray = boxes) -> np.ndarray:
             predicted = PredictedDepth(values, "inverse")
             given = candidates_in(*boxes)
-            return compared_with_prediction(frame, given, predicted, RescoreConfig()).table.depth_difference
+            return rescore_frame(frame, given, predicted, Rescoring()).candidates.depth_difference
 
         as_is = differences(truth)
         scaled = differences(rng.uniform(0.2, 5) * truth + rng.uniform(-20, 20))

@@ -13,10 +13,10 @@ from recon.reconstruction.reconstruct import Reconstruction, reconstruct
 from recon.reconstruction.view_selection import ViewChoice, best_view_bin
 from rescore.data.frames import Frame
 from rescore.evidence.candidates import Candidates, CandidateTable
-from rescore.evidence.pipeline import depth_evidence
 from rescore.evidence.registration import CUES
 from rescore.evidence.settings import RescoreConfig
 from rescore.evidence.views import NO_BIN
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from tests.bank_judge import stored_judge
 from tests.single_car import CarPicture, car_from
 
@@ -56,7 +56,7 @@ def same(a: Reconstruction | Failure, b: Reconstruction | Failure) -> bool:
 
 def test_the_azimuth_of_a_candidate_picks_its_bin(car: CarPicture, frame: Frame, model: ClassModel) -> None:
     given = boxes(car, [0.0, 50.0, np.nan, 355.0, 180.0])
-    found = depth_evidence(frame, given, model, CONFIG)
+    found = rescore_frame(frame, given, model, Rescoring(CONFIG))
     bins = [0, 2, CONFIG.view_bin, 0, 6]
     assert found.views.view_bin.tolist() == bins
     np.testing.assert_allclose(np.rad2deg(found.views.azimuth_rad), [0, 50, 90, 355, 180])
@@ -69,7 +69,7 @@ def test_the_azimuth_of_a_candidate_picks_its_bin(car: CarPicture, frame: Frame,
 
 
 def test_the_expected_size_follows_each_azimuth(car: CarPicture, frame: Frame, model: ClassModel) -> None:
-    cues = depth_evidence(frame, boxes(car, [0.0, 20.0, np.nan]), model, CONFIG).cues
+    cues = rescore_frame(frame, boxes(car, [0.0, 20.0, np.nan]), model, Rescoring(CONFIG)).candidates.cues
     width = np.exp(cues[:, CUES.index("width")])
     length, wide, _ = CONFIG.cues.surroundings.size_m
     turned = length * np.sin(np.deg2rad(20)) + wide * np.cos(np.deg2rad(20))
@@ -81,9 +81,9 @@ def test_the_expected_size_follows_each_azimuth(car: CarPicture, frame: Frame, m
 
 def test_without_azimuths_all_have_the_one_bin(car: CarPicture, frame: Frame, model: ClassModel) -> None:
     none, unknown = boxes(car, None, 2), boxes(car, [np.nan, np.nan])
-    plain, same_again = (depth_evidence(frame, c, model, CONFIG) for c in (none, unknown))
+    plain, same_again = (rescore_frame(frame, c, model, Rescoring(CONFIG)) for c in (none, unknown))
     assert plain.views.view_bin.tolist() == [3, 3]
-    np.testing.assert_array_equal(plain.cues, same_again.cues)
+    np.testing.assert_array_equal(plain.candidates.cues, same_again.candidates.cues)
 
 
 def test_the_class_model_chooses(car: CarPicture, frame: Frame, model: ClassModel) -> None:
@@ -96,7 +96,7 @@ def test_the_class_model_chooses(car: CarPicture, frame: Frame, model: ClassMode
         np.full(3, 0.5),
         np.array([np.nan, 180, np.nan]),
     )
-    found = depth_evidence(frame, given, model, replace(CONFIG, view_bin="model"))
+    found = rescore_frame(frame, given, model, Rescoring(replace(CONFIG, view_bin="model")))
     choice = best_view_bin(frame.left_rgb, car.box_px, model)
     assert isinstance(choice, ViewChoice)
     # a detector that says it is believed; where no bin will do there is a reason and no expected width
@@ -104,14 +104,14 @@ def test_the_class_model_chooses(car: CarPicture, frame: Frame, model: ClassMode
     last = found.instances[2]
     assert isinstance(last, Failure)
     assert last.reason is Reason.BOX_OUTSIDE_IMAGE
-    assert np.isnan(found.cues[2, CUES.index("width")])
+    assert np.isnan(found.candidates.cues[2, CUES.index("width")])
     # of the front or the rear, which look alike, with what stands between them and the sides
     assert choice.view_bin in {0, 1, 5, 6, 7, 11}
 
 
 def test_a_bin_that_the_model_does_not_have(car: CarPicture, frame: Frame, model: ClassModel) -> None:
     one_bin = replace(model, views=(model.view(3),))
-    found = depth_evidence(frame, boxes(car, [180.0, np.nan]), one_bin, CONFIG)
+    found = rescore_frame(frame, boxes(car, [180.0, np.nan]), one_bin, Rescoring(CONFIG))
     first = found.instances[0]
     assert isinstance(first, Failure)
     assert first.reason is Reason.REGISTRATION_FAILED
@@ -120,7 +120,7 @@ def test_a_bin_that_the_model_does_not_have(car: CarPicture, frame: Frame, model
     )
     assert found.views.view_bin.tolist() == [NO_BIN, 3]
     with pytest.raises(RescoreError, match="view bin: expected 0 to 11, got 12"):
-        depth_evidence(frame, boxes(car, None), model, replace(CONFIG, view_bin=12))
+        rescore_frame(frame, boxes(car, None), model, Rescoring(replace(CONFIG, view_bin=12)))
 
 
 def test_a_table_keeps_the_azimuths(car: CarPicture) -> None:

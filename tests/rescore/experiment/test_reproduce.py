@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.detectors.registry import DetectorKind
 from rescore.evidence.registration import CUES, Registration
 from rescore.experiment.config import run_preset, with_changes
 from rescore.experiment.reproduce import Run
@@ -107,7 +106,7 @@ def test_report_and_recording_are_made_again_where_what_draws_them_changed(
     page, recording = stages
     keys = [s.key(tiny_run) for s in stages]
     for stage, drawing in ((page, "reports.page.gallery"), (recording, "reports.recording.log")):
-        entry = module_file(stage.code[0])
+        entry = module_file(stage.code[0].__name__)
         assert entry is not None
         assert drawing in imported_modules(entry)
     # words of the templates
@@ -131,13 +130,13 @@ def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> No
             cv2.imwrite(str(copy / "data" / image["file_name"]), noise)
     run, done = again(copy)
     run.learn()
-    run.train(DetectorKind.HOG)
+    run.train("hog")
     for split in ("train", "calibration", "validation"):
-        run.detect(DetectorKind.HOG, split)
-        run.find_evidence(DetectorKind.HOG, split)
-    run.fit_evidence(DetectorKind.HOG)
+        run.detect("hog", split)
+        run.find_evidence("hog", split)
+    run.fit_evidence("hog")
     for mode in Registration:
-        run.tune(DetectorKind.HOG, mode)
+        run.tune("hog", mode)
     ran = {d.name for d in done if not d.reused}
     # the data set is another, so all that reads it was done anew; to the same end
     assert {"train_hog", "calibrate_hog", "evidence_hog_validation"} <= ran
@@ -149,7 +148,7 @@ def test_settings_of_a_file_replace_those_of_the_preset(tmp_path: Path) -> None:
     file.write_text('{"rescore": {"align": {"normalisation": "image_range"}}, "detectors": ["hog"]}')
     config = with_changes(run_preset("demo"), file)
     assert config.rescore.align.normalisation == "image_range"
-    assert config.detectors == (DetectorKind.HOG,)
+    assert config.detectors == ("hog",)
     assert config.synth == run_preset("demo").synth
 
 

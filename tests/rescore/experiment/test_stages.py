@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from rescore.data import boxes
 from rescore.experiment.stages import Stage, run_stage, run_stage_in_place
+from rescore.fusion import fuse
 
 
 @pytest.fixture
 def stage(tmp_path: Path) -> Stage:
     (tmp_path / "in.txt").write_text("1")
-    return Stage(
-        "double", {"factor": 2}, (tmp_path / "in.txt",), (tmp_path / "out.txt",), ("rescore.fusion.fuse",)
-    )
+    return Stage("double", {"factor": 2}, (tmp_path / "in.txt",), (tmp_path / "out.txt",), (fuse,))
 
 
 def writes(text: str) -> Callable[[Path], None]:
@@ -41,7 +41,7 @@ def test_any_change_runs_it_again(tmp_path: Path, stage: Stage, change: str) -> 
     elif change == "output":
         stage.outputs[0].write_text("edited by hand")
     elif change == "code":
-        stage = replace(stage, code=("rescore.data.boxes",))
+        stage = replace(stage, code=(boxes,))
     else:
         stage.outputs[0].unlink()
     assert not run_stage(tmp_path, stage, writes("b")).reused

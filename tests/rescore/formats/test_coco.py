@@ -9,7 +9,8 @@ import pytest
 from recon.errors import Failure, Reason, RescoreError
 from rescore.data.frames import DataSet
 from rescore.evidence.align_depth import DepthAlignment
-from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
+from rescore.evidence.registration import Registration
 from rescore.formats.coco import read_detections, write_detections, write_rescored
 from rescore.formats.coco_dataset import read_dataset
 
@@ -209,7 +210,14 @@ def test_rescored_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
     outcome = (DepthAlignment(0.25, -1.5, 0.125, 0.75, 8.0, 2.0), Failure(Reason.NO_OUTLINE, "gone"))
     table = CandidateTable.of_alignments(candidates(), outcome, ground="stereo")
     posterior = np.array([0.0, 0.2])
-    write_rescored(tmp_path / "r.json", "hog", table, posterior, w=0.6, data=data)
+    write_rescored(
+        tmp_path / "r.json",
+        "hog",
+        RescoredTable(table, posterior),
+        data,
+        w=0.6,
+        registration=Registration.PAPER,
+    )
     rows = json.loads((tmp_path / "r.json").read_text())
     needed = {"detector_score", "likelihood", "depth_difference", "scale", "offset", "status"}
     assert all(needed <= set(row) for row in rows)
@@ -233,7 +241,14 @@ def test_rescored_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
         np.testing.assert_array_equal(getattr(back.table, name), getattr(table, name), err_msg=name)
     assert back.table.reason_detail.tolist() == ["", "gone"]
     assert back.table.ground.tolist() == ["stereo", "stereo"]
-    write_rescored(tmp_path / "again.json", "hog", back.table, back.posterior, w=0.6, data=data)
+    write_rescored(
+        tmp_path / "again.json",
+        "hog",
+        RescoredTable(back.table, back.posterior),
+        data,
+        w=0.6,
+        registration=Registration.PAPER,
+    )
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "r.json").read_bytes()
 
 

@@ -9,7 +9,7 @@ import pytest
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import Candidates, CandidateTable
-from rescore.evidence.model import EvidenceConfig
+from rescore.evidence.fit_model import EvidenceConfig
 from rescore.evidence.registration import CUES, Registration
 from rescore.fusion.tune import TuneConfig
 from rescore.studies.ablation import GROUPS, AblationInput, AblationRow, ablate

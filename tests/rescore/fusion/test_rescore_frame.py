@@ -11,13 +11,14 @@ from recon.reconstruction.reconstruct import Reconstruction
 from recon.stereo.sgbm import SgbmConfig
 from rescore.data.frames import DataSet, Frame, load_frame
 from rescore.evidence.align_depth import DepthAlignment
-from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.candidates import Candidates
 from rescore.evidence.files import evidence_path, read_evidence, write_evidence
-from rescore.evidence.pipeline import depth_evidence, evidence_of_frames
-from rescore.evidence.settings import CameraChoice, RescoreConfig, assumed_camera
+from rescore.evidence.instances import assumed_camera
+from rescore.evidence.settings import CameraChoice, RescoreConfig
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
-from rescore.fusion.rescore_frame import rescore_frame
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.fusion.rescore_frames import rescore_frames
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +56,14 @@ def test_each_candidate_gets_evidence_or_a_reason(
     frame: Frame, candidates: dict[int, Candidates], model: ClassModel
 ) -> None:
     given = with_outside_box(candidates[frame.image_id])
-    got = rescore_frame(frame, given, model, 0.5, RescoreConfig())
-    assert len(got.evidence.alignments) == len(got.posterior) == len(given)
-    assert any(isinstance(a, DepthAlignment) for a in got.evidence.alignments)
-    last = got.evidence.alignments[-1]
+    got = rescore_frame(frame, given, model, Rescoring(w=0.5))
+    assert len(got.alignments) == len(got.posterior) == len(given)
+    assert any(isinstance(a, DepthAlignment) for a in got.alignments)
+    last = got.alignments[-1]
     assert isinstance(last, Failure)
     assert last.reason is Reason.BOX_OUTSIDE_IMAGE
     assert got.posterior[-1] == 0.01
-    for a, likelihood, posterior in zip(
-        got.evidence.alignments, given.likelihood, got.posterior, strict=True
-    ):
+    for a, likelihood, posterior in zip(got.alignments, given.likelihood, got.posterior, strict=True):
         if isinstance(a, DepthAlignment):
             assert 0 <= a.difference <= 0.5
             assert posterior == pytest.approx(np.sqrt(likelihood * (1 - a.difference)))
@@ -72,14 +71,14 @@ def test_each_candidate_gets_evidence_or_a_reason(
 
 def test_no_candidates(frame: Frame, model: ClassModel) -> None:
     none = Candidates(frame.image_id, np.zeros((0, 4)), np.zeros(0), np.zeros(0))
-    assert len(rescore_frame(frame, none, model, 0.5, RescoreConfig()).posterior) == 0
+    assert len(rescore_frame(frame, none, model, Rescoring(w=0.5)).posterior) == 0
 
 
 def test_a_scene_of_the_predicted_shape_has_difference_zero(
     frame: Frame, candidates: dict[int, Candidates], model: ClassModel
 ) -> None:
     given = candidates[frame.image_id]
-    for k, instance in enumerate(depth_evidence(frame, given, model, RescoreConfig()).instances):
+    for k, instance in enumerate(rescore_frame(frame, given, model, Rescoring()).instances):
         if isinstance(instance, Failure):
             continue
         # measure just what is predicted, at another scale; without a camera, depth is 1 / disparity
@@ -87,7 +86,7 @@ def test_a_scene_of_the_predicted_shape_has_difference_zero(
         disparity[instance.depth.window] = 3 / instance.depth.depth
         one = Candidates(frame.image_id, given.xyxy_px[[k]], given.score[[k]], given.likelihood[[k]])
         exact = replace(frame, disparity_px=disparity, camera=None)
-        (got,) = depth_evidence(exact, one, model, RescoreConfig()).alignments
+        (got,) = rescore_frame(exact, one, model, Rescoring()).alignments
         assert isinstance(got, DepthAlignment)
         # percentiles clip 4 % of the pixels, which leaves a little
         assert got.difference < 0.06
@@ -110,7 +109,7 @@ def test_where_the_ground_came_from_goes_with_the_candidates(
 ) -> None:
     given = candidates[frame.image_id]
     for changed, source in ((frame, "stated"), (replace(frame, ground=None), "default")):
-        table = depth_evidence(changed, given, model, RescoreConfig()).table
+        table = rescore_frame(changed, given, model, Rescoring()).candidates
         assert table.ground.tolist() == [source] * len(given)
 
 
@@ -119,7 +118,7 @@ def test_the_calibrated_camera_predicts_metres(
 ) -> None:
     given = candidates[frame.image_id]
     by = {
-        choice: depth_evidence(frame, given, model, RescoreConfig(camera=choice)).table
+        choice: rescore_frame(frame, given, model, Rescoring(RescoreConfig(camera=choice))).candidates
         for choice in CameraChoice
     }
     solved = [(t.status == "ok").sum() for t in by.values()]
@@ -134,27 +133,19 @@ def test_frames_in_parallel_equal_frames_one_by_one(
 ) -> None:
     some = {i: c for i, c in candidates.items() if i != data.frames[1].image_id}  # one frame has none
     tables = [
-        CandidateTable.concatenate(
-            list(
-                evidence_of_frames(
-                    data, some, model, RescoreConfig(), jobs=jobs, evidence_dir=tmp_path / "hog"
-                )
-            )
-        )
+        rescore_frames(data, some, model, Rescoring(), jobs=jobs, evidence_dir=tmp_path / "hog").candidates
         for jobs in (1, 2)
     ]
     assert set(tables[0].image_id.tolist()) == set(some)
     np.testing.assert_array_equal(tables[0].depth_difference, tables[1].depth_difference)
     assert tables[0].status.tolist() == tables[1].status.tolist()
-    assert read_evidence(evidence_path(tmp_path, "hog", data.frames[1].image_id)) == ()
+    assert read_evidence(evidence_path(tmp_path / "hog", data.frames[1].image_id)) == ()
 
 
 def test_evidence_files_give_back_what_was_written(
     tmp_path: Path, frame: Frame, candidates: dict[int, Candidates], model: ClassModel
 ) -> None:
-    found = depth_evidence(
-        frame, with_outside_box(candidates[frame.image_id]), model, RescoreConfig()
-    ).instances
+    found = rescore_frame(frame, with_outside_box(candidates[frame.image_id]), model, Rescoring()).instances
     write_evidence(tmp_path / "e.npz", found)
     back = read_evidence(tmp_path / "e.npz")
     assert len(back) == len(found)
