@@ -73,6 +73,8 @@ bench: setup
 # the documentation, all warnings as errors; nothing in it asks the network
 docs: $(VENV)/.docs-ready
 	$(BIN)/properdocs build --strict --clean -f mkdocs.yml
+	@! grep -rlE '(src=|<link[^>]* href=)"?https?:' build/docs --include='*.html' || \
+	    { echo "docs: expected pages that ask nobody, the pages above load something from the network" >&2; exit 1; }
 	@echo "documentation: build/docs/index.html"
 
 $(VENV)/.docs-ready: $(VENV)/.ready
