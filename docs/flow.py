@@ -128,7 +128,7 @@ DIFFERENCE = _step(
     448,
     92,
     "D in [0, 1]",
-    "cues.py, model.py",
+    "registration.py, model.py",
     "of eq. 6, or of the evidence",
     "model, one function a cue",
 )
@@ -137,7 +137,7 @@ WEIGHT = _step(
 )
 POSTERIOR = _step(4, 286, 110, "Posterior", "fuse.py", "exp(w log l", "+ (1 − w) log(1 − D))")
 MATCHES = _step(5, 54, 54, "Match table", "matching.py")
-CURVES = _step(5, 130, 54, "Curves, intervals", "metrics.py, bootstrap.py")
+CURVES = _step(5, 130, 54, "Curves, intervals", "curves.py, bootstrap.py")
 FILES = _step(6, 268, 74, "Run folder", "run_folder.py", "metrics.json, candidates")
 PAGE = _step(7, 424, 54, "report.html", "page/html.py")
 RECORDING = _step(7, 492, 54, "recording.rrd", "recording/log.py")
