@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-stereo published-recording published-report bench clean
+	published-evidence published-stereo published-recording published-report bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -69,6 +69,17 @@ published-recording: paper
 
 bench: setup
 	$(BIN)/python tests/bench.py
+
+# the documentation, all warnings as errors; nothing in it asks the network
+docs: $(VENV)/.docs-ready
+	$(BIN)/properdocs build --strict --clean -f mkdocs.yml
+	@! grep -rlE '(src=|<link[^>]* href=)"?https?:' build/docs --include='*.html' || \
+	    { echo "docs: expected pages that ask nobody, the pages above load something from the network" >&2; exit 1; }
+	@echo "documentation: build/docs/index.html"
+
+$(VENV)/.docs-ready: $(VENV)/.ready
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e ".[docs]"
+	@touch $@
 
 clean:
 	rm -rf runs build dist *.egg-info
