@@ -16,10 +16,10 @@ from reports.run_folder import Run
 from reports.tables import Table, number
 from rescore.bootstrap import BootstrapConfig, Comparison, bootstrap
 from rescore.comparisons import figure_as_json
+from rescore.content import content_digest
 from rescore.curve_bands import CurveBands, curve_bands
 from rescore.frames import DataSet
 from rescore.matching import MatchTable, TruthTable
-from rescore.store import digest_of
 
 IntArray = NDArray[np.int64]
 
@@ -53,11 +53,15 @@ class Evaluated:
 
     @cached_property
     def frame_keys(self) -> tuple[str, ...]:
-        """What makes each frame the same in two runs: its left picture and its cars, in the order of the
-        truth."""
+        """What makes a frame the same in two runs, by frame in the order of the truth: left pixels and cars.
+
+        Raises:
+            RescoreError: a picture is missing or damaged, or as ``data`` does.
+        """
         truths = ((f, self.data.truth[f.image_id]) for f in self.data.frames)
         return tuple(
-            f"{digest_of(f.left_path)} {t.xyxy_px.round(3).tolist()} {t.ignore.tolist()}" for f, t in truths
+            f"{content_digest(f.left_path)} {t.xyxy_px.round(3).tolist()} {t.ignore.tolist()}"
+            for f, t in truths
         )
 
     def match(self, detector: str, mode: str) -> MatchTable:
