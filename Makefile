@@ -10,7 +10,7 @@ JOBS ?= 2
 
 setup: $(VENV)/.ready
 
-$(VENV)/.ready: pyproject.toml .ci/setup
+$(VENV)/.ready: pyproject.toml .ci/setup .ci/install
 	PYTHON=$(PYTHON) VENV=$(VENV) sh .ci/setup
 	@touch $@
 
@@ -21,6 +21,7 @@ paper: setup
 	$(BIN)/rescore reproduce --preset paper --out runs/paper --jobs $(JOBS)
 
 test: setup
+	sh .ci/setup-tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

@@ -4,11 +4,14 @@ import fcntl
 import os
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+SKIPPED_SHOWN = 3
+"""Names of skipped tests of one file in the summary; the rest are counted."""
 
 
 def run_rescore(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -51,3 +54,21 @@ def uiuc() -> Path:
     if not (folder / "trueLocations.txt").is_file():
         pytest.skip(f"no UIUC car set at {folder}; set RESCORE_UIUC to a folder that holds trueLocations.txt")
     return folder
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say at the end what was skipped and why: a line a reason, then its tests, file by file."""
+    # sets, since each process reports a file that is skipped as a whole
+    why: dict[str, dict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
+    for report in terminalreporter.getreports("skipped"):
+        reason = report.longrepr[-1] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        file, _, name = report.nodeid.partition("::")
+        why[reason.removeprefix("Skipped: ")][file].add(name or "the whole file")
+    if not why:
+        return
+    terminalreporter.section("skipped, and why")
+    for reason, files in sorted(why.items()):
+        terminalreporter.line(f"{sum(map(len, files.values()))} skipped: {reason}")
+        for file, names in sorted(files.items()):
+            more = f" and {len(names) - SKIPPED_SHOWN} more" if len(names) > SKIPPED_SHOWN else ""
+            terminalreporter.line(f"    {file}: {', '.join(sorted(names)[:SKIPPED_SHOWN])}{more}")

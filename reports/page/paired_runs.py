@@ -12,8 +12,8 @@ from reports.palette import detector_name, mode_name
 from reports.run.curves import match_table
 from reports.run.frame_view import run_data
 from reports.run.tables import Table, difference, factor, number
+from rescore.data.content import content_digest
 from rescore.data.frames import DataSet
-from rescore.files import digest_of
 from rescore.metrics.bootstrap import BootstrapConfig, Comparison, bootstrap
 from rescore.metrics.curve_bands import CurveBands, curve_bands
 from rescore.metrics.matching import MatchTable, TruthTable
@@ -50,11 +50,15 @@ class Evaluated:
 
     @cached_property
     def frame_keys(self) -> tuple[str, ...]:
-        """What makes each frame the same in two runs: its left picture and its cars, in the order of the
-        truth."""
+        """What makes a frame the same in two runs, by frame in the order of the truth: left pixels and cars.
+
+        Raises:
+            RescoreError: a picture is missing or damaged, or as ``data`` does.
+        """
         truths = ((f, self.data.truth[f.image_id]) for f in self.data.frames)
         return tuple(
-            f"{digest_of(f.left_path)} {t.xyxy_px.round(3).tolist()} {t.ignore.tolist()}" for f, t in truths
+            f"{content_digest(f.left_path)} {t.xyxy_px.round(3).tolist()} {t.ignore.tolist()}"
+            for f, t in truths
         )
 
     def match(self, detector: str, mode: str) -> MatchTable:

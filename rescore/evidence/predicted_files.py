@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from rescore.data.content import content_digest
 from rescore.data.frames import DataSet, frame_names
 from rescore.data.measured import SUFFIXES, read_map
 from rescore.data.pictures import decode_picture
 from rescore.evidence.predicted import PredictedAs, PredictedDepth, PredictedUnit, another_system
-from rescore.files import digest_of
 
 
 @dataclass(frozen=True)
@@ -88,10 +88,11 @@ class Predictions:
         return Predictions(kind, {i: PredictedFile(path, mask, kind) for i, path, mask in found})
 
     def as_json(self) -> dict[str, Any]:
-        """What was used, as JSON values: the digest changes with any name or content of a file."""
+        """What was used, as JSON values: the digest changes with any name or content of a file, not with its
+        packing."""
         total = hashlib.sha256()
         for path in [p for f in self.files.values() for p in (f.path, f.mask_path) if p is not None]:
-            total.update(f"{path.name}\0{digest_of(path)}\0".encode())
+            total.update(f"{path.name}\0{content_digest(path)}\0".encode())
         return {
             "folder": str(self.kind.folder),
             "predicted_as": self.kind.predicted_as.value,

@@ -3,6 +3,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -53,6 +54,19 @@ def test_another_data_set_shares_nothing_and_is_said_so(run: Run, tmp_path: Path
     (pair,) = compare_runs([Evaluated("a", run), Evaluated("b", other)])
     assert pair.table is None
     assert "a has 5 images, b 4; they share no image" in pair.note
+
+
+def test_frames_that_another_machine_packed_are_shared(run: Run, tmp_path: Path):
+    shutil.copytree(run.root, tmp_path / "other")
+    other = load_run(tmp_path / "other")
+    for frame in Evaluated("b", other).data.frames:
+        pixels = cv2.imread(str(frame.left_path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(frame.left_path), pixels, [cv2.IMWRITE_PNG_COMPRESSION, 0])
+    one, again = Evaluated("a", run), Evaluated("b", other)
+    for ours, theirs in zip(one.data.frames, again.data.frames, strict=True):
+        assert ours.left_path.read_bytes() != theirs.left_path.read_bytes()
+    (pair,) = compare_runs([one, again])
+    assert "on all 5 images" in pair.note
 
 
 def test_what_two_runs_share_is_compared_alone(run: Run, tmp_path: Path):

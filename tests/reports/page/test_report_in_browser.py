@@ -1,4 +1,4 @@
-"""The report as a browser shows it; needs Debian's chromium, which CI may lack."""
+"""The report as a browser shows it; needs Debian's chromium, which `make test` installs where it may."""
 
 import shutil
 from collections.abc import Iterator

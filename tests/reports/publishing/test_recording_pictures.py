@@ -9,7 +9,7 @@ from reports.recording.blueprint import TABS
 
 def test_each_tab_is_drawn_without_a_fault_and_the_page_shows_it(run_dir: Path, tmp_path: Path):
     if not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
-        pytest.skip("no Vulkan driver: the viewer cannot draw here")
+        pytest.skip("the viewer needs a Vulkan driver: apt-get install mesa-vulkan-drivers")
     page = publish_recording(run_dir, tmp_path / "recording", "make this")
     text = page.read_text()
     assert "Made by `make this`" in text

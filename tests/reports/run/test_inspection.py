@@ -174,7 +174,7 @@ def test_the_viewer_opens_at_the_frame(
     with pytest.raises(RescoreError, match="expected a display"):
         open_recording(recording, 5, "hog")
     if not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
-        pytest.skip("no Vulkan driver: the viewer cannot draw here")
+        pytest.skip("the viewer needs a Vulkan driver: apt-get install mesa-vulkan-drivers")
     viewer = open_recording(recording, 5, "boosted", headless=True)
     try:
         port = viewer.args[viewer.args.index("--port") + 1]

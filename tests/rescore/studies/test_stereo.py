@@ -23,7 +23,6 @@ from rescore.studies.stereo import (
 )
 from tests.true_pairs import HEIGHT, SHIFT, WIDTH, kitti_2015, noise, scene, untrue
 
-KITTI = Path(__file__).parents[4] / "shared" / "data" / "kitti"
 OPENCV_DOC = Path(os.environ.get("OPENCV_DOC", "/usr/share/doc/opencv-doc/examples/data"))
 
 
@@ -53,9 +52,8 @@ def test_ours_equals_the_same_call_bit_for_bit(seed: int, config: SgbmConfig):
     assert n_unlike(ours, bare) > 0
 
 
-@pytest.mark.skipif(not KITTI.is_dir(), reason="the shared KITTI pairs are not here")
-def test_ours_equals_the_same_call_on_a_kitti_pair():
-    frame = read_dataset(KITTI).frames[0]
+def test_ours_equals_the_same_call_on_a_kitti_pair(kitti: Path):
+    frame = read_dataset(kitti).frames[0]
     assert frame.right_path is not None
     left, right = (read_rgb(p, frame.width_px, frame.height_px) for p in (frame.left_path, frame.right_path))
     ours, same = (METHODS[m](left, right, KITTI_SGBM) for m in (Method.OURS, Method.SAME_CALL))
@@ -63,7 +61,10 @@ def test_ours_equals_the_same_call_on_a_kitti_pair():
     assert 0.6 < np.isfinite(ours).mean() < 0.95
 
 
-@pytest.mark.skipif(not (OPENCV_DOC / "aloeL.jpg").is_file(), reason="Debian's opencv-doc is not installed")
+@pytest.mark.skipif(
+    not (OPENCV_DOC / "aloeL.jpg").is_file(),
+    reason="needs example pictures (a download of 96 MB): apt-get install opencv-doc",
+)
 def test_ours_equals_the_same_call_on_aloe(tmp_path: Path):
     (pair,) = find_true_scenes(lay_out_aloe(OPENCV_DOC.parents[4].parent, tmp_path)) or ()
     found = accuracy(pair, matcher_of(pair, kitti=False, nearest_m=2.0))
