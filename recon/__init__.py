@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from recon.class_model import ClassModel, ClassPart
     from recon.depth_map import DepthMap
     from recon.errors import Failure, Reason, RescoreError
-    from recon.learning.label_files import LabelledViews, read_labelled_views
+    from recon.learning.label_files import read_labelled_views
+    from recon.learning.label_polygons import LabelledViews
     from recon.learning.learn import LearnConfig, learn_class_model
     from recon.part_views import PartView, PartViews, load_part_views, save_part_views
     from recon.reconstruction.instance import Instance3D, InstancePart, InstanceQuality, build_instance
@@ -56,7 +57,8 @@ _HOMES = {
     "recon.class_model": ("ClassModel", "ClassPart"),
     "recon.depth_map": ("DepthMap",),
     "recon.errors": ("Failure", "Reason", "RescoreError"),
-    "recon.learning.label_files": ("LabelledViews", "read_labelled_views"),
+    "recon.learning.label_files": ("read_labelled_views",),
+    "recon.learning.label_polygons": ("LabelledViews",),
     "recon.learning.learn": ("LearnConfig", "learn_class_model"),
     "recon.part_views": ("PartView", "PartViews", "load_part_views", "save_part_views"),
     "recon.reconstruction.instance": ("Instance3D", "InstancePart", "InstanceQuality", "build_instance"),
