@@ -16,9 +16,9 @@ from reports.run.overlay import registered_depth, registered_relief
 from rescore.data.frames import DataSet, FrameRecord, Truth, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.evidence.align_depth import DepthAlignment, measured_depth
+from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.files import Predicted, evidence_path, read_evidence
 from rescore.evidence.predicted import BoxPrediction
-from rescore.evidence.registration import CUES
 from rescore.formats.open import read_dataset
 from rescore.results.candidate_file import difference, of_mode, status
 from rescore.results.run_folder import Run, boxes_px
@@ -225,7 +225,7 @@ class _Table:
         self, i: int, found: Reconstruction | BoxPrediction, box: FloatArray, measured: Float32Array
     ) -> Float32Array | None:
         if self._of_relief:
-            scale = float(np.exp(self._cues[i, CUES.index("relief_scale")]))
+            scale = float(np.exp(self._cues[i, cue_column("relief_scale")]))
             return registered_relief(found.depth, measured, box, scale) if np.isfinite(scale) else None
         if not np.isfinite(self._rows["scale"][i]):
             return None

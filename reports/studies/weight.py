@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from reports.palette import detector_name, mode_colour, mode_name
 from reports.run.tables import Table, number
 from rescore.files import atomic_path, json_values, write_json
-from rescore.fusion.tune import OBJECTIVE
 from rescore.studies.weight import WeightStudy
 
 
@@ -55,7 +54,7 @@ def draw_widths(studies: Sequence[WeightStudy]) -> Figure:
         _draw_objective(axes[1][column], own)
         axes[0][column].set_title(detector_name(detector), loc="left", fontweight="bold")
     axes[0][0].set_ylabel("chosen w (line 95 %, bar middle half)")
-    axes[1][0].set_ylabel(f"{OBJECTIVE.replace('_', ' ')}, {studies[0].n_images} images")
+    axes[1][0].set_ylabel(f"{studies[0].objective.replace('_', ' ')}, {studies[0].n_images} images")
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
     return figure
@@ -91,7 +90,7 @@ def _numbers(study: WeightStudy) -> dict[str, object]:
     return {
         "detector": study.detector,
         "registration": study.registration.value,
-        "objective_name": OBJECTIVE,
+        "objective_name": study.objective,
         "n_images": study.n_images,
         "n_cars": study.n_cars,
         "n_draws": study.n_draws,
@@ -117,7 +116,7 @@ def _sentences(studies: Sequence[WeightStudy]) -> str:
 
 def _page(studies: Sequence[WeightStudy], command: str) -> str:
     first = studies[0]
-    objective = OBJECTIVE.replace("_", " ")
+    objective = first.objective.replace("_", " ")
     parts = [
         "# How well validation images determine w",
         f"Made by `{command}`: w of eq. 7 tuned by {objective} on {first.n_draws} subsets of "

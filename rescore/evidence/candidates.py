@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from recon.arrays import FloatArray, IntArray
 from recon.errors import Failure, RescoreError
 from rescore.evidence.align_depth import DepthAlignment
-from rescore.evidence.registration import CUES
+from rescore.evidence.cues import CUES
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,10 @@
-"""The parts of the depth evidence of a candidate, kept for inspection, and the modes made of them."""
+"""The parts of the depth evidence of a candidate, by name, and the modes that they are evidence in.
 
-from collections.abc import Sequence
+A new cue is a function that computes it, and an entry of ``CUES``, which says how it is told, in which modes
+it is evidence, and with which others it is left out in the study of what cues are worth.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,8 +14,10 @@ from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import predicted_region
+from rescore.evidence.cue_words import CueWords, metres, share, times
 from rescore.evidence.guarded import GUARDED, GuardedConfig, guarded_alignment
-from rescore.evidence.plausibility import PlausibilityConfig, plausibility
+from rescore.evidence.plausibility import CHECKS, PlausibilityConfig, plausibility
+from rescore.evidence.registration import Registration
 from rescore.evidence.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
 
 
@@ -26,42 +32,67 @@ class CueConfig:
     """Logarithms of depth ratios are clipped to this, both ways."""
 
 
-def frame_cues(
-    frame: Frame,
-    xyxy_px: FloatArray,
-    predicted: Sequence[DepthMap | None],
-    azimuth_rad: FloatArray,
-    config: CueConfig,
-) -> FloatArray:
-    """The cues of the candidates of a frame, shape (n, k), columns ``CUES``; NaN where one cannot be had.
+@dataclass(frozen=True, eq=False)
+class CueInput:
+    """What the cues of the candidates of a frame are computed from."""
 
-    Args:
-        frame: picture, disparity, camera and ground. Without a camera only the guarded cues are had.
-        xyxy_px: boxes, shape (n, 4).
-        predicted: depth predicted in each box; None, which leaves out what needs it, where there is none or
-            its scale and offset are unknown.
-        azimuth_rad: side from which each is taken to be seen, shape (n,); NaN where nothing says it.
-        config: settings.
-    """
-    relief = np.full((len(xyxy_px), len(GUARDED)), np.nan)
-    around = np.full((len(xyxy_px), len(SURROUNDINGS)), np.nan)
-    ratio = np.full((len(xyxy_px), 1), np.nan)
-    if frame.camera is not None:
-        around = surroundings(
-            frame.disparity_px, xyxy_px, azimuth_rad, frame.camera, frame.ground, config.surroundings
-        )
-    for i, depth in enumerate(predicted):
+    frame: Frame
+    """Picture, disparity, camera and ground. Without a camera only the guarded cues are had."""
+    xyxy_px: FloatArray
+    """Boxes, shape (n, 4), pixel edges."""
+    predicted: Sequence[DepthMap | None]
+    """Depth predicted in each box; None, which leaves out what needs it, where there is none or its scale and
+    offset are unknown."""
+    azimuth_rad: FloatArray
+    """Side from which each object is taken to be seen, shape (n,); NaN where nothing says it."""
+    config: CueConfig
+
+
+Columns = Mapping[str, FloatArray]
+"""Cues by name, each of shape (n,); NaN where one cannot be had."""
+
+
+def relief(given: CueInput) -> Columns:
+    """The cues ``GUARDED`` and ``depth_ratio``: predicted depth against measured depth, inside the box."""
+    frame, limit = given.frame, given.config.depth_ratio_limit
+    fits = np.full((len(given.xyxy_px), len(GUARDED)), np.nan)
+    ratio = np.full(len(given.xyxy_px), np.nan)
+    for i, depth in enumerate(given.predicted):
         if depth is None:
             continue
-        fit = guarded_alignment(depth, frame.disparity_px, xyxy_px[i], config.guarded)
+        fit = guarded_alignment(depth, frame.disparity_px, given.xyxy_px[i], given.config.guarded)
         if fit is None:
             continue
-        relief[i] = fit.cues
+        fits[i] = fit.cues
         if frame.camera is not None:
-            logarithm = _depth_ratio(depth, frame.disparity_px, xyxy_px[i], frame.camera)
-            ratio[i] = np.clip(logarithm, -config.depth_ratio_limit, config.depth_ratio_limit)
-    believable = plausibility(frame.disparity_px, xyxy_px, frame.camera, frame.ground, config.plausibility)
-    return np.hstack([relief, around, ratio, believable])
+            logarithm = _depth_ratio(depth, frame.disparity_px, given.xyxy_px[i], frame.camera)
+            ratio[i] = np.clip(logarithm, -limit, limit)
+    return {**dict(zip(GUARDED, fits.T, strict=True)), "depth_ratio": ratio}
+
+
+def around(given: CueInput) -> Columns:
+    """The cues ``SURROUNDINGS``: size, edges and ground contact, in and around the box."""
+    frame = given.frame
+    found = np.full((len(given.xyxy_px), len(SURROUNDINGS)), np.nan)
+    if frame.camera is not None:
+        found = surroundings(
+            frame.disparity_px,
+            given.xyxy_px,
+            given.azimuth_rad,
+            frame.camera,
+            frame.ground,
+            given.config.surroundings,
+        )
+    return dict(zip(SURROUNDINGS, found.T, strict=True))
+
+
+def believable(given: CueInput) -> Columns:
+    """The cues ``CHECKS``: whether the measured depth can be believed."""
+    frame = given.frame
+    found = plausibility(
+        frame.disparity_px, given.xyxy_px, frame.camera, frame.ground, given.config.plausibility
+    )
+    return dict(zip(CHECKS, found.T, strict=True))
 
 
 def _depth_ratio(
@@ -75,3 +106,118 @@ def _depth_ratio(
     use = predicted_region(predicted, box_px) & np.isfinite(measured)
     focal_baseline = camera.left.fx_px * camera.baseline_m
     return float(np.median(np.log(focal_baseline / measured[use] / predicted.depth[use])))
+
+
+@dataclass(frozen=True)
+class Cue:
+    """One part of the depth evidence."""
+
+    compute: Callable[[CueInput], Columns]
+    """Computes this cue, and perhaps others at once: it is called once a frame for all of them."""
+    words: CueWords
+    """How it is told."""
+    group: str
+    """Cues of one group are left out together in the study of what cues are worth; "" for none."""
+    modes: frozenset[Registration]
+    """Modes in which it is evidence."""
+    checked_in: frozenset[Registration] = frozenset()
+    """Modes in which it must not be lower than where the mode was fitted, or a candidate has no evidence."""
+
+
+def _entries(
+    compute: Callable[[CueInput], Columns], modes: Iterable[Registration], *named: tuple[str, str, CueWords]
+) -> dict[str, Cue]:
+    """Entries of cues that one function computes, from their names, groups and words."""
+    return {name: Cue(compute, words, group, frozenset(modes)) for name, group, words in named}
+
+
+_METRIC = (Registration.METRIC,)
+_FINE = "{:.1f} %"
+CUES: dict[str, Cue] = {
+    **_entries(
+        relief,
+        (Registration.GUARDED, Registration.METRIC),
+        ("relief_scale", "all relief", times("relief {} the predicted one")),
+        ("relief_residual", "all relief", share("off the fitted relief by {} of the distance", _FINE)),
+        ("relief_gain", "all relief", times("the relief fits {} as well as a flat surface", "{:.2f} times")),
+        ("roughness", "all relief", share("depth varies by {} of the distance", _FINE)),
+    ),
+    **_entries(
+        around,
+        _METRIC,
+        ("width", "all of size", times("{} as wide as a car")),
+        ("height", "all of size", times("{} as tall as a car")),
+        ("foot", "foot and ground", metres("foot {} above the ground")),
+        ("compact", "fill", share("{} of its middle at one depth")),
+        ("left", "edges beside", share("to the left {} goes on at its depth")),
+        ("right", "edges beside", share("to the right {} goes on at its depth")),
+        ("above", "edges above", share("above it {} goes on at its depth")),
+        ("behind_above", "edges above", share("above it {} lies behind")),
+        ("fill_left", "fill", share("left rim {} filled")),
+        ("fill_right", "fill", share("right rim {} filled")),
+        ("fill_top", "fill", share("top {} filled")),
+        ("ground_below", "foot and ground", share("below it {} is ground")),
+        ("relief", "all relief", metres("upper part {} behind the lower")),
+        ("near", "fill", share("{} covered by nearer things")),
+        ("support", "all of size", share("{} at the distance that its size asks for")),
+        ("lower", "fill", share("{} of its foot at its depth")),
+    ),
+    "measured": Cue(
+        around,
+        share("stereo measured on {}", _FINE),
+        "measured share",
+        frozenset(_METRIC),
+        frozenset(_METRIC),
+    ),
+    # the median logarithm of measured over predicted depth: 0 where the thing stands where the ground line
+    # and the part planes put it
+    **_entries(
+        relief,
+        _METRIC,
+        ("depth_ratio", "depth ratio", times("at {} the distance of its ground line", "{:.2f} times")),
+    ),
+    # the rest says nothing for or against a car, but whether the others can be believed
+    "agreement": Cue(
+        believable,
+        share("{} of neighbouring measurements agree", _FINE),
+        "",
+        frozenset(),
+        frozenset({Registration.GUARDED, Registration.METRIC}),
+    ),
+    "ground_agreement": Cue(
+        believable,
+        share("{} of the ground measured where it is", _FINE),
+        "",
+        frozenset(),
+        frozenset(_METRIC),
+    ),
+}
+"""The cues by name, in the order of the columns of ``CandidateTable.cues``."""
+
+
+def cue_names() -> tuple[str, ...]:
+    """Names of the columns of ``CandidateTable.cues``."""
+    return tuple(CUES)
+
+
+def cue_column(name: str) -> int:
+    """The column of a cue in ``CandidateTable.cues``."""
+    return list(CUES).index(name)
+
+
+def cues_of(mode: Registration) -> tuple[str, ...]:
+    """Names of the parts of the evidence of a mode; none for ``PAPER``, whose D has a formula."""
+    return tuple(name for name, cue in CUES.items() if mode in cue.modes)
+
+
+def checks_of(mode: Registration) -> tuple[str, ...]:
+    """Names of the cues that are checked in a mode (``Cue.checked_in``)."""
+    return tuple(name for name, cue in CUES.items() if mode in cue.checked_in)
+
+
+def frame_cues(given: CueInput) -> FloatArray:
+    """The cues of the candidates of a frame, shape (n, k), columns ``CUES``; NaN where one cannot be had."""
+    found: dict[str, FloatArray] = {}
+    for compute in dict.fromkeys(cue.compute for cue in CUES.values()):
+        found |= compute(given)
+    return np.stack([found[name] for name in CUES], axis=1)

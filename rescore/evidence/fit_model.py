@@ -10,8 +10,9 @@ from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
 from rescore.data.splits import FittingSet
 from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.cues import checks_of, cue_column, cues_of
 from rescore.evidence.model import EvidenceModel
-from rescore.evidence.registration import CUES, LEARNED, Registration
+from rescore.evidence.registration import LEARNED, Registration
 from rescore.metrics.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
 
 
@@ -51,10 +52,10 @@ def fit_evidence(
     Raises:
         RescoreError: too few cars, or nothing but cars, among candidates with evidence.
     """
-    names = tuple(name for name in registration.cues if name not in without)
+    names = tuple(name for name in cues_of(registration) if name not in without)
     if not names:
         raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
-    columns = cues[:, [CUES.index(n) for n in names]]
+    columns = cues[:, [cue_column(n) for n in names]]
     use = np.isfinite(columns).mean(axis=1) >= config.min_share
     n_cars = int(is_car[use].sum())
     if n_cars < config.min_cars or n_cars == int(use.sum()):
@@ -83,7 +84,7 @@ def fit_evidence(
     splits = np.cumsum([len(m) for m in middles])[:-1]
     parts = np.split(fitted.coef_[0], splits)
     log_odds = {n: part - float(part @ m) for n, part, m in zip(names, parts, middles, strict=True)}
-    checked = {name: cues[use, CUES.index(name)] for name in registration.checks}
+    checked = {name: cues[use, cue_column(name)] for name in checks_of(registration)}
     floors = {
         name: float(np.nanquantile(values, config.floor_quantile))
         for name, values in checked.items()
@@ -125,5 +126,5 @@ def fit_modes(
     return {
         mode: fit_evidence(cues, is_car, mode, config)
         for mode in LEARNED
-        if mode is not Registration.METRIC or np.isfinite(cues[:, CUES.index("measured")]).any()
+        if not mode.needs_calibration or np.isfinite(cues[:, cue_column("measured")]).any()
     }

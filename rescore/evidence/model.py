@@ -17,7 +17,8 @@ from scipy.special import expit
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
 from rescore.evidence.candidates import OK, CandidateTable
-from rescore.evidence.registration import CLASS_MODEL, CUES, LEARNED, Registration
+from rescore.evidence.cues import checks_of, cue_column, cues_of
+from rescore.evidence.registration import CLASS_MODEL, LEARNED, Registration
 from rescore.files import read_json, write_json
 
 FORMAT = "depth evidence 2"
@@ -38,7 +39,7 @@ class EvidenceModel:
     min_share: float
     """Smallest share of the cues that a candidate needs."""
     floors: Mapping[str, float]
-    """Smallest value of each of ``registration.checks``; a check that could not be made is passed."""
+    """Smallest value of each of ``checks_of(registration)``; a check that could not be made is passed."""
     depth_of: str = CLASS_MODEL
     """Whose depth it was fitted with (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
 
@@ -49,7 +50,7 @@ class EvidenceModel:
         """
         out = np.zeros_like(cues)
         for name, knots in self.knots.items():
-            column = CUES.index(name)
+            column = cue_column(name)
             known = np.isfinite(cues[:, column])
             out[known, column] = np.interp(cues[known, column], knots, self.log_odds[name])
         return out
@@ -73,14 +74,14 @@ class EvidenceModel:
 
     def complete(self, cues: FloatArray) -> BoolArray:
         """Which candidates (n, k) have enough of the cues, shape (n,)."""
-        own = cues[:, [CUES.index(name) for name in self.knots]]
+        own = cues[:, [cue_column(name) for name in self.knots]]
         return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
 
     def believable(self, cues: FloatArray) -> BoolArray:
         """Which candidates (n, k) pass all checks, shape (n,)."""
         passed = np.ones(len(cues), np.bool_)
         for name, floor in self.floors.items():
-            passed &= ~(cues[:, CUES.index(name)] < floor)
+            passed &= ~(cues[:, cue_column(name)] < floor)
         return passed
 
 
@@ -95,10 +96,10 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
         return table
     d = model.difference(table.cues)
     has = np.isfinite(d)
-    calibrated = np.isfinite(table.cues[:, CUES.index("measured")])
+    calibrated = np.isfinite(table.cues[:, cue_column("measured")])
     lost = np.where(table.status == OK, Reason.NO_STEREO.value, table.status)
     why = np.where(table.status == OK, "too few measured pixels in the predicted region", table.reason_detail)
-    if model.registration is Registration.METRIC:
+    if model.registration.needs_calibration:
         lost = np.where(calibrated, Reason.NO_STEREO.value, Reason.NO_CALIBRATION.value)
         why = np.where(
             calibrated,
@@ -181,14 +182,14 @@ def load_model(path: Path, mode: Registration) -> EvidenceModel:
 
 
 def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
-    if mode not in LEARNED or set(row["cues"]) != set(mode.cues):
+    if mode not in LEARNED or set(row["cues"]) != set(cues_of(mode)):
         raise ValueError(f"cues of mode {mode}: {sorted(row['cues'])}")
     knots = {name: np.array(c["knots"], float) for name, c in row["cues"].items()}
     log_odds = {name: np.array(c["log_odds"], float) for name, c in row["cues"].items()}
     if any(k.shape != log_odds[n].shape or k.ndim != 1 or not len(k) for n, k in knots.items()):
         raise ValueError("knots and log_odds of different lengths")
     floors = {str(name): float(value) for name, value in row["floors"].items()}
-    if not set(floors) <= set(mode.checks):
+    if not set(floors) <= set(checks_of(mode)):
         raise ValueError(f"checks of mode {mode}: {sorted(floors)}")
     depth_of = str(row.get("depth_of", CLASS_MODEL))
     return EvidenceModel(mode, knots, log_odds, float(row["bias"]), float(row["min_share"]), floors, depth_of)

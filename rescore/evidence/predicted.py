@@ -27,7 +27,8 @@ from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
 from recon.reconstruction.reconstruct import check_extent
 from rescore.evidence.candidates import OK, CandidateTable
-from rescore.evidence.registration import CUES, LEARNED, Registration
+from rescore.evidence.cues import cue_column
+from rescore.evidence.registration import LEARNED, Registration
 
 
 def kind_of(value: Any) -> str:
@@ -218,7 +219,7 @@ UNLIKELY_RATIO = 2.0
 
 
 def _ratios(table: CandidateTable) -> FloatArray:
-    logarithms = table.cues[:, CUES.index("depth_ratio")]
+    logarithms = table.cues[:, cue_column("depth_ratio")]
     known = logarithms[np.isfinite(logarithms)]
     return known if len(known) >= MIN_DOUBTED else known[:0]
 

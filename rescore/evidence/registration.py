@@ -1,19 +1,11 @@
-"""The modes in which predicted and measured depth are compared, and the cues each is made of."""
+"""The modes in which predicted and measured depth are compared.
+
+The cues that a mode is made of stand in ``rescore.evidence.cues``.
+"""
 
 from enum import StrEnum
 
 from recon.errors import RescoreError
-from rescore.evidence.guarded import GUARDED
-from rescore.evidence.plausibility import CHECKS
-from rescore.evidence.surroundings import SURROUNDINGS
-
-_METRIC = (*GUARDED, *SURROUNDINGS, "depth_ratio")
-
-
-CUES = (*_METRIC, *CHECKS)
-"""Columns of ``CandidateTable.cues``. ``depth_ratio`` is the median logarithm of measured over predicted
-depth: 0 where the thing stands where the ground line and the part planes put it. ``CHECKS`` say nothing for
-or against a car, but whether the others can be believed."""
 
 
 class Registration(StrEnum):
@@ -28,19 +20,18 @@ class Registration(StrEnum):
     """That, and what a calibrated camera tells: size, depth edges, ground contact, the planes' own depths."""
 
     @property
-    def cues(self) -> tuple[str, ...]:
-        """The parts of the evidence; none for ``PAPER``, whose D has a formula."""
-        return {Registration.PAPER: (), Registration.GUARDED: GUARDED, Registration.METRIC: _METRIC}[self]
+    def learned(self) -> bool:
+        """Whether D is a probability that is fitted to labelled candidates; that of eq. 6 has a formula."""
+        return self is not Registration.PAPER
 
     @property
-    def checks(self) -> tuple[str, ...]:
-        """Columns that must not be lower than where the mode was fitted, or a candidate has no evidence."""
-        return {
-            Registration.PAPER: (),
-            Registration.GUARDED: CHECKS[:1],
-            Registration.METRIC: ("measured", *CHECKS),
-        }[self]
+    def needs_calibration(self) -> bool:
+        """Whether a candidate has evidence only where the camera is calibrated."""
+        return self is Registration.METRIC
 
+
+LEARNED = tuple(mode for mode in Registration if mode.learned)
+"""Modes whose D is fitted."""
 
 CLASS_MODEL = "the class model"
 """Whose depth w or D was fitted with, where it is not another system's."""
@@ -53,7 +44,3 @@ def check_depth_of(where: str, fitted_with: str, used: str) -> None:
             f"{where}: expected what was fitted with depth of {used}, got what was fitted with depth of "
             f"{fitted_with}; fit it again with the predictions that it is used with"
         )
-
-
-LEARNED = tuple(r for r in Registration if r.cues)
-"""Modes whose D is calibrated."""

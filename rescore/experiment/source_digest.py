@@ -21,32 +21,37 @@ def source_digest(*modules: ModuleType, root: Path = ROOT) -> str:
     not.
 
     Args:
-        modules: modules of this project.
+        modules: modules of this project, or one of yours that its registries name.
         root: the folder that holds the packages, for a copy of the source.
 
     Raises:
-        ValueError: a module is none of this project, or its source is not there.
+        ValueError: the source of a module is not there.
     """
     total = hashlib.sha256()
-    for name, file in sorted(_closure((m.__name__ for m in modules), root).items()):
+    for name, file in sorted(_closure(modules, root).items()):
         total.update(name.encode() + b"\0" + file_digest(file))
     return total.hexdigest()
 
 
-def _closure(modules: Iterable[str], root: Path) -> dict[str, Path]:
+def _closure(modules: Iterable[ModuleType], root: Path) -> dict[str, Path]:
     """Files of modules and of all modules of the project that they import, by module name."""
     found: dict[str, Path] = {}
-    todo = list(modules)
+    todo = [(m.__name__, module_file(m.__name__, root) or _own_file(m)) for m in modules]
     while todo:
-        name = todo.pop()
+        name, file = todo.pop()
         if name in found:
             continue
-        file = module_file(name, root)
         if file is None:
             raise ValueError(f"{name}: expected a module of {', '.join(PACKAGES)}, found no source of it")
         found[name] = file
-        todo += imported_modules(file, root)
+        todo += [(other, module_file(other, root)) for other in imported_modules(file, root)]
     return found
+
+
+def _own_file(module: ModuleType) -> Path | None:
+    """The source file of a module that is none of this project's."""
+    own = module.__name__.partition(".")[0] in PACKAGES
+    return None if own or not getattr(module, "__file__", None) else Path(str(module.__file__))
 
 
 def module_file(name: str, root: Path = ROOT) -> Path | None:

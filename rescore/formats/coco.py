@@ -13,7 +13,8 @@ from recon.errors import RescoreError
 from rescore.data.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NOT_RESCORED, Candidates, CandidateTable, RescoredTable
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.cues import CUES
+from rescore.evidence.registration import Registration
 from rescore.files import atomic_path
 from rescore.formats.checked_json import Box, Number, read_checked
 

@@ -1,8 +1,8 @@
 """Any data set and any detections that are known here, by what their folders hold."""
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,41 @@ from rescore.formats.box_files import class_names, is_kitti_text, read_yolo
 from rescore.formats.folders import calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
 from rescore.formats.labels import ClassMap, LabelRow
-from rescore.formats.pair_folders import LOOKED_FOR, is_plain, read_plain
+from rescore.formats.pair_folders import is_plain, read_plain
+
+
+@dataclass(frozen=True)
+class DataLayout:
+    """A layout of folders that a data set may have."""
+
+    sign: str
+    """What it is recognised by, for the error where nothing is found."""
+    is_in: Callable[[Path], bool]
+    """Whether a folder has this layout."""
+    read: Callable[[Path, ClassMap], DataSet]
+    """The data set of such a folder; no picture is decoded yet."""
+
+
+def _has_annotations(root: Path) -> bool:
+    return (root / "annotations.json").is_file()
+
+
+def _read_annotations(root: Path, classes: ClassMap) -> DataSet:
+    data = coco_dataset.read_dataset(root, classes.target, classes)
+    return replace(data, notes=(*data.notes, *calibration_notes(data.frames, root)))
+
+
+LAYOUTS: list[DataLayout] = [
+    DataLayout("annotations.json", _has_annotations, _read_annotations),
+    DataLayout("image_2, image_3 and calib (KITTI)", is_kitti, read_kitti),
+    DataLayout(
+        "left and right, image_0 and image_1; left or rgb with disparity or depth; or folders of scenes with "
+        "im0 and im1 (Middlebury)",
+        is_plain,
+        read_plain,
+    ),
+]
+"""The layouts of data sets; the first that a folder has is read. A new one is a reader and an entry here."""
 
 
 def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None = None) -> DataSet:
@@ -32,19 +66,17 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
             contradictory.
     """
     classes = classes or ClassMap(class_name)
-    annotations = path / "annotations.json"
-    if not path.is_dir() or annotations.is_file():
-        data = coco_dataset.read_dataset(path, classes.target, classes)
-        return replace(data, notes=(*data.notes, *calibration_notes(data.frames, path)))
+    if not path.is_dir():
+        return _read_annotations(path, classes)
     # KITTI keeps its two halves in folders of these names
     for root in (path, path / "training"):
-        if root.is_dir() and is_kitti(root):
-            return read_kitti(root, classes)
-        if root.is_dir() and is_plain(root):
-            return read_plain(root, classes)
+        for layout in LAYOUTS if root.is_dir() else ():
+            if layout.is_in(root):
+                return layout.read(root, classes)
     inside = sorted(p.name for p in path.iterdir())[:6]
+    looked_for = "; ".join(layout.sign for layout in LAYOUTS)
     raise RescoreError(
-        f"{path}: expected a data set, looked for {LOOKED_FOR}; found {', '.join(inside) or 'nothing'}; see "
+        f"{path}: expected a data set, looked for {looked_for}; found {', '.join(inside) or 'nothing'}; see "
         "docs/own-data.md"
     )
 

@@ -27,10 +27,6 @@ MEASURED = (
     ("depth", Quantity.DEPTH),
 )
 """Names of the folders of measured files, and what they hold."""
-LOOKED_FOR = (
-    "annotations.json; image_2, image_3 and calib (KITTI); left and right, image_0 and image_1; left or rgb "
-    "with disparity or depth; or folders of scenes with im0 and im1 (Middlebury)"
-)
 _SIDES = re.compile(r"(left|right|[lr](?=\d|$)|(?<=[_-])[lr](?=[_-]|$))", re.IGNORECASE)
 MAX_SECONDS_APART = 0.02
 """Farthest that times may be apart which TUM's tools take for one moment."""

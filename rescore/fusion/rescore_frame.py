@@ -10,7 +10,7 @@ from recon.errors import Failure, RescoreError
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import DepthAlignment, align_instances, measured_depth
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
-from rescore.evidence.cues import frame_cues
+from rescore.evidence.cues import CueInput, frame_cues
 from rescore.evidence.files import Predicted
 from rescore.evidence.instances import DepthSource, predict_instances
 from rescore.evidence.model import EvidenceModel, with_difference
@@ -37,7 +37,7 @@ class Rescoring:
     def __post_init__(self) -> None:
         if not 0 <= self.w <= 1:
             raise RescoreError(
-                f"rescoring: expected w in [0, 1], got {self.w}; `rescore tune` finds it, 1 is the detector "
+                f"rescorer: expected w in [0, 1], got {self.w}; `rescore tune` finds it, 1 is the detector "
                 "alone"
             )
 
@@ -96,8 +96,7 @@ def rescore_frame(
     instances = predict_instances(frame, candidates, source, config)  # Zi
     measured = measured_depth(frame.disparity_px, frame.camera, inverse=instances.inverse)  # Zs
     alignments = align_instances(instances.found, measured, candidates.xyxy_px, config.align)  # eq. 6
-    cues = frame_cues(  # past eq. 6
-        frame, candidates.xyxy_px, instances.scaled_depths, instances.views.azimuth_rad, config.cues
-    )
+    depths, azimuth_rad = instances.scaled_depths, instances.views.azimuth_rad
+    cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues))  # past eq. 6
     evidence = CandidateTable.of_alignments(candidates, alignments, cues, frame.ground_source)
     return RescoredFrame(rescoring.fuse(evidence), instances.views, instances.found, alignments)  # eq. 7

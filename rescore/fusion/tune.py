@@ -1,10 +1,11 @@
 """The weight w of eq. 7, chosen for one detector on the validation set alone."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from recon.arrays import FloatArray
+from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet
 from rescore.data.splits import Splits, ValidationSet
@@ -16,15 +17,27 @@ from rescore.metrics.bootstrap import draw_images
 from rescore.metrics.matching import MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics.resampled import Levels, Weights, weighted_figures
 
-OBJECTIVE = "average_precision"
-"""What w is chosen by, as files of results name it. It counts missed cars and weighs the top of the ranking,
-where a detector is used."""
+Objective = Callable[[MatchTable, IntArray, Weights], FloatArray]
+"""What w is chosen by: from a match table, the cars of each image (n_images,) and weights of images
+(r, n_images) to one figure for each row of weights, shape (r,). Larger is better; NaN where undefined."""
+
+
+def average_precision(match: MatchTable, cars_of_image: IntArray, weight: Weights) -> FloatArray:
+    """Average precision for each row of image weights; NaN for images without a car."""
+    return np.asarray(weighted_figures(match, cars_of_image, weight, Levels((), ()))[:, 1])
+
+
+OBJECTIVES: dict[str, Objective] = {"average_precision": average_precision}
+"""The objectives by the name that settings and files of results use. Average precision counts missed cars and
+weighs the top of the ranking, where a detector is used."""
 
 
 @dataclass(frozen=True)
 class TuneConfig:
     """How w is chosen."""
 
+    objective: str = "average_precision"
+    """A name of ``OBJECTIVES``."""
     n_grid: int = 101
     """w = 0, 1 / (n - 1), ..., 1."""
     min_iou: float = 0.5
@@ -33,6 +46,10 @@ class TuneConfig:
     """Resamples of the validation images for the interval of w."""
 
     def __post_init__(self) -> None:
+        if self.objective not in OBJECTIVES:
+            raise RescoreError(
+                f"tune: expected objective {' or '.join(OBJECTIVES)}, got {self.objective!r}; choose one"
+            )
         if self.n_grid < 2:
             raise RescoreError(f"tune: expected n_grid of at least 2, got {self.n_grid}; 101 is usual")
         if not 0 < self.min_iou <= 1:
@@ -52,12 +69,14 @@ class Tuning:
     grid: FloatArray
     """Every w tried, shape (n_grid,)."""
     value: FloatArray
-    """Average precision at each, shape (n_grid,)."""
+    """The objective at each, shape (n_grid,)."""
     n_images: int
     """Size of the validation set."""
     n_cars: int
     registration: Registration = Registration.PAPER
     """Mode that D comes from."""
+    objective: str = "average_precision"
+    """Name of the objective."""
     uncertainty: WeightUncertainty | None = None
     """How well the validation set determines w; None where that was not asked for, or of fewer than two
     images."""
@@ -79,7 +98,7 @@ def tune_weight(
     config: TuneConfig,
     rng: np.random.Generator | None = None,
 ) -> Tuning:
-    """The w of eq. 7 for the best average precision on the validation set.
+    """The w of eq. 7 for the best objective on the validation set.
 
     A small validation set does not tell many w apart, and the very best of them is chance. So the middle of
     those within one standard error of the best is taken (``WeightUncertainty.plateau``); without ``rng``,
@@ -118,6 +137,7 @@ def tune_weight(
         value[:, 0],
         truth.n_images,
         truth.n_cars,
+        objective=config.objective,
         uncertainty=uncertainty,
     )
 
@@ -125,13 +145,13 @@ def tune_weight(
 def objective_on_grid(
     table: CandidateTable, truth: TruthTable, config: TuneConfig, weight: Weights
 ) -> FloatArray:
-    """Average precision at each w of the grid for each set of image weights (r, n_images), shape (n_grid, r).
+    """The objective at each w of the grid for each set of image weights (r, n_images), shape (n_grid, r).
 
-    NaN for images without a car.
+    NaN where it is undefined.
     """
     matches = [match_at(table, truth, w, config.min_iou) for w in np.linspace(0, 1, config.n_grid).tolist()]
-    no_levels = Levels((), ())
-    return np.stack([weighted_figures(m, truth.cars_of_image, weight, no_levels)[:, 1] for m in matches])
+    objective = OBJECTIVES[config.objective]
+    return np.stack([objective(m, truth.cars_of_image, weight) for m in matches])
 
 
 def match_at(table: CandidateTable, truth: TruthTable, w: float, min_iou: float = 0.5) -> MatchTable:

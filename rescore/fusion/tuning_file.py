@@ -10,7 +10,7 @@ from recon.errors import RescoreError
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.files import read_json
 from rescore.fusion.fuse import LearnedFusion
-from rescore.fusion.tune import OBJECTIVE, Tuning
+from rescore.fusion.tune import OBJECTIVES, Tuning
 from rescore.fusion.weight_interval import uncertainty_as_json, uncertainty_of_json
 
 
@@ -20,7 +20,7 @@ def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
         "detector": tuning.detector,
         "registration": tuning.registration.value,
         "w": tuning.w,
-        "objective_name": OBJECTIVE,
+        "objective_name": tuning.objective,
         "w_grid": tuning.grid.tolist(),
         "objective": [v if np.isfinite(v) else None for v in tuning.value.tolist()],
         "n_images": tuning.n_images,
@@ -40,7 +40,7 @@ def load_tuning(path: Path) -> Tuning:
     """
     value = read_json(path, "a tuned weight")
     try:
-        if value["objective_name"] != OBJECTIVE:
+        if value["objective_name"] not in OBJECTIVES:
             raise ValueError(f"by objective {value['objective_name']!r}")
         tuning = Tuning(
             detector=str(value["detector"]),
@@ -52,6 +52,7 @@ def load_tuning(path: Path) -> Tuning:
             registration=Registration(value.get("registration", Registration.PAPER)),
             uncertainty=uncertainty_of_json(value.get("uncertainty")),
             learned=None if value.get("learned") is None else LearnedFusion(**value["learned"]),
+            objective=str(value["objective_name"]),
             depth_of=str(value.get("depth_of", CLASS_MODEL)),
         )
     except (KeyError, TypeError, ValueError) as error:

@@ -14,10 +14,11 @@ from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from rescore.detectors.platt import PlattScaling
 from rescore.evidence.candidates import OK
+from rescore.evidence.cues import cue_names
 from rescore.evidence.files import Predicted
 from rescore.evidence.model import EvidenceModel
 from rescore.evidence.predicted import PredictedDepth, another_system, check_mode
-from rescore.evidence.registration import CLASS_MODEL, CUES, Registration, check_depth_of
+from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.evidence.settings import RescoreConfig
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.library.inputs import Boxes, StereoFrame
@@ -51,8 +52,10 @@ class Rescored:
     """The 3D instance in each box, or the depth that another system predicts there, or why there is none;
     None where they were not asked for."""
 
-    cue_names = CUES
-    """Columns of ``cues`` and ``log_odds``."""
+    @property
+    def cue_names(self) -> tuple[str, ...]:
+        """Columns of ``cues`` and ``log_odds``."""
+        return cue_names()
 
     @property
     def has_evidence(self) -> BoolArray:

@@ -14,11 +14,12 @@ from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.rendered_kinds import kinds_of_candidates
 from rescore.detectors.base import Detections
 from rescore.evidence.candidates import NOT_RESCORED, CandidateTable
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.cues import CUES
+from rescore.evidence.registration import Registration
 from rescore.files import read_json, write_json
 from rescore.formats.coco import DetectionFile
 from rescore.fusion.fuse import posteriors
-from rescore.fusion.tune import OBJECTIVE, Tuning
+from rescore.fusion.tune import Tuning
 from rescore.fusion.weight_interval import uncertainty_as_json
 from rescore.metrics.bootstrap import BootstrapConfig
 from rescore.metrics.curves import Summary, summarise
@@ -356,7 +357,7 @@ def _tuning(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, Any
     for (name, mode), t in sorted(tunings.items(), key=lambda item: item[0][1] != Registration.PAPER):
         one = {
             "w": t.w,
-            "objective_name": OBJECTIVE,
+            "objective_name": t.objective,
             "w_grid": t.grid.tolist(),
             "objective": [_number(v) for v in t.value.tolist()],
             "n_images": t.n_images,

@@ -7,9 +7,10 @@ import numpy as np
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
 from rescore.evidence.candidates import NOT_RESCORED, OK
+from rescore.evidence.cues import CUES, cue_column, cue_names
 from rescore.evidence.guarded import GuardedConfig
 from rescore.evidence.model import EvidenceModel
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.registration import Registration
 from rescore.evidence.surroundings import SurroundingsConfig
 from rescore.results.candidate_file import Columns, difference, status
 from rescore.results.words import favourable, range_text, status_text, words_of
@@ -33,7 +34,7 @@ class Part:
     """What one cue says of a candidate."""
 
     cue: str
-    """One of ``rescore.evidence.registration.CUES``."""
+    """A name of ``rescore.evidence.cues.CUES``."""
     value: float
     """As stored, see ``rescore.evidence.surroundings`` and ``rescore.evidence.guarded``."""
     log_odds: float
@@ -147,8 +148,9 @@ class _Teller:
     def parts(self, cues: FloatArray, weights: FloatArray) -> tuple[Part, ...]:
         """What the cues (k,) of a candidate say, by what they add to its log odds (k,)."""
         order = [int(j) for j in np.argsort(-np.abs(weights), kind="stable") if weights[j] != 0]
+        names = cue_names()
         return tuple(
-            Part(CUES[j], float(cues[j]), float(weights[j]), self._text(CUES[j], float(cues[j])))
+            Part(names[j], float(cues[j]), float(weights[j]), self._text(names[j], float(cues[j])))
             for j in order
         )
 
@@ -185,7 +187,7 @@ class _Teller:
             return "not rescored"
         match why:
             case Reason.NO_STEREO if self.mode != Registration.PAPER:
-                detail = f"{100 * (1 - cues[CUES.index('measured')]):.0f} % of stereo missing"
+                detail = f"{100 * (1 - cues[cue_column('measured')]):.0f} % of stereo missing"
             case Reason.STEREO_NOT_BELIEVED:
                 detail = self._failed_checks(cues)
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
@@ -196,7 +198,7 @@ class _Teller:
     def _failed_checks(self, cues: FloatArray) -> str:
         failed = []
         for name, floor in ({} if self.model is None else self.model.floors).items():
-            value = float(cues[CUES.index(name)])
+            value = float(cues[cue_column(name)])
             if value < floor:
                 words = self.words[name]
                 failed.append(f"{words.told(value)}, at least {words.value(floor)} needed")

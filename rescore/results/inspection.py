@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, IntArray
 from recon.errors import RescoreError
+from rescore.evidence.cues import CUES
 from rescore.evidence.model import EvidenceModel
-from rescore.evidence.registration import CUES
 from rescore.metrics.matching import places_in_image
 from rescore.results.candidate_file import (
     ALONE,

@@ -1,11 +1,11 @@
 """The parts of the depth evidence in plain words, with the values that speak for a car."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from rescore.evidence.registration import CUES
+from rescore.evidence.cue_words import CueWords
+from rescore.evidence.cues import CUES
 
 STATUS_TEXT = {
     "ok": "depth compared",
@@ -28,72 +28,10 @@ def status_text(status: str) -> str:
     return STATUS_TEXT.get(status, status.replace("_", " ") or "not rescored")
 
 
-@dataclass(frozen=True)
-class CueWords:
-    """How a cue is told."""
-
-    sentence: str
-    """With one place for the value."""
-    shown: Callable[[float], float]
-    """From the stored value to the one told; rising."""
-    form: str
-    """Format of the value told, with its unit."""
-
-    def value(self, stored: float) -> str:
-        """The value alone."""
-        return self.form.format(self.shown(stored)).replace("-0.0 ", "0.0 ")
-
-    def told(self, stored: float) -> str:
-        """The sentence with its value."""
-        return self.sentence.format(self.value(stored))
-
-
-def _share(sentence: str, form: str = "{:.0f} %") -> CueWords:
-    return CueWords(sentence, lambda v: 100 * v, form)
-
-
-def _times(sentence: str, form: str = "{:.1f} times") -> CueWords:
-    return CueWords(sentence, lambda v: float(np.exp(v)), form)
-
-
-def _metres(sentence: str, form: str = "{:.1f} m") -> CueWords:
-    return CueWords(sentence, float, form)
-
-
-_FINE = "{:.1f} %"
-CUE_WORDS = {
-    "relief_scale": _times("relief {} the predicted one"),
-    "relief_residual": _share("off the fitted relief by {} of the distance", _FINE),
-    "relief_gain": _times("the relief fits {} as well as a flat surface", "{:.2f} times"),
-    "roughness": _share("depth varies by {} of the distance", _FINE),
-    "width": _times("{} as wide as a car"),
-    "height": _times("{} as tall as a car"),
-    "foot": _metres("foot {} above the ground"),
-    "compact": _share("{} of its middle at one depth"),
-    "left": _share("to the left {} goes on at its depth"),
-    "right": _share("to the right {} goes on at its depth"),
-    "above": _share("above it {} goes on at its depth"),
-    "behind_above": _share("above it {} lies behind"),
-    "fill_left": _share("left rim {} filled"),
-    "fill_right": _share("right rim {} filled"),
-    "fill_top": _share("top {} filled"),
-    "ground_below": _share("below it {} is ground"),
-    "relief": _metres("upper part {} behind the lower"),
-    "near": _share("{} covered by nearer things"),
-    "support": _share("{} at the distance that its size asks for"),
-    "lower": _share("{} of its foot at its depth"),
-    "measured": _share("stereo measured on {}", _FINE),
-    "depth_ratio": _times("at {} the distance of its ground line", "{:.2f} times"),
-    "agreement": _share("{} of neighbouring measurements agree", _FINE),
-    "ground_agreement": _share("{} of the ground measured where it is", _FINE),
-}
-assert set(CUE_WORDS) == set(CUES)
-
-
 def words_of(cue: str, height_m: float | None = None) -> CueWords:
     """How a cue is told; the height of the box in metres where that of the class is given."""
     if cue != "height" or height_m is None:
-        return CUE_WORDS[cue]
+        return CUES[cue].words
     return CueWords("{} tall", lambda v: height_m * float(np.exp(v)), "{:.1f} m")
 
 

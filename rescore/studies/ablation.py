@@ -11,6 +11,7 @@ import numpy as np
 
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.cues import CUES, cues_of
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
 from rescore.evidence.registration import Registration
 from rescore.fusion.rescore_frame import Rescoring
@@ -19,18 +20,14 @@ from rescore.metrics.bootstrap import BootstrapConfig, Interval, bootstrap
 from rescore.metrics.matching import TruthTable
 from rescore.studies.sweep import RECALL
 
-GROUPS: dict[str, tuple[str, ...]] = {
-    "nothing": (),
-    "all relief": ("relief_scale", "relief_residual", "relief_gain", "roughness", "relief"),
-    "all of size": ("width", "height", "support"),
-    "foot and ground": ("foot", "ground_below"),
-    "edges beside": ("left", "right"),
-    "edges above": ("above", "behind_above"),
-    "fill": ("compact", "lower", "fill_left", "fill_right", "fill_top", "near"),
-    "depth ratio": ("depth_ratio",),
-    "measured share": ("measured",),
-}
-"""Cues that are left out together."""
+
+def groups() -> dict[str, tuple[str, ...]]:
+    """Cues of the metric mode that are left out together, by the name of their group; first none at all."""
+    found: dict[str, tuple[str, ...]] = {"nothing": ()}
+    for name in cues_of(Registration.METRIC):
+        group = CUES[name].group
+        found[group] = (*found.get(group, ()), name)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,7 @@ class AblationRow:
 def ablate(
     given: AblationInput, evidence: EvidenceConfig, tune: TuneConfig, seed: int
 ) -> tuple[AblationRow, ...]:
-    """A row for the whole model, for each of ``GROUPS`` and for each cue alone."""
+    """A row for the whole model, for each of ``groups`` and for each cue alone."""
     cues, is_car = labelled_cues(given.fitting, given.splits.fitting_set, tune.min_iou)
     truth = TruthTable.of(given.splits.test)
     left_out = list(_left_out())
@@ -93,6 +90,6 @@ def ablate(
 
 
 def _left_out() -> Iterator[tuple[str, Sequence[str]]]:
-    yield from GROUPS.items()
-    alone = {cues[0] for cues in GROUPS.values() if len(cues) == 1}
-    yield from ((name, (name,)) for name in Registration.METRIC.cues if name not in alone)
+    yield from groups().items()
+    alone = {cues[0] for cues in groups().values() if len(cues) == 1}
+    yield from ((name, (name,)) for name in cues_of(Registration.METRIC) if name not in alone)

@@ -45,6 +45,8 @@ class WeightStudy:
     n_draws: int
     w: float
     """Chosen on all images."""
+    objective: str
+    """Name of the objective that w is chosen by."""
     grid: FloatArray
     """Every w tried, shape (n_grid,)."""
     value: FloatArray
@@ -101,6 +103,7 @@ def study_weight(
         truth.n_cars,
         n_draws,
         whole.w,
+        config.objective,
         whole.grid,
         whole.value,
         tuple(widths),

@@ -8,8 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from rescore.evidence.cues import CUES, cues_of
 from rescore.evidence.model import EvidenceModel, save_models
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.registration import Registration
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.fuse import fuse
 from rescore.metrics.curves import summarise
@@ -21,7 +22,7 @@ W = 0.4
 
 def evidence_model() -> EvidenceModel:
     """Two cues speak: height 0.7 and foot -0.5 log odds a unit, about 0; the others say nothing."""
-    knots = {name: np.array([-1.0, 1.0]) for name in Registration.METRIC.cues}
+    knots = {name: np.array([-1.0, 1.0]) for name in cues_of(Registration.METRIC)}
     log_odds = {name: np.zeros(2) for name in knots} | {
         "height": np.array([-0.7, 0.7]),
         "foot": np.array([0.5, -0.5]),

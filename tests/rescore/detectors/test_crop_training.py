@@ -21,7 +21,7 @@ from rescore.detectors.crop_training import (
 from rescore.detectors.fragments import FragmentConfig
 from rescore.detectors.hog_svm import HogConfig
 from rescore.detectors.mining import MiningConfig
-from rescore.detectors.registry import load_detector
+from rescore.detectors.registry import DETECTORS, load_detector
 from rescore.detectors.windows import WindowGeometry
 from rescore.formats.uiuc import CARS_PATTERN, STREET_PATTERN, read_uiuc
 from rescore.studies.uiuc import evaluate_uiuc
@@ -29,6 +29,7 @@ from tests.rescore.toy_street import random_car, toy_picture
 
 WIDTH, HEIGHT = 100, 40
 MINING = MiningConfig(jitter_copies=1, hard_per_frame=5, rounds=2)
+HOG_LEARNER = DETECTORS["hog"].learner
 HOG = config_for_crops(HogConfig(mining=MINING), WIDTH, HEIGHT)
 BOOSTED = config_for_crops(
     BoostedConfig(
@@ -130,10 +131,11 @@ def test_mirrored_tiles_only_where_cars_face_both_ways(mirror):
     assert rises == ({True, False} if mirror else {True})
 
 
-@pytest.mark.parametrize("config", [HOG, BOOSTED], ids=["hog", "boosted"])
-def test_finds_the_cars_of_crops_it_has_not_seen(config):
+@pytest.mark.parametrize(("name", "config"), [("hog", HOG), ("boosted", BOOSTED)])
+def test_finds_the_cars_of_crops_it_has_not_seen(name, config):
+    learner = DETECTORS[name].learner
     validation = cross_validate(
-        toy_crops(30, 0), config, SceneConfig(folds=2), np.random.default_rng(0), jobs=1
+        toy_crops(30, 0), config, learner, SceneConfig(folds=2), np.random.default_rng(0), jobs=1
     )
     assert validation.curve.n_cars == 30
     assert validation.curve.equal_error_recall > 0.9
@@ -141,7 +143,7 @@ def test_finds_the_cars_of_crops_it_has_not_seen(config):
 
 
 def test_finds_cars_of_other_sizes_in_a_whole_picture():
-    detector = train_on_crops(toy_crops(40, 2), HOG, SceneConfig(), np.random.default_rng(0), 1)
+    detector = train_on_crops(toy_crops(40, 2), HOG, HOG_LEARNER, SceneConfig(), np.random.default_rng(0), 1)
     picture, boxes = toy_picture(np.random.default_rng(3), [(60.0, 90.0, 160.0)])
     wide = (boxes[0, 2] - boxes[0, 0]) * 0.075
     assert iou_matrix(detector.detect(picture).xyxy_px[:1], boxes + np.array([-wide, 0, wide, 0]))[0, 0] > 0.6
@@ -154,7 +156,9 @@ def test_mirrored_copies_serve_cars_that_face_the_other_way():
     picture, _ = toy_picture(np.random.default_rng(3), [(60.0, 90.0, 160.0)])
     loss = {}
     for mirror in (True, False):
-        detector = train_on_crops(crops, HOG, SceneConfig(mirror=mirror), np.random.default_rng(0), 1)
+        detector = train_on_crops(
+            crops, HOG, HOG_LEARNER, SceneConfig(mirror=mirror), np.random.default_rng(0), 1
+        )
         other_way = np.ascontiguousarray(picture[:, ::-1])
         loss[mirror] = detector.detect(picture).score[0] - detector.detect(other_way).score[0]
     # every toy car's nose is on the left
@@ -164,13 +168,16 @@ def test_mirrored_copies_serve_cars_that_face_the_other_way():
 
 def test_same_seed_same_detector_whatever_the_jobs():
     crops = toy_crops(10, 4)
-    one, two = (train_on_crops(crops, HOG, SceneConfig(), np.random.default_rng(5), jobs) for jobs in (1, 2))
+    one, two = (
+        train_on_crops(crops, HOG, HOG_LEARNER, SceneConfig(), np.random.default_rng(5), jobs)
+        for jobs in (1, 2)
+    )
     assert one.weight.tobytes() == two.weight.tobytes()
 
 
 def test_too_few_crops_to_hold_some_out_are_refused():
     with pytest.raises(RescoreError, match="expected at least 3 of cars and of street"):
-        cross_validate(toy_crops(2, 0), HOG, SceneConfig(), np.random.default_rng(0), 1)
+        cross_validate(toy_crops(2, 0), HOG, HOG_LEARNER, SceneConfig(), np.random.default_rng(0), 1)
 
 
 def test_the_commands_train_on_folders_and_evaluate_the_set(tmp_path):
@@ -210,7 +217,7 @@ def test_a_third_of_the_real_crops_makes_a_detector_for_real_pictures(uiuc):
     crops = read_crops(uiuc / CARS_PATTERN, uiuc / STREET_PATTERN)
     third = Crops(crops.cars[::3], crops.street[::3])
     config = config_for_crops(HogConfig(), crops.width_px, crops.height_px)
-    detector = train_on_crops(third, config, SceneConfig(), np.random.default_rng(0), 1)
+    detector = train_on_crops(third, config, HOG_LEARNER, SceneConfig(), np.random.default_rng(0), 1)
     curve = evaluate_uiuc(detector, read_uiuc(uiuc), 1)
     assert curve.n_cars == 200
     assert curve.equal_error_recall > 0.9
@@ -220,6 +227,7 @@ def test_a_detector_of_other_windows_is_not_evaluated_on_the_set():
     other = train_on_crops(
         toy_crops(5, 0),
         config_for_crops(HogConfig(mining=MINING), 90, 40),
+        HOG_LEARNER,
         SceneConfig(),
         np.random.default_rng(0),
         1,

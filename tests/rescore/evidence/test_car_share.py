@@ -5,8 +5,9 @@ import pytest
 from scipy.special import expit, logit
 
 from rescore.evidence.car_share import as_used_for, log_odds_shift
+from rescore.evidence.cues import CUES, cues_of
 from rescore.evidence.model import EvidenceModel
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.registration import Registration
 
 
 def test_shift_of_equal_candidates_is_the_difference_of_log_odds() -> None:
@@ -41,8 +42,8 @@ def test_known_change_of_share_is_found_back() -> None:
 def test_the_shift_that_d_was_made_with_is_found_back() -> None:
     rng = np.random.default_rng(1)
     mode = Registration.GUARDED
-    knots = {name: np.array([0.0, 1.0]) for name in mode.cues}
-    fitted = EvidenceModel(mode, knots, dict.fromkeys(mode.cues, np.array([-1.0, 1.0])), -3.0, 0.5, {})
+    knots = {name: np.array([0.0, 1.0]) for name in cues_of(mode)}
+    fitted = EvidenceModel(mode, knots, dict.fromkeys(cues_of(mode), np.array([-1.0, 1.0])), -3.0, 0.5, {})
     cues = rng.uniform(size=(20, len(CUES)))
     d = fitted.shifted(2.5).difference(cues)
     d[3] = np.nan

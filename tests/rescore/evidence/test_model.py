@@ -10,9 +10,10 @@ from recon.errors import Reason, RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.splits import FittingSet, Splits
 from rescore.evidence.candidates import OK, Candidates, CandidateTable
+from rescore.evidence.cues import CUES, checks_of, cue_column, cues_of
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, fit_modes
 from rescore.evidence.model import EvidenceModel, load_models, save_models, with_difference
-from rescore.evidence.registration import CUES, LEARNED, Registration
+from rescore.evidence.registration import LEARNED, Registration
 
 CONFIG = EvidenceConfig()
 
@@ -21,15 +22,15 @@ def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Cues of candidates of which a quarter are cars: width says something, the others say nothing."""
     is_car = np.arange(n) % 4 == 0
     cues = rng.normal(size=(n, len(CUES)))
-    cues[:, CUES.index("width")] = np.where(is_car, rng.normal(0, 0.1, n), rng.normal(0, 1, n))
-    cues[:, [CUES.index(name) for name in Registration.METRIC.checks]] = 1
+    cues[:, cue_column("width")] = np.where(is_car, rng.normal(0, 0.1, n), rng.normal(0, 1, n))
+    cues[:, [cue_column(name) for name in checks_of(Registration.METRIC)]] = 1
     return cues, is_car
 
 
 def test_cues_of_modes() -> None:
     assert Registration.PAPER not in LEARNED
-    assert set(Registration.GUARDED.cues) < set(Registration.METRIC.cues) < set(CUES)
-    assert set(CUES) == set(Registration.METRIC.cues) | set(Registration.METRIC.checks)
+    assert set(cues_of(Registration.GUARDED)) < set(cues_of(Registration.METRIC)) < set(CUES)
+    assert set(CUES) == set(cues_of(Registration.METRIC)) | set(checks_of(Registration.METRIC))
 
 
 def test_d_is_a_calibrated_probability() -> None:
@@ -48,8 +49,8 @@ def test_a_cue_can_speak_against_both_ends() -> None:
     cues, is_car = drawn(4000, np.random.default_rng(1))
     model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
     at = np.ones((3, len(CUES)))
-    at[:, CUES.index("width")] = -1.5, 0, 1.5
-    said = model.contributions(at)[:, CUES.index("width")]
+    at[:, cue_column("width")] = -1.5, 0, 1.5
+    said = model.contributions(at)[:, cue_column("width")]
     assert said[1] > 0.5 > said[0]
     assert said[1] > said[2] + 1
     # log odds are the sum of what the cues say
@@ -62,8 +63,8 @@ def test_missing_cues_say_nothing_and_too_many_leave_no_evidence() -> None:
     cues, is_car = drawn(400, np.random.default_rng(2))
     model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
     one = cues[:1].copy()
-    one[0, CUES.index("near")] = np.nan
-    assert model.contributions(one)[0, CUES.index("near")] == 0
+    one[0, cue_column("near")] = np.nan
+    assert model.contributions(one)[0, cue_column("near")] == 0
     assert np.isfinite(model.difference(one)).all()
     one[0, 3:] = np.nan
     assert np.isnan(model.difference(one)).all()
@@ -76,7 +77,7 @@ def test_missing_cues_say_nothing_and_too_many_leave_no_evidence() -> None:
 
 def test_a_cue_that_nobody_has_does_no_harm() -> None:
     cues, is_car = drawn(400, np.random.default_rng(3))
-    cues[:, CUES.index("foot")] = np.nan
+    cues[:, cue_column("foot")] = np.nan
     model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
     assert np.isfinite(model.difference(cues)).all()
 
@@ -123,7 +124,7 @@ def test_with_difference_says_why_there_is_none() -> None:
     some = cues[:3].copy()
     some[1, :] = np.nan
     some[2, :] = np.nan
-    some[2, CUES.index("measured")] = 0
+    some[2, cue_column("measured")] = 0
     table = table_of(some)
     assert with_difference(table, None) is table
     judged = with_difference(table, metric)

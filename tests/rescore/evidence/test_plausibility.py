@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane, StereoCamera, default_camera
+from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence
 from rescore.evidence.plausibility import CHECKS, PlausibilityConfig, plausibility
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.registration import Registration
 
 CAMERA = StereoCamera(default_camera(640, 480), 0.35)
 GROUND = GroundPlane(1.5, np.radians(2))
@@ -68,9 +69,9 @@ def fitted_cues(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(1)
     is_car = rng.random(n) < 0.3
     cues = rng.normal(0, 1, (n, len(CUES)))
-    cues[:, CUES.index("width")] += 2 * is_car
+    cues[:, cue_column("width")] += 2 * is_car
     for name in ("measured", *CHECKS):
-        cues[:, CUES.index(name)] = rng.uniform(0.6, 1.0, n)
+        cues[:, cue_column(name)] = rng.uniform(0.6, 1.0, n)
     return cues, is_car
 
 
@@ -82,21 +83,21 @@ def test_a_candidate_that_fails_a_check_has_no_evidence(check: str) -> None:
     # the floor lets all but one in a hundred pass, for each of three checks
     assert 0.95 < np.isfinite(d).mean() < 1.0
     spoilt = cues.copy()
-    spoilt[:, CUES.index(check)] = 0.3
+    spoilt[:, cue_column(check)] = 0.3
     assert np.isnan(model.difference(spoilt)).all()
     unknown = cues[np.isfinite(d)]
-    unknown[:, CUES.index(check)] = np.nan
+    unknown[:, cue_column(check)] = np.nan
     assert np.isfinite(model.difference(unknown)).all()
 
 
 def test_checks_are_no_evidence() -> None:
     cues, is_car = fitted_cues()
     for name in CHECKS:
-        cues[:, CUES.index(name)] = np.where(is_car, 1.0, 0.9)
+        cues[:, cue_column(name)] = np.where(is_car, 1.0, 0.9)
     for mode in (Registration.GUARDED, Registration.METRIC):
         model = fit_evidence(cues, is_car, mode, EvidenceConfig())
         assert not set(CHECKS) & set(model.knots)
-        assert (model.contributions(cues)[:, [CUES.index(n) for n in CHECKS]] == 0).all()
+        assert (model.contributions(cues)[:, [cue_column(n) for n in CHECKS]] == 0).all()
 
 
 def test_left_out_cues_say_nothing() -> None:

@@ -17,6 +17,7 @@ from rescore import Boxes, Camera, PredictedDepth, RescoreError, Rescorer, Stere
 from rescore.data.frames import Frame, load_frame
 from rescore.evidence.align_depth import AlignConfig, DepthAlignment
 from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.cues import cue_column, cues_of
 from rescore.evidence.files import read_evidence, write_evidence
 from rescore.evidence.predicted import (
     BoxPrediction,
@@ -25,7 +26,7 @@ from rescore.evidence.predicted import (
     cut_to_boxes,
     prediction_doubts,
 )
-from rescore.evidence.registration import CUES, LEARNED, Registration
+from rescore.evidence.registration import LEARNED, Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import RescoredFrame, Rescoring, rescore_frame
@@ -116,12 +117,12 @@ def test_metric_inverse_depth_is_metric_depth() -> None:
 def test_metric_predictions_give_the_cues_that_need_a_scale() -> None:
     """Measured depth of 1.25 times the predicted: the logarithm of the ratio is log 1.25."""
     cues = compared(PredictedDepth(scene() / 1.25, "depth", "metric")).candidates.cues
-    assert cues[0, CUES.index("depth_ratio")] == pytest.approx(np.log(1.25), abs=1e-4)
-    assert cues[0, CUES.index("relief_scale")] == pytest.approx(0, abs=0.2)
-    assert cues[0, CUES.index("relief_residual")] < 0.02
+    assert cues[0, cue_column("depth_ratio")] == pytest.approx(np.log(1.25), abs=1e-4)
+    assert cues[0, cue_column("relief_scale")] == pytest.approx(0, abs=0.2)
+    assert cues[0, cue_column("relief_residual")] < 0.02
     free = compared(PredictedDepth(scene() / 1.25, "depth")).candidates.cues
-    assert np.isnan(free[0, [CUES.index(n) for n in (*Registration.GUARDED.cues, "depth_ratio")]]).all()
-    assert np.isfinite(free[0, CUES.index("measured")])
+    assert np.isnan(free[0, [cue_column(n) for n in (*cues_of(Registration.GUARDED), "depth_ratio")]]).all()
+    assert np.isfinite(free[0, cue_column("measured")])
 
 
 def test_pixels_without_prediction_are_left_out() -> None:

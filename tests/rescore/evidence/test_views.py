@@ -13,7 +13,7 @@ from recon.reconstruction.reconstruct import Reconstruction, reconstruct
 from recon.reconstruction.view_selection import ViewChoice, best_view_bin
 from rescore.data.frames import Frame
 from rescore.evidence.candidates import Candidates, CandidateTable
-from rescore.evidence.registration import CUES
+from rescore.evidence.cues import cue_column
 from rescore.evidence.settings import RescoreConfig
 from rescore.evidence.views import NO_BIN
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
@@ -70,7 +70,7 @@ def test_the_azimuth_of_a_candidate_picks_its_bin(car: CarPicture, frame: Frame,
 
 def test_the_expected_size_follows_each_azimuth(car: CarPicture, frame: Frame, model: ClassModel) -> None:
     cues = rescore_frame(frame, boxes(car, [0.0, 20.0, np.nan]), model, Rescoring(CONFIG)).candidates.cues
-    width = np.exp(cues[:, CUES.index("width")])
+    width = np.exp(cues[:, cue_column("width")])
     length, wide, _ = CONFIG.cues.surroundings.size_m
     turned = length * np.sin(np.deg2rad(20)) + wide * np.cos(np.deg2rad(20))
     # of its own azimuth, not of the middle of its bin, which is 30 degrees
@@ -104,7 +104,7 @@ def test_the_class_model_chooses(car: CarPicture, frame: Frame, model: ClassMode
     last = found.instances[2]
     assert isinstance(last, Failure)
     assert last.reason is Reason.BOX_OUTSIDE_IMAGE
-    assert np.isnan(found.candidates.cues[2, CUES.index("width")])
+    assert np.isnan(found.candidates.cues[2, cue_column("width")])
     # of the front or the rear, which look alike, with what stands between them and the sides
     assert choice.view_bin in {0, 1, 5, 6, 7, 11}
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.cues import CUES
+from rescore.evidence.registration import Registration
 from rescore.experiment.config import run_preset, with_changes
 from rescore.experiment.reproduce import Run
 from rescore.experiment.source_digest import imported_modules, module_file
@@ -105,7 +106,7 @@ def test_report_and_recording_are_made_again_where_what_draws_them_changed(
     again(tiny_run)[0].write_report()
     page, recording = stages
     keys = [s.key(tiny_run) for s in stages]
-    for stage, drawing in ((page, "reports.page.gallery"), (recording, "reports.recording.log")):
+    for stage, drawing in ((page, "reports.page.gallery"), (recording, "reports.recording.frame")):
         entry = module_file(stage.code[0].__name__)
         assert entry is not None
         assert drawing in imported_modules(entry)

@@ -4,11 +4,11 @@ from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
-import own_data as own
 import pytest
 
 from recon.errors import RescoreError
 from rescore.formats.calibration_files import Calibration, read_calibration
+from tests.rescore import own_data as own
 
 PAIR = Calibration(700.0, 701.0, 320.0, 240.0, 0.12, 0.0, 640, 480)
 ONE = Calibration(700.0, 701.0, 320.0, 240.0, None, 0.0, 640, 480)

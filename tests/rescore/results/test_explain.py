@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
+from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.model import EvidenceModel
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.registration import Registration
 from rescore.results.explain import ExplainConfig, explain
-from rescore.results.words import CUE_WORDS, STATUS_TEXT, favourable, range_text, words_of
+from rescore.results.words import STATUS_TEXT, favourable, range_text, words_of
 
-HEIGHT, FOOT, SCALE = (CUES.index(name) for name in ("height", "foot", "relief_scale"))
+HEIGHT, FOOT, SCALE = (cue_column(name) for name in ("height", "foot", "relief_scale"))
 
 
 def metric_model(floors: dict[str, float] | None = None) -> EvidenceModel:
@@ -35,7 +36,7 @@ def rows_of(model: EvidenceModel, cues: np.ndarray, status: list[str] | None = N
 def cues_with(**values: float) -> np.ndarray:
     cues = np.full(len(CUES), np.nan)
     for name, value in values.items():
-        cues[CUES.index(name)] = value
+        cues[cue_column(name)] = value
     return cues
 
 
@@ -115,11 +116,11 @@ def test_ranges_where_a_function_is_positive() -> None:
     assert favourable([0, 1], [1, -1]) == [(-np.inf, 0.5)]
     assert favourable([0, 1, 2], [1, -1, 1]) == [(-np.inf, 0.5), (1.5, np.inf)]
     assert favourable([0.0], [-1.0]) == []
-    share = CUE_WORDS["left"]
+    share = words_of("left")
     assert range_text(0.9, [(-np.inf, 0.2)], share) == "up to 20 %"
     assert range_text(0.9, [(-np.inf, 0.2), (0.95, np.inf)], share) == "from 95 %"
     assert range_text(0.9, [], share) == range_text(0.9, [(-np.inf, np.inf)], share) == ""
-    assert range_text(3.0, [(-0.04, 0.5)], CUE_WORDS["foot"]) == "0.0 to 0.5 m"
+    assert range_text(3.0, [(-0.04, 0.5)], words_of("foot")) == "0.0 to 0.5 m"
 
 
 @pytest.mark.parametrize("cue", CUES)

@@ -9,10 +9,11 @@ import pytest
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.cues import CUES, cue_column, cues_of
 from rescore.evidence.fit_model import EvidenceConfig
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.registration import Registration
 from rescore.fusion.tune import TuneConfig
-from rescore.studies.ablation import GROUPS, AblationInput, AblationRow, ablate
+from rescore.studies.ablation import AblationInput, AblationRow, ablate, groups
 
 # one worker makes what all of them need
 pytestmark = pytest.mark.xdist_group("ablation")
@@ -38,7 +39,7 @@ def table_of(data: DataSet, rng: np.random.Generator) -> CandidateTable:
     for frame in data.frames:
         likelihood = rng.uniform(0.2, 0.8, 5)
         cues = rng.normal(0, 1, (5, len(CUES)))
-        cues[0, CUES.index("width")] += 4
+        cues[0, cue_column("width")] += 4
         found = Candidates(frame.image_id, boxes, likelihood, likelihood)
         tables.append(replace(CandidateTable.of_candidates([found]), cues=cues))
     return CandidateTable.concatenate(tables)
@@ -58,11 +59,11 @@ def rows() -> dict[str, AblationRow]:
 
 
 def test_every_cue_is_in_one_group_and_has_a_row(rows: dict[str, AblationRow]) -> None:
-    grouped = [name for cues in GROUPS.values() for name in cues]
-    assert sorted(grouped) == sorted(Registration.METRIC.cues)
-    alone = {cues[0] for cues in GROUPS.values() if len(cues) == 1}
-    assert set(rows) == set(GROUPS) | (set(grouped) - alone)
-    assert not set(GROUPS) & set(CUES)
+    grouped = [name for cues in groups().values() for name in cues]
+    assert sorted(grouped) == sorted(cues_of(Registration.METRIC))
+    alone = {cues[0] for cues in groups().values() if len(cues) == 1}
+    assert set(rows) == set(groups()) | (set(grouped) - alone)
+    assert not set(groups()) & set(CUES)
 
 
 def test_what_tells_cars_is_missed(rows: dict[str, AblationRow]) -> None:

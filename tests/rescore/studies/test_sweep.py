@@ -11,7 +11,8 @@ from recon.errors import RescoreError
 from recon.stereo.sgbm import write_disparity
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.evidence.candidates import Candidates
-from rescore.evidence.registration import CUES, Registration
+from rescore.evidence.cues import cue_column
+from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.metrics.bootstrap import BootstrapConfig, Interval
 from rescore.studies.degrade import dials_named
@@ -90,7 +91,7 @@ def test_levels_of_a_dial_spoil_the_same_more(run: FinishedRun) -> None:
     steps = [(None, 0.0), (dial, 0.25), (dial, 1.0)]
     first, again = (tables_of_steps(run, steps, CONFIG) for _ in range(2))
     np.testing.assert_array_equal(first[1].cues, again[1].cues)
-    column = CUES.index("agreement")
+    column = cue_column("agreement")
     agreement = [float(np.nanmean(t.cues[:, column])) for t in first]
     assert agreement[0] > agreement[1] > agreement[2]
 
