@@ -1,9 +1,9 @@
 """Digests of what files hold, for all that is compared between machines.
 
-One seed gives the same bytes of every file on one machine, and tests hold it to that. Another machine has
-another zlib, zip or Parquet writer, sometimes by a patch version of Python alone: there a file holds the same
-in other bytes. So whatever leaves a machine (a digest in a config, frames that two runs share, a test that
-reads a file of the repository) looks at the content, by ``content_digest``.
+One seed gives the same bytes of nearly every file on one machine, and tests hold it to that. Another machine
+has another zlib, zip or Parquet writer, sometimes by a patch version of Python alone: there a file holds the
+same in other bytes. So whatever leaves a machine (a digest in a config, frames that two runs share, a test
+that reads a file of the repository) looks at the content, by ``content_digest``.
 
 A cached stage looks at the bytes, by ``rescore.files.digest_of``. Its record never leaves the run folder, and
 other bytes of the same content only cost a run; they can never make a stale result pass for a fresh one. It
