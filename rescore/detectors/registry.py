@@ -35,6 +35,8 @@ class DetectorEntry:
 
     title: str
     """Its name in tables and pictures."""
+    authors: str
+    """Who published it, for headings; empty where nobody did."""
     kind: str
     """Its name in detector files."""
     stream: int
@@ -58,6 +60,7 @@ class DetectorEntry:
 DETECTORS: dict[str, DetectorEntry] = {
     "hog": DetectorEntry(
         title="HOG + SVM",
+        authors="Dalal-Triggs",
         kind=HogDetector.kind,
         stream=1,
         config=HogConfig,
@@ -67,6 +70,7 @@ DETECTORS: dict[str, DetectorEntry] = {
     ),
     "boosted": DetectorEntry(
         title="boosted",
+        authors="Murphy-Torralba-Freeman",
         kind=BoostedDetector.kind,
         stream=2,
         config=BoostedConfig,
