@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.arrays import Float32Array, FloatArray
 from recon.class_model import ClassModel
-from reports.palette import ORANGE, SKY, on_dark, part_colour, rgb
+from reports.palette import NIGHT, NIGHT_AXIS, NIGHT_INK, ORANGE, SKY, WHITE, on_dark, part_colour, rgb
 from reports.recording.frame import in_metres, log_depth
 from reports.recording.names import (
     OUTCOME_CLASSES,
@@ -27,7 +27,6 @@ from reports.recording.names import (
     values,
     why_path,
 )
-from reports.recording.plot import BACKGROUND
 from reports.recording.story import Story
 from reports.recording.tape import Recorder
 from reports.recording.words import Bar, ColourRange, evidence_bars, why
@@ -142,7 +141,7 @@ def bars_view(story: Story, detector: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{why_path(detector)}/bars",
         name=name,
-        background=BACKGROUND,
+        background=rgb(NIGHT),
         visual_bounds=rrb.VisualBounds2D(
             x_range=[0, _BARS_WIDTH], y_range=[-0.3 * _BAR_HEIGHT, 10.6 * _BAR_HEIGHT]
         ),
@@ -198,7 +197,7 @@ def _log_outline(rec: Recorder, path: str, c: CandidateView, crop: Crop) -> None
     rec.log(
         path,
         rr.LineStrips2D(
-            strips, colors=[(255, 255, 255)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21
+            strips, colors=[rgb(WHITE)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21
         ),
     )
 
@@ -323,7 +322,7 @@ def _log_bars(rec: Recorder, path: str, bars: tuple[Bar, ...]) -> None:
         *values(log_odds=amount),
     )
     bottom = max(len(bars), 1) * _BAR_HEIGHT
-    axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[(150, 156, 165)])
+    axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[rgb(NIGHT_AXIS)])
     rec.log(f"{path}/zero", axis)
     side = np.where(amount >= 0, 34.0, -34.0)
     spots = [(200.0, row - 0.28 * _BAR_HEIGHT) for row in y]
@@ -333,7 +332,7 @@ def _log_bars(rec: Recorder, path: str, bars: tuple[Bar, ...]) -> None:
         rr.Points2D(
             spots,
             labels=[b.name for b in bars] + [f"{b.value:+.2f}".replace("-", "−") for b in bars],
-            colors=[(225, 228, 232)] * len(bars) + colours,
+            colors=[rgb(NIGHT_INK)] * len(bars) + colours,
             radii=rr.Radius.ui_points(0),
             show_labels=True,
         ),

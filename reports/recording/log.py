@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from recon.arrays import IntArray
 from recon.class_model import ClassModel
 from reports.palette import mode_name
-from reports.recording.blueprint import blueprint
+from reports.recording.blueprint import blueprint, recorded_plots
 from reports.recording.boxes import log_boxes
 from reports.recording.candidate import log_candidate, log_models
-from reports.recording.curves import curve_plots, weight_plots
 from reports.recording.frame import DEPTH_RANGE_M, log_frame
 from reports.recording.names import (
     CANDIDATE_TIME,
@@ -35,7 +34,8 @@ from reports.recording.names import (
 )
 from reports.recording.story import Frames, Story, choose_frames
 from reports.recording.tape import Tape
-from reports.recording.threshold import MAX_TILES, Tile, log_default_points, log_sheet, log_thresholds
+from reports.recording.threshold import MAX_TILES, SheetTile, log_default_points, log_sheet, log_thresholds
+from reports.run.curves import CARS
 from reports.run.frame_view import CandidateView, FrameReader, FrameView
 from reports.run.tables import short_table
 from reports.templating import render
@@ -60,7 +60,7 @@ class RecordedFrame:
     """What one frame adds to a recording."""
 
     tape: Tape
-    tile: Tile | None
+    tile: SheetTile | None
     """For the sheet; None beyond its last place."""
     view: FrameView | None
     """The frame itself, of the first alone."""
@@ -86,7 +86,7 @@ class FrameMaker:
         log_boxes(tape, self.story, view)
         log_models(tape, self.story, view, self.model)
         self._log_candidates(tape, place, view)
-        tile = Tile.of(self.story, view, self.size_px) if place < MAX_TILES else None
+        tile = SheetTile.of(self.story, view, self.size_px) if place < MAX_TILES else None
         return RecordedFrame(tape, tile, view if place == 0 else None)
 
     def _log_candidates(self, tape: Tape, place: int, view: FrameView) -> None:
@@ -196,16 +196,14 @@ class _Writer:
         shown = [records[i] for i in chosen.tolist()]
         size = max(f.width_px for f in shown), max(f.height_px for f in shown)
         right = any(f.right_path is not None and f.right_path.is_file() for f in shown)
-        plots, weights = curve_plots(story), weight_plots(story)
-        rec.save(path, default_blueprint=blueprint(story, plots, weights, size, len(chosen), right))
+        plots = recorded_plots(story)
+        rec.save(path, default_blueprint=blueprint(story, plots, size, len(chosen), right))
         self._log_static()
-        for plot in [p for own in plots.values() for p in (own.cars, own.candidate, own.precision)]:
-            plot.log(rec)
-        for plot in weights:
+        for plot in (p for of_kind in plots.values() for p in of_kind.values()):
             plot.log(rec)
         # names, colours and texts come first in the file, not when enough of them has gathered
         rec.flush()
-        tiles: list[Tile] = []
+        tiles: list[SheetTile] = []
         first: FrameView | None = None
         others = [m for m in story.run.modes if m != story.mode]
         reader = FrameReader(story.run, story.data, story.mode, others)
@@ -217,7 +215,7 @@ class _Writer:
                 first = frame.view
                 # what the threshold's timeline shows of all that does not depend on it
                 rec.set_time(THRESHOLD_TIME, sequence=0)
-                log_default_points(rec, story, plots)
+                log_default_points(rec, story, plots[CARS])
             if frame.tile is not None:
                 tiles.append(frame.tile)
             frame.tape.play(rec)
@@ -226,7 +224,7 @@ class _Writer:
             self._set_frame(0, first.image_id)
             for detector in story.run.detectors:
                 log_sheet(rec, detector, tiles, None, whole=True)
-            log_thresholds(rec, story, plots, first, tiles)
+            log_thresholds(rec, story, plots[CARS], first, tiles)
 
     def _set_frame(self, i: int, image_id: int) -> None:
         self.rec.reset_time()

@@ -35,8 +35,6 @@ class DetectorEntry:
 
     title: str
     """Its name in tables and pictures."""
-    authors: str
-    """Who published it, for headings; empty where nobody did."""
     kind: str
     """Its name in detector files."""
     stream: int
@@ -50,6 +48,8 @@ class DetectorEntry:
     learner: Callable[[Callable[[], UInt8Array], Any, np.random.Generator, int], Learner] | None = None
     """From crops of cars (n, height, width), made when called, settings, random numbers and jobs to what
     learns from crops; None where the detector cannot be trained on crops."""
+    authors: str = ""
+    """Who published it, for headings."""
 
     @property
     def module(self) -> ModuleType:
@@ -60,23 +60,23 @@ class DetectorEntry:
 DETECTORS: dict[str, DetectorEntry] = {
     "hog": DetectorEntry(
         title="HOG + SVM",
-        authors="Dalal-Triggs",
         kind=HogDetector.kind,
         stream=1,
         config=HogConfig,
         train=train_hog,
         load=HogDetector.from_parts,
         learner=lambda _cars, config, _rng, _jobs: HogLearner(config),
+        authors="Dalal-Triggs",
     ),
     "boosted": DetectorEntry(
         title="boosted",
-        authors="Murphy-Torralba-Freeman",
         kind=BoostedDetector.kind,
         stream=2,
         config=BoostedConfig,
         train=train_boosted,
         load=BoostedDetector.from_parts,
         learner=lambda cars, config, rng, jobs: BoostedLearner.of(cars(), config, rng, jobs),
+        authors="Murphy-Torralba-Freeman",
     ),
 }
 """The detectors that can be trained, by the name that commands, files and tables use."""
