@@ -18,7 +18,6 @@ from reports.recording.names import (
     picture,
     pinhole,
 )
-from reports.recording.tape import Recorder
 from reports.run.frame_view import FrameView
 from reports.run.overlay import apply_transform, stereo_points, world_from_camera
 
@@ -27,7 +26,7 @@ DEPTH_UNIT = 100.0
 DEPTH_RANGE_M = (2.0, 40.0)
 
 
-def log_frame(rec: Recorder, view: FrameView, size_px: tuple[int, int]) -> None:
+def log_frame(rec: rr.RecordingStream, view: FrameView, size_px: tuple[int, int]) -> None:
     """Log one frame at the time that is set.
 
     Args:
@@ -66,7 +65,7 @@ def in_metres(depth: Float32Array, view: FrameView) -> Float32Array:
 
 
 def log_depth(
-    rec: Recorder,
+    rec: rr.RecordingStream,
     path: str,
     depth_m: Float32Array,
     range_m: tuple[float, float] = DEPTH_RANGE_M,
