@@ -1,4 +1,8 @@
-"""What a chart of the HTML page is: axes and lines as values that templates/charts.js draws."""
+"""What a chart is: axes, lines and titles as values.
+
+Three painters draw it: ``reports.run.curve_pictures`` as PNG, ``page/templates/charts.js`` in the HTML page,
+``reports.recording.plot`` in the recording.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from reports.palette import mode_colour, mode_dash, on_dark
+from recon.arrays import FloatArray
+from reports.palette import Dash, mode_colour, mode_dash, on_dark
 
-_DASH_PATTERN = {"-": "", "--": "7 4", "-.": "9 4 2 4", (0, (1, 1)): "2 3"}
-"""Matplotlib's line styles as SVG's."""
 _DIGITS = 5
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+_MOST_TICKS = 6
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,32 @@ class Axis:
     """Right end where a reader switches a log axis to a linear one, which begins at 0; None: no switch."""
     digits: int = 2
     """Digits after the point of a value that is read off; of one in per cent, one less than for a share."""
+    edge: str = ""
+    """What the left end of a log axis stands for, where it is another value than its number."""
+
+    @property
+    def still_label(self) -> str:
+        """The label in a picture where no reader can switch the axis to a linear one."""
+        edge = f"; left edge: {self.edge}" if self.edge else ""
+        return f"{self.label} (log{edge})" if self.log else self.label
+
+    @property
+    def ticks(self) -> tuple[float, ...]:
+        """Round values from end to end: the decades of a log axis, else at most six even steps."""
+        if self.log:
+            first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
+            return tuple(10.0**k for k in range(first, last + 1))
+        rough = (self.high - self.low) / (_MOST_TICKS - 1)
+        power = 10.0 ** math.floor(math.log10(rough))
+        step = next(s * power for s in _STEPS if s * power >= 0.999 * rough)
+        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        return tuple(round(k * step, 12) for k in range(first, last + 1))
+
+    def unit(self, value: FloatArray) -> FloatArray:
+        """Values mapped to [0, 1] along the axis; values beyond its ends are held at the ends."""
+        low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
+        at = np.log10(np.maximum(value, self.low)) if self.log else value
+        return np.clip((at - low) / (high - low), 0, 1)
 
 
 @dataclass(frozen=True)
@@ -36,20 +67,19 @@ class Look:
 
     light: str
     dark: str
-    dash: str = ""
+    dash: Dash = "solid"
     width: float = 2.2
+    """In points of a picture, or pixels of a page."""
 
     @staticmethod
     def of_mode(mode: str) -> "Look":
         """The common look of a way of scoring."""
-        colour, dash = mode_colour(mode), _DASH_PATTERN[mode_dash(mode)]
-        dark = "#B4BBC4" if mode == "detector" else on_dark(colour)
-        return Look(colour, dark, dash, 1.8 if mode == "detector" else 2.4)
+        return Look.of_colour(mode_colour(mode), mode)
 
     @staticmethod
     def of_colour(colour: str, mode: str = "metric") -> "Look":
         """A colour with the dashes of a way of scoring."""
-        return Look(colour, on_dark(colour), _DASH_PATTERN[mode_dash(mode)], Look.of_mode(mode).width)
+        return Look(colour, on_dark(colour), mode_dash(mode), 1.8 if mode == "detector" else 2.4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +109,8 @@ class Line:
     """``low`` and ``high`` of an interval at each point."""
     broad: tuple[float, float] | None = None
     """Between these x the line is underlaid with a broad one."""
+    ceiling: float | None = None
+    """Largest y that the line could reach; a PNG picture shows it dotted."""
     mark: tuple[float, float] | None = None
     """A point to mark."""
 
@@ -93,8 +125,10 @@ class Chart:
     x: Axis
     y: Axis
     lines: tuple[Line, ...]
-    diagonal: bool = False
-    """Whether a dotted line from corner to corner is drawn."""
+    diagonal: str = ""
+    """What a dotted line from corner to corner stands for; empty: none is drawn."""
+    key: str = ""
+    """Title of the legend in a picture that stands alone."""
     level: float | None = None
     """y of a line across the whole width."""
 

@@ -15,6 +15,7 @@ from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.reconstruction.instance import Instance3D
 from reports.objects.object_mesh import PictureMesh
+from reports.palette import PAPER, rgb
 from rescore.files import atomic_path
 
 
@@ -49,8 +50,8 @@ def write_glb(path: Path, layers: Sequence[tuple[str, PictureMesh, UInt8Array]])
     The part of a photograph that a mesh uses is stored with it. Materials are rough and have two sides.
     """
     scene = trimesh.Scene()
-    for name, mesh, rgb in layers:
-        scene.add_geometry(_geometry(name, mesh, rgb), geom_name=name, node_name=name)
+    for name, mesh, photo in layers:
+        scene.add_geometry(_geometry(name, mesh, photo), geom_name=name, node_name=name)
     with atomic_path(path) as beside:
         beside.write_bytes(scene.export(file_type="glb"))
 
@@ -105,7 +106,7 @@ def _geometry(name: str, mesh: PictureMesh, rgb: UInt8Array) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.xyz_m, mesh.faces, visual=visual, process=False)
 
 
-BACKGROUND = (236, 238, 241)
+BACKGROUND = rgb(PAPER)
 
 
 class MeshView:
@@ -143,14 +144,14 @@ class MeshView:
         share = hits["primitive_uvs"].numpy().astype(float)
         out = np.empty((*which.shape, 3), np.uint8)
         out[:] = background
-        for i, (mesh, rgb) in enumerate(self._layers):
+        for i, (mesh, photo) in enumerate(self._layers):
             own = which == i
             if mesh.uv_px is None:
                 out[own] = _shaded(mesh, face[own], directions[own])
                 continue
             corners = mesh.uv_px[mesh.faces[face[own]]]
             a, b = share[own, 0, None], share[own, 1, None]
-            out[own] = sample(rgb, (1 - a - b) * corners[:, 0] + a * corners[:, 1] + b * corners[:, 2])
+            out[own] = sample(photo, (1 - a - b) * corners[:, 0] + a * corners[:, 1] + b * corners[:, 2])
         return out, which != o3d.t.geometry.RaycastingScene.INVALID_ID
 
 

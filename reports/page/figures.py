@@ -7,10 +7,21 @@ import numpy as np
 
 from reports.charts import Axis, Chart, ChartGroup, Line, Look, Switch, mode_switches
 from reports.palette import detector_name, mode_name
-from reports.run.curve_pictures import left_edge
-from reports.run.curves import CurveSet
-from reports.run.tables import as_float, interval_text, number, number_text, weight_text
-from rescore.metrics.curve_bands import Band, CurveBands
+from reports.run.curves import (
+    CANDIDATES,
+    CARS,
+    PRECISION,
+    CurveSet,
+    DrawnCurves,
+    alt_text,
+    count_text,
+    curve_charts,
+    reliability_charts,
+    weight_chart,
+    weight_line,
+)
+from reports.run.tables import as_float, interval_text, number_text
+from rescore.metrics.curve_bands import CurveBands
 
 SWEEP_FACTOR = (0.1, 30.0)
 """Factors beyond are drawn at the edge."""
@@ -29,21 +40,11 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
         own = tuned.get("modes") or {"paper": tuned}
         modes += own
         n_images = max([n_images, *(t.get("n_images") or 0 for t in own.values())])
-        lines = tuple(_weight_line(mode, t) for mode, t in own.items())
-        objective = next(iter(own.values()))["objective_name"].replace("_", " ")
-        values = np.array([v for line in lines for v in np.asarray(line.y, float) if np.isfinite(v)])
-        room = 0.06 * float(np.ptp(values)) + 1e-3
-        y = Axis(
-            f"{objective} on the validation set",
-            float(values.min()) - room,
-            float(values.max()) + room,
-            digits=3,
-        )
-        alt = f"{objective} over w, {detector_name(detector)}. " + "; ".join(
-            f"{line.name}: {line.figure}" for line in lines
-        )
-        x = Axis("w: 0 trusts the depth alone, 1 the detector alone", 0.0, 1.0)
-        charts.append(Chart(detector_name(detector), alt, x, y, lines))
+        lines = [weight_line(mode_name(mode), Look.of_mode(mode), (mode,), t) for mode, t in own.items()]
+        objective = next(iter(own.values()))["objective_name"]
+        title = detector_name(detector)
+        alt = f"{objective.replace('_', ' ')} over w, {title}"
+        charts.append(weight_chart(title, alt, lines, objective))
     if not charts:
         return None
     counted = f"{n_images} validation images" if n_images else "the validation images"
@@ -60,37 +61,10 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
     )
 
 
-def _weight_line(mode: str, tuned: Mapping[str, Any]) -> Line:
-    w, value = np.array(tuned["w_grid"], float), np.array(tuned["objective"], float)
-    u = tuned.get("uncertainty")
-    chosen = int(np.argmin(np.abs(w - tuned["w"])))
-    return Line(
-        mode_name(mode),
-        f"w = {weight_text(tuned)}",
-        Look.of_mode(mode),
-        w,
-        value,
-        (mode,),
-        broad=(u["low"], u["high"]) if u else None,
-        mark=(float(w[chosen]), float(value[chosen])),
-    )
-
-
 def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGroup | None:
     """Share of hits over score, in groups with intervals; None where scores are no likelihoods."""
     if not shown:
         return None
-    charts = []
-    for detector in dict.fromkeys(r["detector"] for r in shown):
-        lines = tuple(_reliability_line(r) for r in shown if r["detector"] == detector)
-        alt = f"Share of hits over score, {detector_name(detector)}. " + "; ".join(
-            f"{line.name}: {line.figure}" for line in lines
-        )
-        axes = (
-            Axis("mean score of a group", 0.0, 1.0, digits=3),
-            Axis("hits in the group", 0.0, 1.0, percent=True),
-        )
-        charts.append(Chart(detector_name(detector), alt, *axes, lines, diagonal=True))
     modes = list(dict.fromkeys(str(r["mode"]) for r in shown))
     n = max(len(r["count"]) for r in shown)
     note = (
@@ -99,22 +73,8 @@ def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGro
     )
     names = {m: mode_name(m) for m in modes}
     switches = mode_switches(modes, names, (modes[0], modes[-1]))
-    return ChartGroup(name, {"Reliability": tuple(charts)}, {"Reliability": note}, switches)
-
-
-def _reliability_line(r: Mapping[str, Any]) -> Line:
-    rate = np.array(r["hit_rate"], float)
-    return Line(
-        mode_name(r["mode"]),
-        f"Brier {number(r['brier_score'])}",
-        Look.of_mode(r["mode"]),
-        np.array(r["likelihood"], float),
-        rate,
-        (r["mode"],),
-        text=tuple(f"{v:.1%} of {n} are hits" for v, n in zip(rate, r["count"], strict=True)),
-        markers=True,
-        bars={"low": np.array(r["low"], float), "high": np.array(r["high"], float)},
-    )
+    charts = tuple(reliability_charts(shown).values())
+    return ChartGroup(name, {"Reliability": charts}, {"Reliability": note}, switches)
 
 
 def sweep_group(name: str, sweep: Mapping[str, Any]) -> ChartGroup:
@@ -157,14 +117,11 @@ def _sweep_chart(
         lines.append(
             Line(mode_name(mode), last, look, at, value, (mode,), text=text, markers=True, band=band)
         )
-    alt = f"{what} over {dial['what']}. " + "; ".join(f"{line.name}: {line.figure}" for line in lines)
+    alt = alt_text(f"{what} over {dial['what']}", lines)
     x = Axis(dial["what"], float(at.min()), float(at.max()))
     return Chart(dial["what"], alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)
 
 
-CARS, CANDIDATES, PRECISION = "Cars found", "Candidate ROC", "Precision and recall"
-RIGHT_EDGE_FPPI = 20.0
-RIGHT_EDGE_LINEAR_FPPI = 5.0
 Bands = Mapping[tuple[str, str], CurveBands | None]
 """By detector and mode."""
 
@@ -174,9 +131,9 @@ def curve_group(
 ) -> ChartGroup:
     """The three curves of every detector, a line a mode; the detector alone and the last mode are on."""
     modes = list(dict.fromkeys(c.mode for c in curves))
-    lines = [_Lines(c, mode_name(c.mode), Look.of_mode(c.mode), (c.mode,), bands) for c in curves]
+    drawn = [DrawnCurves.of_mode(c, bands.get((c.detector, c.mode))) for c in curves]
     switches = mode_switches(modes, {m: mode_name(m) for m in modes}, (modes[0], modes[-1]))
-    return _group(name, lines, (metrics,), switches)
+    return _group(name, drawn, (metrics,), switches)
 
 
 def runs_group(
@@ -190,9 +147,9 @@ def runs_group(
     The detector alone and the last mode of each run are on.
     """
     modes = list(dict.fromkeys(c.mode for curves in runs.values() for c in curves))
-    lines = [
-        _Lines(
-            c, f"{run}, {mode_name(c.mode)}", Look.of_colour(colours[run], c.mode), (f"run {run}", c.mode), {}
+    drawn = [
+        DrawnCurves(
+            c, f"{run}, {mode_name(c.mode)}", Look.of_colour(colours[run], c.mode), (f"run {run}", c.mode)
         )
         for run, curves in runs.items()
         for c in curves
@@ -202,84 +159,22 @@ def runs_group(
         Switch(f"run {run}", run, Look.of_colour(colour), True) for run, colour in colours.items()
     )
     return _group(
-        name, lines, metrics, switches + mode_switches(modes, {m: mode_name(m) for m in modes}, ends)
+        name, drawn, metrics, switches + mode_switches(modes, {m: mode_name(m) for m in modes}, ends)
     )
-
-
-class _Lines:
-    """One detector in one mode as a line of each kind of chart."""
-
-    def __init__(self, curves: CurveSet, name: str, look: Look, tags: tuple[str, ...], bands: Bands):
-        self.curves, self.detector = curves, curves.detector
-        self._common: dict[str, Any] = {"name": name, "look": look, "tags": tags}
-        self._bands = bands.get((curves.detector, curves.mode))
-
-    def cars(self, left: float) -> Line:
-        """Share of all cars over false positives an image."""
-        c, b = self.curves.cars, self._bands
-        band = None if b is None else _band(Band(np.maximum(b.cars.x, left), b.cars.low, b.cars.high))
-        figure = f"AP {number(self.curves.row['average_precision'])}"
-        return self._line(c.x, c.y, c.threshold, figure, band, read="last", step=True)
-
-    def candidates(self) -> Line:
-        """The ROC over candidates."""
-        c, b = self.curves.candidate, self._bands
-        figure = f"area {number(self.curves.row['auc'])}"
-        return self._line(
-            c.x, c.y, c.threshold, figure, None if b is None else _band(b.candidate), read="last"
-        )
-
-    def precision(self) -> Line:
-        """Precision over recall."""
-        c, b = self.curves.precision, self._bands
-        figure = f"AP {number(self.curves.row['average_precision'])}"
-        band = None if b is None else _band(b.precision)
-        return self._line(c.recall, c.precision, c.threshold, figure, band, read="first")
-
-    def _line(self, x: Any, y: Any, threshold: Any, figure: str, band: Any, **how: Any) -> Line:
-        return Line(figure=figure, x=x, y=y, threshold=threshold, band=band, **how, **self._common)
-
-
-def _band(band: Band) -> dict[str, Any]:
-    return {"x": band.x, "low": band.low, "high": band.high}
 
 
 def _group(
-    name: str, lines: Sequence[_Lines], metrics: Sequence[Mapping[str, Any]], switches: tuple[Switch, ...]
+    name: str,
+    drawn: Sequence[DrawnCurves],
+    metrics: Sequence[Mapping[str, Any]],
+    switches: tuple[Switch, ...],
 ) -> ChartGroup:
-    left = min(left_edge(m) for m in metrics)
-    shares: dict[str, Any] = {"low": 0.0, "high": 1.0, "percent": True}
-    cars = f"share of all {_count(metrics, 'n_cars')}cars"
-    alarms = Axis(
-        "false positives per image", left, RIGHT_EDGE_FPPI, log=True, linear_high=RIGHT_EDGE_LINEAR_FPPI
-    )
-    by_detector: dict[str, list[_Lines]] = {}
-    for line in lines:
-        by_detector.setdefault(line.detector, []).append(line)
-    kinds: dict[str, list[Chart]] = {CARS: [], CANDIDATES: [], PRECISION: []}
-    axes = {
-        CARS: (alarms, Axis(f"{cars} found", **shares)),
-        CANDIDATES: (
-            Axis("share of the false candidates accepted", **shares),
-            Axis("share of the hits accepted", **shares),
-        ),
-        PRECISION: (Axis(f"recall: {cars}", **shares), Axis("precision: hits among the accepted", **shares)),
-    }
-    for detector, own in by_detector.items():
-        drawn = {
-            CARS: [o.cars(left) for o in own],
-            CANDIDATES: [o.candidates() for o in own],
-            PRECISION: [o.precision() for o in own],
-        }
-        for kind, shown in drawn.items():
-            title = detector_name(detector)
-            alt = f"{kind}, {title}. " + "; ".join(f"{line.name}: {line.figure}" for line in shown)
-            kinds[kind].append(Chart(title, alt, *axes[kind], tuple(shown), diagonal=kind == CANDIDATES))
-    return ChartGroup(name, {k: tuple(c) for k, c in kinds.items()}, _notes(metrics), switches)
+    kinds = {kind: tuple(charts.values()) for kind, charts in curve_charts(drawn, metrics).items()}
+    return ChartGroup(name, kinds, _notes(metrics), switches)
 
 
 def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    cars, images, candidates = (_count(metrics, key) for key in ("n_cars", "n_images", "n_candidates"))
+    cars, images, candidates = (count_text(metrics, key) for key in ("n_cars", "n_images", "n_candidates"))
     return {
         CARS: f"Counts all {cars}annotated cars, missed ones too, and all {images}images, also those without "
         "a car. A second candidate on the same car is a false positive. On the log axis the left edge is no "
@@ -289,9 +184,3 @@ def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
         PRECISION: "Precision: share of the accepted candidates that are hits. Recall: share of all cars "
         "found.",
     }
-
-
-def _count(metrics: Sequence[Mapping[str, Any]], key: str) -> str:
-    """A number and a space where all runs have the same one, else nothing."""
-    values = {m[key] for m in metrics}
-    return f"{values.pop()} " if len(values) == 1 else ""

@@ -13,7 +13,7 @@ from reports.page.gallery import MAX_CARDS, Gallery, build_gallery
 from reports.page.headline import Tile, few_images, headline, tiles
 from reports.page.paired_runs import Evaluated, compare_runs, side_by_side
 from reports.page.run_facts import differing_settings, id_table, made_from
-from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, RUN_COLOURS, detector_name, mode_name
+from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, SERIES, detector_name, mode_name
 from reports.run.curve_pictures import write_curves
 from reports.run.curves import curve_sets
 from reports.run.pictures import DEPTH_COLOURS, RESIDUAL_COLOURS, colour_stops
@@ -173,7 +173,7 @@ def _or_note(make: Any, otherwise: Any, what: str) -> tuple[Any, str]:
 
 def _overlay(runs: Sequence[Evaluated]) -> ChartGroup:
     """The curves of all runs in one group of charts."""
-    colours = {one.name: RUN_COLOURS[i % len(RUN_COLOURS)] for i, one in enumerate(runs)}
+    colours = {one.name: SERIES[i % len(SERIES)] for i, one in enumerate(runs)}
     return runs_group(
         "all-curves",
         {one.name: curve_sets(one.run) for one in runs},

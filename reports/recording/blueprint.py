@@ -1,10 +1,10 @@
 """How a recording opens: its tabs and what each view shows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import rerun.blueprint as rrb
 
-from reports.palette import detector_name, mode_name
+from reports.palette import NIGHT, NIGHT_SKY, detector_name, mode_name, rgb
 from reports.recording.candidate import CROP_HEIGHT_PX, CROP_WIDTH_PX, bars_view
 from reports.recording.names import (
     FRAME_TIME,
@@ -18,20 +18,43 @@ from reports.recording.names import (
     part,
     why_path,
 )
-from reports.recording.plot import BACKGROUND, Plot
+from reports.recording.plot import Plot
 from reports.recording.story import Story
-from reports.recording.threshold import CurvePlots, sheet_size_px, threshold_tab
+from reports.recording.threshold import sheet_size_px, threshold_tab
+from reports.run.curves import CARS, DrawnCurves, curve_charts, curve_sets
 from rescore.results.candidate_file import ALONE
 
-TABS = ("overview", "frame", "candidate", "threshold", "more curves")
+TABS = ("overview", "frame", "candidate", "threshold")
 """The tabs of the first detector; those of the others follow."""
-_SKY = [34, 37, 45]
+
+
+RECORDED = (CARS,)
+"""The kinds of curves that a recording draws, of those of ``reports.run.curves``: a column each in the
+overview. Operating points lie on ``CARS``."""
+
+Plots = Mapping[str, Mapping[str, Plot]]
+"""By kind of curve and detector."""
+
+
+def recorded_plots(story: Story) -> Plots:
+    """The curves of each detector in all its modes."""
+    charts = curve_charts([DrawnCurves.of_mode(c) for c in curve_sets(story.run)], (story.run.metrics,))
+    return {
+        kind: {
+            d: Plot(
+                f"curves/{part(d)}/{kind.lower().replace(' ', '_')}",
+                f"{detector_name(d, short=True)}: {kind.lower()}",
+                chart,
+            )
+            for d, chart in charts[kind].items()
+        }
+        for kind in RECORDED
+    }
 
 
 def blueprint(
     story: Story,
-    plots: Mapping[str, CurvePlots],
-    weights: Sequence[Plot],
+    plots: Plots,
     size_px: tuple[int, int],
     n_frames: int,
     right: bool,
@@ -40,8 +63,7 @@ def blueprint(
 
     Args:
         story: the run.
-        plots: the curves by detector.
-        weights: the plots of w.
+        plots: what ``recorded_plots`` gives.
         size_px: width and height of the largest picture.
         n_frames: frames that are shown.
         right: whether there are right pictures.
@@ -52,15 +74,14 @@ def blueprint(
         _overview(plots),
         _frame_tab(story, first, size_px, right, TABS[1]),
         _candidate_tab(story, first, TABS[2]),
-        threshold_tab(first, plots[first], sheet, TABS[3]),
-        _curves_tab(plots, weights),
+        threshold_tab(first, plots[CARS][first], sheet, TABS[3]),
     ]
     for d in others:
         name = detector_name(d, short=True)
         tabs += [
             _frame_tab(story, d, size_px, right, f"frame: {name}"),
             _candidate_tab(story, d, f"candidate: {name}"),
-            threshold_tab(d, plots[d], sheet, f"threshold: {name}"),
+            threshold_tab(d, plots[CARS][d], sheet, f"threshold: {name}"),
         ]
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
@@ -72,20 +93,12 @@ def blueprint(
     )
 
 
-def _overview(plots: Mapping[str, CurvePlots]) -> rrb.Horizontal:
-    rows = [
-        rrb.Horizontal(*(p.cars.view() for p in plots.values())),
-        rrb.Horizontal(*(p.candidate.view() for p in plots.values())),
-    ]
+def _overview(plots: Plots) -> rrb.Horizontal:
+    rows = [rrb.Horizontal(*(own[d].view() for own in plots.values())) for d in plots[CARS]]
     guide = rrb.TextDocumentView(origin="guide", name="how to read this recording")
     results = rrb.TextDocumentView(origin="results", name="results on the test set")
     words = rrb.Vertical(guide, results, row_shares=[2.1, 1])
     return rrb.Horizontal(words, rrb.Vertical(*rows), column_shares=[2, 5], name=TABS[0])
-
-
-def _curves_tab(plots: Mapping[str, CurvePlots], weights: Sequence[Plot]) -> rrb.Grid:
-    views = [p.precision.view() for p in plots.values()] + [w.view() for w in weights]
-    return rrb.Grid(*views, grid_columns=max(len(plots), 1), name=TABS[4])
 
 
 def _frame_tab(
@@ -127,7 +140,7 @@ def _picture_view(
         contents=[f"{IMAGE}/left", f"{IMAGE}/{part(detector)}/legend", *(f"{p}/**" for p in paths)],
         overrides=hidden,
         visual_bounds=bounds,
-        background=BACKGROUND,
+        background=rgb(NIGHT),
     )
 
 
@@ -143,7 +156,7 @@ def _scene_view(detector: str) -> rrb.Spatial3DView:
             *(f"{WORLD}/stereo_points", f"{WORLD}/ground", IMAGE, f"{IMAGE}/left"),
             *(RIGHT_IMAGE, f"{models_path(detector)}/**"),
         ],
-        background=_SKY,
+        background=rgb(NIGHT_SKY),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
             position=(-2.0, -2.4, 2.7), look_target=(0.6, 9.0, 0.7), eye_up=(0, 0, 1)
@@ -158,7 +171,7 @@ def _candidate_tab(story: Story, detector: str, title: str) -> rrb.Horizontal:
     def crop(name: str, *contents: str) -> rrb.Spatial2DView:
         paths = [f"{root}/{c}" for c in contents]
         return rrb.Spatial2DView(
-            name=name, origin=root, contents=paths, visual_bounds=bounds, background=BACKGROUND
+            name=name, origin=root, contents=paths, visual_bounds=bounds, background=rgb(NIGHT)
         )
 
     crops = rrb.Grid(
@@ -184,7 +197,7 @@ def _object_view(detector: str) -> rrb.Spatial3DView:
         contents=[
             *(f"{WORLD}/stereo_points", f"{WORLD}/ground", f"{root}/**"),
         ],
-        background=_SKY,
+        background=rgb(NIGHT_SKY),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
             position=(-2.7, -4.2, 2.3), look_target=(0.0, 0.3, 0.6), eye_up=(0, 0, 1)

@@ -9,7 +9,6 @@ from recon.arrays import BoolArray, FloatArray
 from reports.palette import OUTCOME_NAME
 from reports.recording.names import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
 from reports.recording.story import Story
-from reports.recording.tape import Recorder
 from reports.run.frame_view import CandidateView, FrameView
 from reports.run.inspection import GROUP_TEXT
 from rescore.data.frames import Truth
@@ -35,7 +34,7 @@ class Shown:
     """Whether this is the detector alone."""
 
 
-def log_boxes(rec: Recorder, story: Story, view: FrameView) -> None:
+def log_boxes(rec: rr.RecordingStream, story: Story, view: FrameView) -> None:
     """Log the candidates of all detectors and modes, and the tables, at the time that is set."""
     for detector in story.run.detectors:
         for mode in story.modes_of(detector):
@@ -72,7 +71,7 @@ def labelled(story: Story, view: FrameView, detector: str) -> BoolArray:
     return np.array([any(c is b for b in best) for c in some], bool)
 
 
-def log_shown(rec: Recorder, path: str, what: Shown, view: FrameView, labels: bool = True) -> None:
+def log_shown(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView, labels: bool = True) -> None:
     """Log boxes, labels and annotated cars at an entity path."""
     _log_rectangles(rec, f"{path}/accepted", what, what.accepted)
     _log_rectangles(rec, f"{path}/rejected", what, ~what.accepted)
@@ -134,7 +133,7 @@ def label_spots(xyxy_px: FloatArray, width_px: int, height_px: int, share: float
     return np.array(spots).reshape(-1, 2)
 
 
-def _log_rectangles(rec: Recorder, path: str, what: Shown, use: BoolArray) -> None:
+def _log_rectangles(rec: rr.RecordingStream, path: str, what: Shown, use: BoolArray) -> None:
     some = [c for c, u in zip(what.candidates, use, strict=True) if u]
     bright = path.endswith("accepted")
     rec.log(
@@ -159,7 +158,7 @@ def _log_rectangles(rec: Recorder, path: str, what: Shown, use: BoolArray) -> No
     )
 
 
-def _log_labels(rec: Recorder, path: str, what: Shown, view: FrameView) -> None:
+def _log_labels(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView) -> None:
     """Labels apart from the boxes, for the viewer would break them into lines as wide as the box."""
     h, w = view.measured.shape
     some = [c for c, named in zip(what.candidates, what.labelled, strict=True) if named]
@@ -178,7 +177,7 @@ def _log_labels(rec: Recorder, path: str, what: Shown, view: FrameView) -> None:
     )
 
 
-def _log_cars(rec: Recorder, path: str, what: Shown, truth: Truth) -> None:
+def _log_cars(rec: rr.RecordingStream, path: str, what: Shown, truth: Truth) -> None:
     pairs = zip(what.candidates, what.accepted, strict=True)
     found = {c.annotation_id for c, accepted in pairs if accepted and c.outcome == "hit"}
     names = [
@@ -200,7 +199,7 @@ def _log_cars(rec: Recorder, path: str, what: Shown, truth: Truth) -> None:
     )
 
 
-def _log_legend(rec: Recorder, path: str, view: FrameView) -> None:
+def _log_legend(rec: rr.RecordingStream, path: str, view: FrameView) -> None:
     """The colours, in a row below the picture."""
     h, w = view.measured.shape
     at = (np.arange(len(LEGEND)) + 0.5) / len(LEGEND) * w

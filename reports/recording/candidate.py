@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.arrays import Float32Array, FloatArray
 from recon.class_model import ClassModel
-from reports.palette import ORANGE, SKY, on_dark, part_colour, rgb
+from reports.palette import NIGHT, NIGHT_AXIS, NIGHT_INK, ORANGE, SKY, WHITE, on_dark, part_colour, rgb
 from reports.recording.frame import in_metres, log_depth
 from reports.recording.names import (
     OUTCOME_CLASSES,
@@ -27,9 +27,7 @@ from reports.recording.names import (
     values,
     why_path,
 )
-from reports.recording.plot import BACKGROUND
 from reports.recording.story import Story
-from reports.recording.tape import Recorder
 from reports.recording.words import Bar, ColourRange, evidence_bars, why
 from reports.run.frame_view import CandidateView, FrameView
 from reports.run.overlay import (
@@ -104,7 +102,7 @@ def shown_models(candidates: tuple[CandidateView, ...]) -> tuple[CandidateView, 
     return tuple(able[:SHOWN_MODELS])
 
 
-def log_models(rec: Recorder, story: Story, view: FrameView, model: ClassModel | None) -> None:
+def log_models(rec: rr.RecordingStream, story: Story, view: FrameView, model: ClassModel | None) -> None:
     """Log the registered models of the best candidates of a frame, and their boxes, in 3D."""
     for detector, candidates in view.candidates.items():
         root, top = models_path(detector), shown_models(candidates)
@@ -117,7 +115,7 @@ def log_models(rec: Recorder, story: Story, view: FrameView, model: ClassModel |
 
 
 def log_candidate(
-    rec: Recorder,
+    rec: rr.RecordingStream,
     story: Story,
     detector: str,
     view: FrameView,
@@ -142,7 +140,7 @@ def bars_view(story: Story, detector: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{why_path(detector)}/bars",
         name=name,
-        background=BACKGROUND,
+        background=rgb(NIGHT),
         visual_bounds=rrb.VisualBounds2D(
             x_range=[0, _BARS_WIDTH], y_range=[-0.3 * _BAR_HEIGHT, 10.6 * _BAR_HEIGHT]
         ),
@@ -150,7 +148,7 @@ def bars_view(story: Story, detector: str) -> rrb.Spatial2DView:
 
 
 def _log_crops(
-    rec: Recorder, root: str, c: CandidateView, view: FrameView, colour: tuple[int, int, int]
+    rec: rr.RecordingStream, root: str, c: CandidateView, view: FrameView, colour: tuple[int, int, int]
 ) -> ColourRange:
     """Log the crops of a candidate; returns what their colours mean."""
     crop = Crop.around(c.xyxy_px)
@@ -190,7 +188,7 @@ def _log_crops(
     return ColourRange(near, far, limit)
 
 
-def _log_outline(rec: Recorder, path: str, c: CandidateView, crop: Crop) -> None:
+def _log_outline(rec: rr.RecordingStream, path: str, c: CandidateView, crop: Crop) -> None:
     # pixel centres to pixel edges, and back to the first point to close the line
     ring = np.zeros((0, 2)) if c.instance is None else c.instance.outline_px
     ring = ring[:: max(1, len(ring) // _OUTLINE_POINTS)]
@@ -198,7 +196,7 @@ def _log_outline(rec: Recorder, path: str, c: CandidateView, crop: Crop) -> None
     rec.log(
         path,
         rr.LineStrips2D(
-            strips, colors=[(255, 255, 255)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21
+            strips, colors=[rgb(WHITE)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21
         ),
     )
 
@@ -232,7 +230,7 @@ def _mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | No
     return part_mesh(in_metres(c.registered, view), labels, view.camera, corner, max_vertices)
 
 
-def _log_mesh(rec: Recorder, path: str, meshes: list[PartMesh | None], view: FrameView) -> None:
+def _log_mesh(rec: rr.RecordingStream, path: str, meshes: list[PartMesh | None], view: FrameView) -> None:
     some = [m for m in meshes if m is not None and len(m.triangles)]
     if not some:
         # a mesh without triangles is refused; clearing removes that of the time before
@@ -250,7 +248,7 @@ def _log_mesh(rec: Recorder, path: str, meshes: list[PartMesh | None], view: Fra
 
 
 def _log_boxes(
-    rec: Recorder,
+    rec: rr.RecordingStream,
     path: str,
     some: tuple[CandidateView, ...],
     colours: list[tuple[int, int, int]],
@@ -287,7 +285,7 @@ def _log_boxes(
     )
 
 
-def _log_place(rec: Recorder, path: str, c: CandidateView, view: FrameView) -> None:
+def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: FrameView) -> None:
     """Log where the candidate stands: a frame at the foot of its box that looks along the ray to it."""
     world = world_from_camera(view.ground)
     x0, y0, x1, y1 = c.xyxy_px
@@ -307,7 +305,7 @@ def _log_place(rec: Recorder, path: str, c: CandidateView, view: FrameView) -> N
     rec.log(path, rr.Transform3D(translation=spot, mat3x3=axes * size))
 
 
-def _log_bars(rec: Recorder, path: str, bars: tuple[Bar, ...]) -> None:
+def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None:
     """Horizontal bars with their names at the left and their values at the ends."""
     if not bars:
         bars = (Bar("no evidence", 0.0),)
@@ -323,7 +321,7 @@ def _log_bars(rec: Recorder, path: str, bars: tuple[Bar, ...]) -> None:
         *values(log_odds=amount),
     )
     bottom = max(len(bars), 1) * _BAR_HEIGHT
-    axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[(150, 156, 165)])
+    axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[rgb(NIGHT_AXIS)])
     rec.log(f"{path}/zero", axis)
     side = np.where(amount >= 0, 34.0, -34.0)
     spots = [(200.0, row - 0.28 * _BAR_HEIGHT) for row in y]
@@ -333,7 +331,7 @@ def _log_bars(rec: Recorder, path: str, bars: tuple[Bar, ...]) -> None:
         rr.Points2D(
             spots,
             labels=[b.name for b in bars] + [f"{b.value:+.2f}".replace("-", "−") for b in bars],
-            colors=[(225, 228, 232)] * len(bars) + colours,
+            colors=[rgb(NIGHT_INK)] * len(bars) + colours,
             radii=rr.Radius.ui_points(0),
             show_labels=True,
         ),

@@ -6,6 +6,7 @@ import rerun as rr
 
 from recon.arrays import Float32Array
 from recon.camera import GroundPlane
+from reports.palette import GROUND, LEFT_EYE, RIGHT_EYE, rgb
 from reports.recording.names import (
     CAMERA,
     HOLE_CLASS,
@@ -17,17 +18,15 @@ from reports.recording.names import (
     picture,
     pinhole,
 )
-from reports.recording.tape import Recorder
 from reports.run.frame_view import FrameView
 from reports.run.overlay import apply_transform, stereo_points, world_from_camera
 
 DEPTH_UNIT = 100.0
 """Stored depth a metre: centimetres, finer than stereo resolves and far smaller on disk than millimetres."""
 DEPTH_RANGE_M = (2.0, 40.0)
-_LEFT_COLOUR, _RIGHT_COLOUR = (255, 200, 0), (90, 160, 255)
 
 
-def log_frame(rec: Recorder, view: FrameView, size_px: tuple[int, int]) -> None:
+def log_frame(rec: rr.RecordingStream, view: FrameView, size_px: tuple[int, int]) -> None:
     """Log one frame at the time that is set.
 
     Args:
@@ -37,14 +36,14 @@ def log_frame(rec: Recorder, view: FrameView, size_px: tuple[int, int]) -> None:
     """
     h, w = view.measured.shape
     world = world_from_camera(view.ground)
-    look = {"image_plane_distance": 0.55, "color": _LEFT_COLOUR}
+    look = {"image_plane_distance": 0.55, "color": rgb(LEFT_EYE)}
     rec.log(CAMERA, rr.Transform3D(translation=world[:3, 3], mat3x3=world[:3, :3]))
     rec.log(IMAGE, pinhole(view.camera.matrix, w, h, **look))
     rec.log(f"{IMAGE}/left", picture(padded(view.rgb, size_px, 0)))
     if view.right_rgb is not None:
         right = apply_transform(world, np.array([view.baseline, 0.0, 0.0]))
         rec.log(RIGHT_CAMERA, rr.Transform3D(translation=right, mat3x3=world[:3, :3]))
-        rec.log(RIGHT_IMAGE, pinhole(view.camera.matrix, w, h, **(look | {"color": _RIGHT_COLOUR})))
+        rec.log(RIGHT_IMAGE, pinhole(view.camera.matrix, w, h, **(look | {"color": rgb(RIGHT_EYE)})))
         rec.log(f"{RIGHT_IMAGE}/right", picture(padded(view.right_rgb, size_px, 0)))
     depth = in_metres(view.measured, view)
     log_depth(rec, f"{IMAGE}/measured_depth", padded(depth, size_px, np.nan))
@@ -66,7 +65,7 @@ def in_metres(depth: Float32Array, view: FrameView) -> Float32Array:
 
 
 def log_depth(
-    rec: Recorder,
+    rec: rr.RecordingStream,
     path: str,
     depth_m: Float32Array,
     range_m: tuple[float, float] = DEPTH_RANGE_M,
@@ -94,4 +93,4 @@ def _ground_grid(
     """A patch of the ground plane as a grid of lines, z = 0 in the world frame."""
     across = [[(-half_width_m, y, 0), (half_width_m, y, 0)] for y in range(0, far_m + 1, step_m)]
     along = [[(x, 0, 0), (x, far_m, 0)] for x in range(-half_width_m, half_width_m + 1, step_m)]
-    return rr.LineStrips3D(across + along, colors=[(120, 150, 120)], radii=rr.Radius.ui_points(0.6))
+    return rr.LineStrips3D(across + along, colors=[rgb(GROUND)], radii=rr.Radius.ui_points(0.6))

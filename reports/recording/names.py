@@ -9,8 +9,16 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
-from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, PART_COLOURS, on_dark, part_colour, rgb
-from reports.recording.plot import BACKGROUND
+from reports.palette import (
+    NIGHT,
+    NIGHT_HOLE,
+    OUTCOME_COLOUR,
+    OUTCOME_NAME,
+    PART_COLOURS,
+    on_dark,
+    part_colour,
+    rgb,
+)
 
 WORLD = "world"
 CAMERA = f"{WORLD}/camera"
@@ -68,7 +76,7 @@ def class_colour(name: str) -> tuple[int, int, int]:
     bright = rgb(on_dark(OUTCOME_COLOUR[name.partition(",")[0]]))
     if name in OUTCOME_COLOUR:
         return bright
-    r, g, b = (round(_DIM * c + (1 - _DIM) * d) for c, d in zip(bright, BACKGROUND, strict=True))
+    r, g, b = (round(_DIM * c + (1 - _DIM) * d) for c, d in zip(bright, rgb(NIGHT), strict=True))
     return r, g, b
 
 
@@ -94,7 +102,7 @@ def part_context(part_names: Sequence[str]) -> rr.AnnotationContext:
     names = part_names or [f"part {i + 1}" for i in range(PART_COLOURS)]
     return rr.AnnotationContext(
         [
-            rr.AnnotationInfo(id=HOLE_CLASS, label="no depth", color=(12, 12, 14)),
+            rr.AnnotationInfo(id=HOLE_CLASS, label="no depth", color=rgb(NIGHT_HOLE)),
             rr.AnnotationInfo(id=0, color=(0, 0, 0, 0)),
             *(
                 rr.AnnotationInfo(id=i + 1, label=name.replace("_", " "), color=rgb(part_colour(i + 1)))

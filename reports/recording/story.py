@@ -111,21 +111,12 @@ class Story:
         """What became of a candidate in the mode that is explained."""
         return Group(self.changes[detector, self.mode_of(detector)].group[c.row])
 
-    def rates(
-        self, detector: str, mode: str, accepted: BoolArray
-    ) -> tuple[float, float, float, float, float]:
-        """False positives an image, share of cars found, precision, and the shares of the false candidates
-        and of the hits that are accepted; NaN where undefined."""
+    def rates(self, detector: str, mode: str, accepted: BoolArray) -> tuple[float, float, float]:
+        """False positives an image, share of cars found and precision; NaN where undefined."""
         t = self.tables[detector, mode]
-        hit, false = t.outcome == HIT, (t.outcome != HIT) & (t.outcome != IGNORED)
-        hits, wrong = int((hit & accepted).sum()), int((false & accepted).sum())
-        return (
-            wrong / max(t.n_images, 1),
-            _share(hits, t.n_cars),
-            _share(hits, hits + wrong),
-            _share(wrong, int(false.sum())),
-            _share(hits, int(hit.sum())),
-        )
+        hits = int(((t.outcome == HIT) & accepted).sum())
+        wrong = int(((t.outcome != HIT) & (t.outcome != IGNORED) & accepted).sum())
+        return wrong / max(t.n_images, 1), _share(hits, t.n_cars), _share(hits, hits + wrong)
 
     def most_telling(self, detector: str, candidates: Sequence[CandidateView]) -> CandidateView | None:
         """The candidate of a frame whose change says most: of the false alarms rejected (or else of what

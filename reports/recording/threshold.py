@@ -1,6 +1,6 @@
-"""The threshold's timeline of a recording: operating points on the curves, what is accepted in frames."""
+"""The threshold's timeline of a recording: operating points on the curve, what is accepted in frames."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from recon.arrays import FloatArray, IntArray, UInt8Array
-from reports.palette import mode_colour, mode_name
+from reports.palette import NIGHT, mode_colour, mode_name, rgb
 from reports.recording.boxes import LEGEND, LEGEND_TEXT, Shown, log_shown, shown
 from reports.recording.names import (
     OUTCOME_CLASSES,
@@ -23,7 +23,7 @@ from reports.recording.names import (
     picture,
     text,
 )
-from reports.recording.plot import BACKGROUND, Marks, Plot
+from reports.recording.plot import Marks, Plot
 from reports.recording.story import Story
 from reports.run.curves import scores
 from reports.run.frame_view import FrameView
@@ -37,17 +37,8 @@ _TILE_WIDTH_PX = 320
 _GAP_PX = 6
 
 
-@dataclass(frozen=True)
-class CurvePlots:
-    """The plots of one detector that have operating points."""
-
-    candidate: Plot
-    cars: Plot
-    precision: Plot
-
-
 @dataclass(frozen=True, eq=False)
-class Tile:
+class SheetTile:
     """One frame of the sheet: a small picture, and its candidates by detector and mode."""
 
     picture: UInt8Array
@@ -57,7 +48,7 @@ class Tile:
     truth: Truth
 
     @classmethod
-    def of(cls, story: Story, view: FrameView, size_px: tuple[int, int]) -> "Tile":
+    def of(cls, story: Story, view: FrameView, size_px: tuple[int, int]) -> "SheetTile":
         """The tile of a frame; room for a picture of width and height ``size_px``."""
         h, w = view.measured.shape
         room = _tile_px(size_px)
@@ -90,25 +81,25 @@ def threshold_steps(story: Story) -> IntArray:
     return np.unique(np.concatenate([[0], steps]))
 
 
-def log_default_points(rec: rr.RecordingStream, story: Story, plots: dict[str, CurvePlots]) -> None:
+def log_default_points(rec: rr.RecordingStream, story: Story, plots: Mapping[str, Plot]) -> None:
     """Log the operating points that all other timelines show."""
-    for detector, own in plots.items():
-        log_points(rec, story, detector, own, None)
+    for detector, plot in plots.items():
+        log_points(rec, story, detector, plot, None)
 
 
 def log_thresholds(
     rec: rr.RecordingStream,
     story: Story,
-    plots: dict[str, CurvePlots],
+    plots: Mapping[str, Plot],
     first: FrameView,
-    tiles: Sequence[Tile],
+    tiles: Sequence[SheetTile],
 ) -> None:
     """Log every step of the threshold: operating points, the first frame of the recording, the sheet.
 
     Args:
         rec: the recording.
         story: the run.
-        plots: the plots with operating points, by detector.
+        plots: the plot with operating points, by detector.
         first: the first frame of the recording, which the frame views show on this timeline.
         tiles: the frames of the sheet.
     """
@@ -118,8 +109,8 @@ def log_thresholds(
         rec.reset_time()
         rec.set_time(THRESHOLD_TIME, sequence=step)
         least = step / THRESHOLD_STEPS
-        for detector, own in plots.items():
-            log_points(rec, story, detector, own, least)
+        for detector, plot in plots.items():
+            log_points(rec, story, detector, plot, least)
             log_sheet(rec, detector, tiles, least, whole=i == 0)
             for mode in dict.fromkeys((ALONE, story.mode_of(detector))):
                 what = shown(story, first, detector, mode, least)
@@ -127,7 +118,7 @@ def log_thresholds(
 
 
 def log_points(
-    rec: rr.RecordingStream, story: Story, detector: str, plots: CurvePlots, least_score: float | None
+    rec: rr.RecordingStream, story: Story, detector: str, plot: Plot, least_score: float | None
 ) -> None:
     """Log the operating points of all modes of a detector, and their table; None: where they are compared."""
     modes = story.modes_of(detector)
@@ -136,32 +127,16 @@ def log_points(
         for m in modes
     ]
     rates = np.array([story.rates(detector, m, a) for m, a in zip(modes, accepted, strict=True)])
-    fppi, recall, precision, false_share, hit_share = rates.T
-    colours = tuple(mode_colour(m) for m in modes)
     main = story.mode_of(detector)
-
-    def named(form: str, y: FloatArray) -> tuple[str, ...]:
-        return tuple(form.format(v) if m == main else "" for m, v in zip(modes, y, strict=True))
-
-    plots.cars.log_marks(rec, Marks(fppi, recall, colours, named("{:.2f} FP/image", fppi)))
-    plots.candidate.log_marks(
-        rec, Marks(false_share, hit_share, colours, named("{:.0%} of the false", false_share))
+    labels = tuple(
+        f"{fppi:.2f} FP/image" if m == main else "" for m, fppi in zip(modes, rates[:, 0], strict=True)
     )
-    known = np.isfinite(precision)
-    plots.precision.log_marks(
-        rec,
-        Marks(
-            recall[known],
-            precision[known],
-            tuple(c for c, k in zip(colours, known, strict=True) if k),
-            ("",) * int(known.sum()),
-        ),
-    )
+    plot.log_marks(rec, Marks(rates[:, 0], rates[:, 1], tuple(mode_colour(m) for m in modes), labels))
     rec.log(points_path(detector), text(_points_table(story, detector, rates, least_score)))
 
 
 def log_sheet(
-    rec: rr.RecordingStream, detector: str, tiles: Sequence[Tile], least_score: float | None, whole: bool
+    rec: rr.RecordingStream, detector: str, tiles: Sequence[SheetTile], least_score: float | None, whole: bool
 ) -> None:
     """Log the boxes of the sheet; without ``whole`` only their colours and widths, which is what changes."""
     corners = [_corner(i, tiles) for i in range(len(tiles))]
@@ -215,7 +190,7 @@ def sheet_size_px(size_px: tuple[int, int], n_frames: int) -> tuple[int, int]:
     return columns * (tile[0] + _GAP_PX) - _GAP_PX, rows * (tile[1] + _GAP_PX) - _GAP_PX
 
 
-def threshold_tab(detector: str, plots: CurvePlots, sheet_px: tuple[int, int], title: str) -> rrb.Horizontal:
+def threshold_tab(detector: str, plot: Plot, sheet_px: tuple[int, int], title: str) -> rrb.Horizontal:
     """The blueprint's tab of the threshold; the sheet has the width and height ``sheet_px``."""
     numbers = rrb.TextDocumentView(origin=points_path(detector), name="operating points")
     w, h = sheet_px
@@ -223,10 +198,10 @@ def threshold_tab(detector: str, plots: CurvePlots, sheet_px: tuple[int, int], t
     sheet = rrb.Spatial2DView(
         origin=sheet_path(detector),
         name="what is accepted, in the most telling frames",
-        background=BACKGROUND,
+        background=rgb(NIGHT),
         visual_bounds=bounds,
     )
-    left = rrb.Vertical(plots.cars.view(), numbers, row_shares=[4, 3])
+    left = rrb.Vertical(plot.view(), numbers, row_shares=[4, 3])
     return rrb.Horizontal(left, sheet, column_shares=[2, 3], name=title)
 
 
@@ -243,7 +218,7 @@ def _points_table(story: Story, detector: str, rates: FloatArray, least_score: f
         "| score of | from | cars found | FP/image | precision |\n",
         "| :--- | :--- | :--- | :--- | :--- |\n",
     ]
-    for mode, (fppi, recall, precision, _, _) in zip(modes, rates.tolist(), strict=True):
+    for mode, (fppi, recall, precision) in zip(modes, rates.tolist(), strict=True):
         least = story.threshold(detector, mode) if least_score is None else least_score
         figures = (f"{least:.3f}", _percent(recall), number(fppi, 2), _percent(precision))
         lines.append(f"| {mode_name(mode)} | {' | '.join(figures)} |\n")
@@ -259,19 +234,19 @@ def _columns(tile_px: tuple[int, int], n: int) -> int:
     return min(most, n)
 
 
-def _corner(i: int, tiles: Sequence[Tile]) -> FloatArray:
+def _corner(i: int, tiles: Sequence[SheetTile]) -> FloatArray:
     """Left and top of a tile in the sheet."""
     height = tiles[0].picture.shape[0]
     row, column = divmod(i, _columns((_TILE_WIDTH_PX, height), len(tiles)))
     return np.array([column * (_TILE_WIDTH_PX + _GAP_PX), row * (height + _GAP_PX)], float)
 
 
-def _log_sheet_picture(rec: rr.RecordingStream, path: str, tiles: Sequence[Tile]) -> None:
+def _log_sheet_picture(rec: rr.RecordingStream, path: str, tiles: Sequence[SheetTile]) -> None:
     rec.log(path, outcome_context(), static=True)
     corners = np.array([_corner(i, tiles) for i in range(len(tiles))]).astype(int)
     tile_px = np.array([_TILE_WIDTH_PX, tiles[0].picture.shape[0]])
     whole = corners.max(axis=0) + tile_px
-    sheet = np.full((whole[1], whole[0], 3), BACKGROUND, np.uint8)
+    sheet = np.full((whole[1], whole[0], 3), rgb(NIGHT), np.uint8)
     for tile, (x, y) in zip(tiles, corners, strict=True):
         sheet[y : y + tile.picture.shape[0], x : x + tile.picture.shape[1]] = tile.picture
     rec.log(f"{path}/picture", picture(sheet), static=True)

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
-from reports.palette import OUTCOME_COLOUR, part_colour, rgb
+from reports.palette import HOLE_GREY, OUTCOME_COLOUR, WHITE, part_colour, rgb
 from reports.run.frame_view import CandidateView, FrameView
 
 PICTURE_WIDTH_PX = 480
@@ -23,7 +23,7 @@ _DEPTH_WIDTH_PX = 240
 _MARGIN = 0.2
 _ASPECT = 1.8
 """Width over height of what is cut out, so that cards are alike."""
-_HOLE = (105, 105, 105)
+_HOLE = rgb(HOLE_GREY)
 _STEPS = 256
 """Colours of a map of matplotlib."""
 _QUALITY = 80
@@ -159,7 +159,7 @@ def _draw_outline(picture: UInt8Array, c: CandidateView, rows: slice, columns: s
     corner = np.array([columns.start, rows.start])
     lines = [(_corners(c), rgb(OUTCOME_COLOUR[c.outcome]), 3)]
     if c.instance is not None:
-        lines.append((c.instance.outline_px + 0.5, (255, 255, 255), 2))
+        lines.append((c.instance.outline_px + 0.5, rgb(WHITE), 2))
     for points, colour, width in lines:
         at = np.round((points - corner) * zoom).astype(np.int32)
         cv2.polylines(picture, [at], isClosed=True, color=colour, thickness=width, lineType=cv2.LINE_AA)
@@ -170,7 +170,7 @@ def _with_box(picture: UInt8Array, c: CandidateView) -> UInt8Array:
     """The picture with the box of a candidate, white around its colour so that it is seen on anything."""
     drawn = picture.copy()
     at = np.round(_corners(c)).astype(np.int32)
-    for colour, width in (((255, 255, 255), 4), (rgb(OUTCOME_COLOUR[c.outcome]), 2)):
+    for colour, width in ((rgb(WHITE), 4), (rgb(OUTCOME_COLOUR[c.outcome]), 2)):
         cv2.polylines(drawn, [at], isClosed=True, color=colour, thickness=width, lineType=cv2.LINE_AA)
     return drawn
 

@@ -13,7 +13,7 @@ from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.learning.primitives import plane_axes
 from recon.view_bins import rotation
-from reports.palette import BLUE, GREY, part_colour
+from reports.palette import BLUE, DARK_GREY, GREY, PALE_GREY, SOFT_GREY, part_colour
 from reports.run.tables import Table
 from rescore.files import atomic_path, write_json
 from rescore.studies.class_models import AccuracyRow, ModelStudy, SelectionStudy
@@ -51,7 +51,7 @@ def draw_selection_cost(study: SelectionStudy) -> Figure:
     ax.plot(np.arange(1, len(cost) + 1), cost, "o-", color=BLUE)
     ax.axhline(full, color=GREY, ls="--", lw=1)
     ax.annotate(
-        f"all {len(study.normals)} primitives", (len(cost), full), ha="right", va="top", color="#555555",
+        f"all {len(study.normals)} primitives", (len(cost), full), ha="right", va="top", color=DARK_GREY,
         xytext=(0, -4), textcoords="offset points",
     )  # fmt: skip
     for i, value in enumerate(cost[:5]):
@@ -96,8 +96,8 @@ def _draw_primitive(ax: Axes, normal: FloatArray) -> None:
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ plane_axes(normal)
     for axis, name in zip(np.eye(3) * 1.7, ("x forward", "y left", "z up"), strict=True):
         end = view[:2] @ axis
-        ax.plot([0, end[0]], [0, end[1]], color="#BBBBBB", lw=1, zorder=0)
-        ax.annotate(name, 1.12 * end, fontsize=8, color="#777777", ha="center", va="center")
+        ax.plot([0, end[0]], [0, end[1]], color=PALE_GREY, lw=1, zorder=0)
+        ax.annotate(name, 1.12 * end, fontsize=8, color=SOFT_GREY, ha="center", va="center")
     ax.add_patch(Polygon(square @ view[:2].T, fc=BLUE, ec="black", alpha=0.75))
     ax.set(xlim=(-2.1, 2.1), ylim=(1.9, -2.1), aspect="equal")
     ax.set_title(f"normal ({', '.join(f'{v + 0.0:.2f}' for v in normal)})", fontsize=10)
@@ -111,7 +111,7 @@ def draw_models(models: Sequence[tuple[str, ClassModel]]) -> Figure:
     for row, (words, model) in zip(axes, models, strict=True):
         for ax, (azimuth, elevation) in zip(row, _SEEN_FROM, strict=True):
             draw_model(ax, model, rotation(np.deg2rad(azimuth), np.deg2rad(elevation)))
-            ax.set_title(f"azimuth {azimuth}, elevation {elevation}", fontsize=8, color="#777777", y=-0.12)
+            ax.set_title(f"azimuth {azimuth}, elevation {elevation}", fontsize=8, color=SOFT_GREY, y=-0.12)
         row[0].set_title(f"{model.class_name}, from {words}", fontsize=10, loc="left")
     return figure
 

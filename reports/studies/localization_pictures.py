@@ -17,10 +17,10 @@ from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from recon.outlines import fill_polygon
-from reports.palette import part_colour, rgb
+from reports.palette import BAND_INK, ESTIMATE, TRUTH, part_colour, rgb
 from rescore.files import atomic_path
 
-TRUTH_RGB, ESTIMATE_RGB = (0, 200, 120), (255, 140, 0)
+TRUTH_RGB, ESTIMATE_RGB = rgb(TRUTH), rgb(ESTIMATE)
 _EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 """Edges of a box as pairs of ``StandingBox.corners_m``; the front is 0, 3, 4, 7."""
 TILE_PX = (300, 240)
@@ -116,7 +116,7 @@ def titled(picture: UInt8Array, title: str) -> UInt8Array:
     """A picture below a line that says what it shows and what the colours mean."""
     band = np.full((_TITLE_PX, picture.shape[1], 3), 25, np.uint8)
     x = 12
-    for text, colour in ((title, (235, 235, 235)), ("true box", TRUTH_RGB), ("estimate", ESTIMATE_RGB)):
+    for text, colour in ((title, rgb(BAND_INK)), ("true box", TRUTH_RGB), ("estimate", ESTIMATE_RGB)):
         cv2.putText(band, text, (x, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 1, cv2.LINE_AA)
         x += cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 1)[0][0] + 28
     return np.concatenate([band, picture], axis=0)
@@ -133,7 +133,7 @@ def tile(
     h, w = min(drawn.shape[0], height - 22), min(drawn.shape[1], width)
     x = (width - w) // 2
     out[22 : 22 + h, x : x + w] = drawn[:h, :w]
-    cv2.putText(out, view.caption, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (235, 235, 235), 1, cv2.LINE_AA)
+    cv2.putText(out, view.caption, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.38, rgb(BAND_INK), 1, cv2.LINE_AA)
     return out
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reports.palette import detector_name, mode_colour, mode_name
+from reports.palette import DARK_GREY, detector_name, mode_colour, mode_name
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table, as_float, interval_text, number_text
 from rescore.files import atomic_path
@@ -146,7 +146,7 @@ def _reduction(ax: Axes, dial: Mapping[str, Any]) -> None:
         colour = mode_colour(mode)
         ax.fill_between(at, low, high, color=colour, alpha=0.13, linewidth=0)
         ax.plot(at, value, color=colour, marker="o", markersize=3, label=mode_name(mode))
-    ax.axhline(1, color="#555555", linewidth=1)
+    ax.axhline(1, color=DARK_GREY, linewidth=1)
     ax.set_yscale("log")
     ax.set_ylim(*_FACTORS)
     ax.set_yticks([0.1, 0.3, 1, 3, 10, 30], ["0.1", "0.3", "1", "3", "10", "30"])

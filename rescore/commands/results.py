@@ -8,9 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from rescore.commands.base import (
-    ALL_PROCESSORS,
     Dataset,
-    Jobs,
     Report,
     Split,
     app,
@@ -123,7 +121,6 @@ def log(
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
     ] = None,
-    jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
     """Write a recording for the Rerun viewer: candidates and why they moved, depth, 3D, curves.
 
@@ -133,7 +130,7 @@ def log(
     from reports.recording.story import Frames
 
     file = write_recording(
-        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames, jobs=jobs
+        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
     )
     say(f"recording: {file} (open it with: rerun {file})")
 

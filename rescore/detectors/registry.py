@@ -48,6 +48,8 @@ class DetectorEntry:
     learner: Callable[[Callable[[], UInt8Array], Any, np.random.Generator, int], Learner] | None = None
     """From crops of cars (n, height, width), made when called, settings, random numbers and jobs to what
     learns from crops; None where the detector cannot be trained on crops."""
+    authors: str = ""
+    """Who published it, for headings."""
 
     @property
     def module(self) -> ModuleType:
@@ -64,6 +66,7 @@ DETECTORS: dict[str, DetectorEntry] = {
         train=train_hog,
         load=HogDetector.from_parts,
         learner=lambda _cars, config, _rng, _jobs: HogLearner(config),
+        authors="Dalal-Triggs",
     ),
     "boosted": DetectorEntry(
         title="boosted",
@@ -73,6 +76,7 @@ DETECTORS: dict[str, DetectorEntry] = {
         train=train_boosted,
         load=BoostedDetector.from_parts,
         learner=lambda cars, config, rng, jobs: BoostedLearner.of(cars(), config, rng, jobs),
+        authors="Murphy-Torralba-Freeman",
     ),
 }
 """The detectors that can be trained, by the name that commands, files and tables use."""

@@ -284,9 +284,7 @@ class Run:
             "report", html, (self.folder.html, root / "curves"), lambda: _ignore(html.build_report(root))
         )
         recording = self.folder.recording
-        self._draw(
-            "log", log, (recording,), lambda: _ignore(log.write_recording(root, recording, jobs=self.jobs))
-        )
+        self._draw("log", log, (recording,), lambda: _ignore(log.write_recording(root, recording)))
 
     def _draw(
         self, name: str, module: ModuleType, outputs: tuple[Path, ...], work: Callable[[], None]

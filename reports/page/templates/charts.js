@@ -3,6 +3,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const PRINT_WIDTH = 330;
+const DASH = { solid: "", dashed: "7 4", dashdot: "9 4 2 4", dotted: "2 3" };
 
 function make(name, attributes, parent, text) {
   const node = document.createElementNS(SVG, name);
@@ -28,7 +29,7 @@ function paint(node, look) {
 
 function swatch(look) {
   const svg = make("svg", { width: 26, height: 10, class: "swatch", "aria-hidden": "true" });
-  const line = make("line", { x1: 1, x2: 25, y1: 5, y2: 5, class: "line", "stroke-width": 2.6, "stroke-dasharray": look.dash }, svg);
+  const line = make("line", { x1: 1, x2: 25, y1: 5, y2: 5, class: "line", "stroke-width": 2.6, "stroke-dasharray": DASH[look.dash] }, svg);
   paint(line, look);
   return svg;
 }
@@ -159,7 +160,7 @@ class Chart {
       paint(make("path", { d: this.path(use.map(i => l.x[i]), use.map(i => l.y[i]), false), class: "broad" }, parent), l.look);
     }
     const width = this.small ? l.look.width * .8 : l.look.width;
-    paint(make("path", { d: this.path(l.x, l.y, l.step), class: "line", "stroke-width": width, "stroke-dasharray": l.look.dash }, parent), l.look);
+    paint(make("path", { d: this.path(l.x, l.y, l.step), class: "line", "stroke-width": width, "stroke-dasharray": DASH[l.look.dash] }, parent), l.look);
     if (l.bars) l.x.forEach((v, i) => paint(make("line", { x1: this.x.at(v), x2: this.x.at(v), y1: this.y.at(l.bars.low[i]), y2: this.y.at(l.bars.high[i]), class: "line", "stroke-width": 1 }, parent), l.look));
     if (l.markers) l.x.forEach((v, i) => l.y[i] !== null && paint(make("circle", { cx: this.x.at(v), cy: this.y.at(l.y[i]), r: this.small ? 2 : 3, class: "dot" }, parent), l.look));
     if (l.mark && l.mark[1] !== null) paint(make("circle", { cx: this.x.at(l.mark[0]), cy: this.y.at(l.mark[1]), r: 6, class: "dot marked" }, parent), l.look);

@@ -85,7 +85,7 @@ def test_each_step_of_the_threshold_moves_the_points_and_recolours_the_frames(st
     n_images, n_cars = story.run.metrics["n_images"], story.run.metrics["n_cars"]
     for detector in story.run.detectors:
         rows, modes = story.run.of(detector), story.modes_of(detector)
-        points = read(recording, f"/curves/{detector}/car_roc/operating_point", "threshold")
+        points = read(recording, f"/curves/{detector}/cars_found/operating_point", "threshold")
         sheet = read(recording, f"/threshold/{detector}/sheet/boxes", "threshold")
         assert min(points) == 0
         assert len(points) > 10
@@ -164,16 +164,23 @@ def test_the_file_is_whole_and_blueprint_and_words_are_inside(story: Story, reco
     assert "with depth (metric)" in guide
 
 
-def test_curves_in_the_recording_are_those_of_the_run_within_their_bands(story: Story, recording: Path):
+def test_curves_in_the_recording_are_those_of_the_run(story: Story, recording: Path):
+    left = 0.5 / story.run.metrics["n_images"]
     for c in curve_sets(story.run):
-        path = f"/curves/{c.detector}/candidate_roc/{c.mode}"
+        path = f"/curves/{c.detector}/cars_found/{c.mode}"
         points = np.concatenate([np.array(s) for s in read(recording, path)[-1]["LineStrips2D:strips"]])
-        if c.mode != "detector":
-            np.testing.assert_allclose(points[:, 0] / WIDTH, c.candidate.x, atol=1e-6)
-            np.testing.assert_allclose(1 - points[:, 1] / HEIGHT, c.candidate.y, atol=1e-6)
-        band = read(recording, f"{path}/band")[-1]
-        assert len(band["low"]) > 50
-        assert (np.array(band["low"]) <= band["high"]).all()
+        fppi = left * (20 / left) ** (points[:, 0] / WIDTH)
+        if c.mode == "detector":
+            # dashes: their ends lie between the corners, on a tread or on a riser
+            on_tread = np.isclose(1 - points[:, 1:] / HEIGHT, c.cars.y, atol=1e-6).any(axis=1)
+            on_riser = np.isclose(fppi[:, None], np.maximum(c.cars.x, left), rtol=1e-4).any(axis=1)
+            assert (on_tread | on_riser).all()
+            continue
+        # steps: every point but the first has its corner before it
+        np.testing.assert_allclose(fppi[::2], np.maximum(c.cars.x, left), rtol=1e-5)
+        np.testing.assert_allclose(1 - points[::2, 1] / HEIGHT, c.cars.y, atol=1e-6)
+        np.testing.assert_allclose(points[1::2, 0], points[2::2, 0], atol=1e-4)
+        np.testing.assert_allclose(points[1::2, 1], points[:-2:2, 1], atol=1e-4)
 
 
 def test_each_candidate_has_its_own_time_with_words_bars_and_pictures(story: Story, recording: Path):

@@ -1,19 +1,12 @@
 import numpy as np
 import pytest
 
-from reports.recording.plot import HEIGHT, WIDTH, Axis, Plot, dashes
-
-
-def test_axes_map_linearly_or_by_decades():
-    linear = Axis("x", 2, 6, ())
-    np.testing.assert_allclose(linear.unit(np.array([2, 3, 6, 9.0])), [0, 0.25, 1, 1])
-    # from 0.01 to 100 are four decades; 1 lies in their middle, and 0 is held at the left end
-    log = Axis("x", 0.01, 100, (), log=True)
-    np.testing.assert_allclose(log.unit(np.array([0.0, 0.01, 1, 100])), [0, 0, 0.5, 1])
+from reports.charts import Axis, Chart
+from reports.recording.plot import HEIGHT, WIDTH, Plot, dashes
 
 
 def test_plots_grow_upwards_in_coordinates_that_grow_downwards():
-    plot = Plot("p", "t", Axis("x", 0, 1, ()), Axis("y", 0, 2, ()), ())
+    plot = Plot("p", "t", Chart("t", "", Axis("x", 0, 1), Axis("y", 0, 2), ()))
     places = plot.place(np.array([0.0, 1.0]), np.array([0.0, 2.0]))
     np.testing.assert_allclose(places, [[0, HEIGHT], [WIDTH, 0]])
 

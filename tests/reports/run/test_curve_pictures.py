@@ -1,5 +1,6 @@
 """The curves of a run and their pictures."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -7,9 +8,19 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from reports.palette import detector_colour, mode_colour, mode_dash
-from reports.run.curve_pictures import draw_candidate_roc, draw_car_roc, draw_weight, style, write_curves
-from reports.run.curves import curve_sets, match_table, scores
+from reports.charts import Look
+from reports.palette import detector_colour, detector_name, mode_colour, mode_dash
+from reports.run.curve_pictures import draw_chart, weights_of_detectors, write_curves
+from reports.run.curves import (
+    CANDIDATES,
+    CARS,
+    DrawnCurves,
+    curve_charts,
+    curve_sets,
+    match_table,
+    scores,
+)
+from rescore.detectors.registry import DETECTORS
 from rescore.formats.coco_dataset import read_dataset
 from rescore.metrics.curves import candidate_roc, recall_curve, summarise
 from rescore.metrics.matching import TruthTable, greedy_match, ranking_of
@@ -60,36 +71,45 @@ def test_pictures_are_drawn_and_differ(run: Run, tmp_path: Path):
 
 
 def test_drawn_lines_are_the_curves_and_the_axes_say_what_they_count(run: Run):
-    curves = curve_sets(run)
+    curves = [c for c in curve_sets(run) if c.detector == "hog"]
+    charts = curve_charts([DrawnCurves.of_mode(c) for c in curves], (run.metrics,))
     axes = Figure().add_subplot()
-    draw_candidate_roc(axes, curves, run.metrics)
+    draw_chart(axes, charts[CANDIDATES]["hog"])
     for line, c in zip(axes.lines, curves, strict=False):
         np.testing.assert_array_equal(line.get_xydata().T, [c.candidate.x, c.candidate.y])
     assert "share of the false candidates" in axes.get_xlabel()
     axes = Figure().add_subplot()
-    draw_car_roc(axes, curves, run.metrics)
+    draw_chart(axes, charts[CARS]["hog"])
     assert f"all {run.metrics['n_cars']} annotated cars" in axes.get_ylabel()
     assert "per image" in axes.get_xlabel()
     legend = [t.get_text() for t in axes.get_legend().get_texts()]
     assert all(f"{c.row['average_precision']:.3f}" in text for text, c in zip(legend, curves, strict=True))
 
 
-def test_the_marked_weight_is_the_chosen_one_and_a_null_objective_is_left_out(run: Run):
+def test_the_marked_weight_is_the_chosen_one_and_a_null_objective_is_left_out():
     axes = Figure().add_subplot()
     tuning = {
         "hog": {"w": 0.5, "w_grid": [0, 0.5, 1], "objective": [None, 0.8, 0.6], "objective_name": "auc"}
     }
-    draw_weight(axes, tuning)
+    draw_chart(axes, weights_of_detectors(tuning))
     assert axes.lines[1].get_xydata().tolist() == [[0.5, 0.8]]
     assert np.isnan(axes.lines[0].get_ydata()[0])
 
 
-def test_the_detector_alone_is_dashed_and_modes_and_detectors_differ_in_colour(run: Run):
-    curves = curve_sets(run)
-    for c in curves:
-        assert (style(c)["ls"] == "--") == (c.mode == "detector")
+def test_the_detector_alone_is_dashed_and_modes_and_detectors_differ_in_colour():
     modes = ("detector", "paper", "guarded", "metric")
-    assert len({mode_colour(m) for m in modes}) == len({str(mode_dash(m)) for m in modes}) == 4
-    assert detector_colour("mine", ("hog", "mine", "yours")) != detector_colour(
-        "yours", ("hog", "mine", "yours")
-    )
+    for mode in modes:
+        assert (Look.of_mode(mode).dash == "dashed") == (mode == "detector")
+    assert len({mode_colour(m) for m in modes}) == len({mode_dash(m) for m in modes}) == 4
+    of_detectors = [detector_colour(d, ("hog", "mine", "yours")) for d in (*DETECTORS, "mine", "yours")]
+    assert len(set(of_detectors)) == len(of_detectors)
+
+
+def test_a_registered_detector_has_its_name_and_colour_without_an_edit_here(monkeypatch: pytest.MonkeyPatch):
+    before = detector_colour("boosted", ("boosted",))
+    monkeypatch.setitem(DETECTORS, "third", replace(DETECTORS["hog"], title="Third", authors=""))
+    assert (detector_name("third"), detector_name("third", short=True)) == ("Third", "Third")
+    assert detector_name("mine") == "mine"
+    colours = [detector_colour(d, ("third", "mine")) for d in (*DETECTORS, "mine")]
+    assert len(set(colours)) == len(DETECTORS) + 1
+    assert colours[1] == before
