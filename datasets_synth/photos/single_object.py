@@ -13,7 +13,7 @@ from datasets_synth.render.scene_rays import MISS, RayTree
 from datasets_synth.render.truth import projected_box
 from datasets_synth.street.lighting import ground_irradiance
 from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.view_bins import rotation
 
@@ -136,9 +136,8 @@ class ObjectPhoto:
     """Depth z of what each pixel's centre sees, the surroundings too, shape (h, w); NaN for the sky."""
     xyxy_px: FloatArray
     """Extent of the projected object as pixel edges, shape (4,), clipped to the picture."""
-    camera: PinholeCamera
-    ground: GroundPlane
-    """The ground that the object stands on, in the camera frame."""
+    seen_from: GroundedCamera
+    """The camera, and the ground that the object stands on."""
     cam_from_object: FloatArray
     """Shape (4, 4): a rotation and a translation in metres."""
     mesh: Mesh
@@ -194,8 +193,7 @@ def photograph(
         part_labels=_part_labels(object_class.labelled_mesh(mesh), scene),
         depth_m=view.depth_m,
         xyxy_px=np.clip(box, 0, size),
-        camera=camera,
-        ground=ground,
+        seen_from=GroundedCamera(camera, ground),
         cam_from_object=cam_from_object,
         mesh=mesh,
     )

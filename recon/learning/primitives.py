@@ -8,6 +8,7 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from recon.view_bins import ViewBins
 
 
@@ -91,7 +92,7 @@ class PrimitiveLibrary:
 
     def save(self, path: Path) -> None:
         """Write one NPZ file of plain arrays; ``load`` gives them back in single precision."""
-        with path.open("wb") as file:
+        with atomic_path(path) as beside, beside.open("wb") as file:
             np.savez_compressed(
                 file,
                 format=np.array(FORMAT),

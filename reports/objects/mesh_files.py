@@ -13,9 +13,9 @@ from trimesh.visual.material import PBRMaterial
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
+from recon.files import atomic_path
 from recon.reconstruction.instance import Instance3D
 from reports.objects.object_mesh import PictureMesh
-from rescore.files import atomic_path
 
 
 def gltf_from_object(instance: Instance3D) -> FloatArray:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from recon.arrays import IntArray
 from recon.class_model import ClassModel
+from recon.files import atomic_path
 from reports.palette import mode_name
 from reports.recording.blueprint import blueprint
 from reports.recording.boxes import log_boxes
@@ -39,7 +40,6 @@ from reports.recording.threshold import MAX_TILES, Tile, log_default_points, log
 from reports.run.frame_view import CandidateView, FrameReader, FrameView
 from reports.run.tables import short_table
 from reports.templating import render
-from rescore.files import atomic_path
 from rescore.parallel import one_thread, track
 from rescore.results.run_folder import Run, load_run
 

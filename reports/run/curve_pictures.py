@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from recon.files import atomic_path
 from reports.palette import detector_colour, detector_name, mode_colour, mode_dash, mode_name
 from reports.run.curves import CurveSet, curve_sets
 from reports.run.tables import in_interval, number, weight_text
-from rescore.files import atomic_path
 from rescore.results.run_folder import Run
 
 STYLE: Any = {

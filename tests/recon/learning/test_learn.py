@@ -7,11 +7,11 @@ from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learning.learn import LearnConfig, learn_class_model, part_costs
-from recon.learning.primitives import cross_view_transforms, lift, primitive_normals
+from recon.learning.primitives import lift, primitive_normals
 from recon.learning.structure import solve_structure
 from recon.part_views import PartView, PartViews
 from recon.view_bins import ViewBins
-from tests.exact_primitives import exact_library
+from tests.exact_primitives import cross_view_transforms, exact_library
 from tests.recon.box_car import PART_NAMES, box_car, centroid_of, labelled_view, normal_of
 
 BINS = ViewBins(12, np.deg2rad(10))
