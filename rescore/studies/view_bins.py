@@ -112,9 +112,6 @@ CAMERA = PinholeCamera(250.0, 250.0, 79.5, 59.5, 160, 120)
 """Objects fill most of its picture: a car of 4.4 m is 128 pixels long from the side, at 9 m."""
 
 
-_INDOORS = ("chair", "basket")
-
-
 LEARNED_SHAPES = 3
 """Training shapes that a class model is learned from."""
 
@@ -136,7 +133,7 @@ def view_confusion(
     Returns:
         "level_set": as with any picture; "true_outline": with the true outline in place of the level set.
     """
-    setting = "room" if object_class.name in _INDOORS else "street"
+    setting = "room" if object_class.indoors else "street"
     half_bin = np.pi / model.bins.count
     true: list[int] = []
     chosen: dict[str, list[int | Failure]] = {"level_set": [], "true_outline": []}

@@ -75,7 +75,7 @@ def placed(
         ground_points_m={k: np.zeros(3) for k in feet(model)},
     )
     # where the class side lifts the regions to, carried by the transform and projected
-    fit = _labelled_image_in_units(view, model, turn)
+    fit = _labelled_image_in_units(view, turn)
     assert fit is not None
     regions = []
     for label, rows in view.rings:

@@ -14,12 +14,12 @@ from recon.arrays import UInt8Array
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outlines import fill_polygon
+from recon.pixels import sample_bilinear
 from reports.objects.instance_overlay import instance_overlay
 from reports.objects.mesh_files import (
     MeshView,
     gltf_from_camera,
     gltf_from_object,
-    sample,
     turned_about,
     vertex_colours,
     write_glb,
@@ -175,8 +175,8 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
     uv = first.visual.uv * [1, -1] + [0, 1]
     at = uv * texture.shape[1::-1] - 0.5
     assert meshes[0].uv_px is not None
-    here = sample(texture, at).astype(int)
-    there = sample(photo.rgb, meshes[0].uv_px).astype(int)
+    here = sample_bilinear(texture, at, cv2.BORDER_REPLICATE).astype(int)
+    there = sample_bilinear(photo.rgb, meshes[0].uv_px, cv2.BORDER_REPLICATE).astype(int)
     assert np.abs(here - there).mean() < 1.0
     # the front of the car, at the left of the picture, is at +Z
     lights = meshes[0].uv_px[:, 0] < found.picture.outline_px[:, 0].min() + 20
