@@ -1,4 +1,4 @@
-"""Meshes as files that any viewer opens: GLB with the photograph as texture, PLY with coloured vertices."""
+"""Meshes as files that any viewer opens (textured GLB, coloured PLY), and as a camera sees them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +17,8 @@ from recon.files import atomic_path
 from recon.pixels import sample_bilinear
 from recon.reconstruction.instance import Instance3D
 from reports.objects.object_mesh import PictureMesh
+
+BACKGROUND = (236, 238, 241)
 
 
 def gltf_from_object(instance: Instance3D) -> FloatArray:
@@ -91,9 +93,6 @@ def _geometry(name: str, mesh: PictureMesh, rgb: UInt8Array) -> trimesh.Trimesh:
         material = PBRMaterial(baseColorTexture=Image.fromarray(crop), **rough)
         visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
     return trimesh.Trimesh(mesh.xyz_m, mesh.faces, visual=visual, process=False)
-
-
-BACKGROUND = (236, 238, 241)
 
 
 class MeshView:

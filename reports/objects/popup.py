@@ -1,4 +1,4 @@
-"""3D pop-up scenes of one picture (section 7): objects that stand on the ground, a backdrop, a turntable."""
+"""3D pop-up scenes of one picture (section 7): objects on the ground, a backdrop, a turntable, likeness."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,22 +17,7 @@ from reports.objects.mesh_files import MeshView, gltf_from_camera, turned_about
 from reports.objects.object_mesh import PictureMesh, object_meshes
 from rescore.library.single_picture import FoundObject, Photo
 
-
-def structural_similarity(a: UInt8Array, b: UInt8Array) -> FloatArray:
-    """SSIM (h, w), in [-1, 1], of two grey pictures (h, w); Gaussian windows of sigma 1.5 pixels."""
-    x, y = a.astype(float), b.astype(float)
-
-    def mean(picture: FloatArray) -> FloatArray:
-        return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
-
-    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
-    mx, my = mean(x), mean(y)
-    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
-    return np.asarray((2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
-
-
 Layer = tuple[str, PictureMesh, UInt8Array]
-
 _ROW_STEP_PX = 2.0
 _COLUMN_STEP_PX = 16.0
 """Texture coordinates are linear on triangles. Along a row of level ground that is exact; across rows it is
@@ -302,6 +287,19 @@ def close_camera(
     return PinholeCamera(
         c.fx_px * scale, c.fy_px * scale, float(centre[0]), float(centre[1]), width_px, height_px
     )
+
+
+def structural_similarity(a: UInt8Array, b: UInt8Array) -> FloatArray:
+    """SSIM (h, w), in [-1, 1], of two grey pictures (h, w); Gaussian windows of sigma 1.5 pixels."""
+    x, y = a.astype(float), b.astype(float)
+
+    def mean(picture: FloatArray) -> FloatArray:
+        return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
+
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    mx, my = mean(x), mean(y)
+    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
+    return np.asarray((2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
 
 
 def write_turntable(

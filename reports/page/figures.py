@@ -1,4 +1,4 @@
-"""The interactive curves of the HTML page, for ``reports.charts``."""
+"""The interactive charts of the HTML page: curves of a run or several, image weight, reliability, sweeps."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,11 +12,14 @@ from reports.run.curves import CurveSet
 from reports.run.tables import as_float, interval_text, number, number_text, weight_text
 from rescore.metrics.curve_bands import Band, CurveBands
 
+CARS, CANDIDATES, PRECISION = "Cars found", "Candidate ROC", "Precision and recall"
+RIGHT_EDGE_FPPI = 20.0
+RIGHT_EDGE_LINEAR_FPPI = 5.0
 SWEEP_FACTOR = (0.1, 30.0)
 """Factors beyond are drawn at the edge."""
-
-
 SWEEP_FPPI = (0.03, 20.0)
+Bands = Mapping[tuple[str, str], CurveBands | None]
+"""By detector and mode."""
 
 
 def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGroup | None:
@@ -160,13 +163,6 @@ def _sweep_chart(
     alt = f"{what} over {dial['what']}. " + "; ".join(f"{line.name}: {line.figure}" for line in lines)
     x = Axis(dial["what"], float(at.min()), float(at.max()))
     return Chart(dial["what"], alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)
-
-
-CARS, CANDIDATES, PRECISION = "Cars found", "Candidate ROC", "Precision and recall"
-RIGHT_EDGE_FPPI = 20.0
-RIGHT_EDGE_LINEAR_FPPI = 5.0
-Bands = Mapping[tuple[str, str], CurveBands | None]
-"""By detector and mode."""
 
 
 def curve_group(

@@ -43,16 +43,15 @@ from reports.templating import render
 from rescore.parallel import one_thread, track
 from rescore.results.run_folder import Run, load_run
 
+APPLICATION_ID = "rescore"
 MAX_EXPLAINED = 30
 """So many candidates a frame and detector have pictures of their own: the best before or after rescoring."""
-
-
 _FRAMES_WORTH_A_PROCESS = 12
 """A process takes seconds to start, which fewer frames do not win back."""
-
-
 _BLOCK = 8
 """So many frames a process are on their way at most: what waits to be written must not grow."""
+_CHUNK_BYTES = 2**19
+"""An entity holds back so much before it is written: what is held must not grow with the frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,11 +129,6 @@ def _read(shared: Path) -> FrameMaker:
     maker = pickle.loads(shared.read_bytes())
     assert isinstance(maker, FrameMaker)
     return maker
-
-
-APPLICATION_ID = "rescore"
-_CHUNK_BYTES = 2**19
-"""An entity holds back so much before it is written: what is held must not grow with the frames."""
 
 
 def write_recording(
