@@ -29,12 +29,13 @@ from datasets_synth.street.frame_synth import (
 from datasets_synth.street.pictures import car_picture
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from recon.part_views import save_part_views
 from recon.stereo.accuracy import DisparityError, disparity_error
 from recon.stereo.sgbm import compute_disparity, read_disparity, write_disparity
 from recon.view_bins import ViewBins
 from rescore.data.frames import SPLITS
-from rescore.files import atomic_path, read_json, write_json
+from rescore.files import read_json, write_json
 from rescore.parallel import one_thread
 
 RECORDS = "records"

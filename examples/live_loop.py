@@ -32,7 +32,7 @@ def camera(n_frames: int) -> Iterator[tuple[StereoFrame, np.ndarray]]:
         shot = photograph(cars, cars.test[0], seen_from, lens, np.random.default_rng(0))
         calibration = Camera(lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px)
         yield (
-            StereoFrame(shot.rgb, depth_m=shot.depth_m, camera=calibration, ground=shot.ground),
+            StereoFrame(shot.rgb, depth_m=shot.depth_m, camera=calibration, ground=shot.seen_from.ground),
             shot.xyxy_px,
         )
 

@@ -20,6 +20,7 @@ from recon import (
     DEFAULT_GROUND,
     ClassModel,
     Failure,
+    GroundedCamera,
     PinholeCamera,
     RescoreError,
     best_view_bin,
@@ -38,18 +39,18 @@ def rendered_chair() -> tuple[Photo, np.ndarray, ClassModel]:
     views = labelled_views(chairs, chairs.train[:2], chairs.bins, size_px=160)
     model = learn_class_model(views, "chair", views.part_names)
     camera = PinholeCamera(560.0, 560.0, 239.5, 179.5, 480, 360)
-    seen_from = Viewpoint(chairs.bins.azimuth_rad(1), chairs.elevation_rad)
-    shot = photograph(chairs, chairs.test[0], seen_from, camera, np.random.default_rng(0), "room")
-    return Photo(shot.rgb, shot.camera, shot.ground), shot.xyxy_px, model
+    viewpoint = Viewpoint(chairs.bins.azimuth_rad(1), chairs.elevation_rad)
+    shot = photograph(chairs, chairs.test[0], viewpoint, camera, np.random.default_rng(0), "room")
+    return Photo(shot.rgb, shot.seen_from), shot.xyxy_px, model
 
 
 def own_picture(picture: Path, box: str, model: Path) -> tuple[Photo, np.ndarray, ClassModel]:
     """The same from files. Nothing is known of the camera, so sizes are as right as the default one."""
     rgb = np.asarray(Image.open(picture).convert("RGB"))
     left, top, width, height = (float(part) for part in box.split(","))
-    camera = default_camera(rgb.shape[1], rgb.shape[0])
+    seen_from = GroundedCamera(default_camera(rgb.shape[1], rgb.shape[0]), DEFAULT_GROUND)
     edges = np.array([left, top, left + width, top + height])
-    return Photo(rgb, camera, DEFAULT_GROUND), edges, ClassModel.load(model)
+    return Photo(rgb, seen_from), edges, ClassModel.load(model)
 
 
 def in_3d(photo: Photo, xyxy_px: np.ndarray, model: ClassModel) -> FoundObject:
@@ -64,7 +65,7 @@ def in_3d(photo: Photo, xyxy_px: np.ndarray, model: ClassModel) -> FoundObject:
 def write_object(path: Path, photo: Photo, found: FoundObject) -> None:
     """Write the object with the photograph on it; +Y is up, the origin on the ground below its middle."""
     texture = object_texture(photo.rgb, found)
-    meshes = object_meshes(texture, found.picture, found.instance, photo.camera)
+    meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
     turn = gltf_from_object(found.instance)
     write_glb(path, [(f"object_{i}", mesh.moved(turn), texture) for i, mesh in enumerate(meshes)])
 

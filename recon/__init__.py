@@ -7,7 +7,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, StereoCamera, default_camera
+    from recon.camera import (
+        DEFAULT_GROUND,
+        GroundedCamera,
+        GroundPlane,
+        PinholeCamera,
+        StereoCamera,
+        default_camera,
+    )
     from recon.class_model import ClassModel, ClassPart
     from recon.depth_map import DepthMap
     from recon.errors import Failure, Reason, RescoreError
@@ -27,6 +34,7 @@ __all__ = [
     "DepthMap",
     "Failure",
     "GroundPlane",
+    "GroundedCamera",
     "Instance3D",
     "InstancePart",
     "InstanceQuality",
@@ -53,7 +61,14 @@ __all__ = [
 ]
 
 _HOMES = {
-    "recon.camera": ("DEFAULT_GROUND", "GroundPlane", "PinholeCamera", "StereoCamera", "default_camera"),
+    "recon.camera": (
+        "DEFAULT_GROUND",
+        "GroundPlane",
+        "GroundedCamera",
+        "PinholeCamera",
+        "StereoCamera",
+        "default_camera",
+    ),
     "recon.class_model": ("ClassModel", "ClassPart"),
     "recon.depth_map": ("DepthMap",),
     "recon.errors": ("Failure", "Reason", "RescoreError"),

@@ -44,6 +44,10 @@ class PinholeCamera:
         y = (uv_px[..., 1] - self.cy_px) / self.fy_px
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
+    def row_rays(self, rows_px: FloatArray) -> FloatArray:
+        """Viewing rays with z = 1 through image rows (...) at the column of the principal point, (..., 3)."""
+        return self.rays(np.stack([np.full(rows_px.shape, self.cx_px), rows_px], axis=-1))
+
     def project(self, xyz_cam_m: FloatArray) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) in front of the camera (eqs. 3 and 4)."""
         z = xyz_cam_m[..., 2]
@@ -66,17 +70,30 @@ class StereoCamera:
                 "left and right may be swapped"
             )
 
+    @property
+    def focal_baseline(self) -> float:
+        """Focal length times baseline in px * m: disparity times depth."""
+        return self.left.fx_px * self.baseline_m
+
     def depth_m(self, disparity_px: NDArray[np.floating]) -> Float32Array:
         """Depth in metres; NaN where the disparity is NaN or not positive."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = self.left.fx_px * self.baseline_m / disparity_px
+            depth = self.focal_baseline / disparity_px
         return np.where(disparity_px > 0, depth, np.nan).astype(np.float32)
 
     def disparity_px(self, depth_m: NDArray[np.floating]) -> Float32Array:
         """Disparity in pixels; NaN where the depth is NaN or not positive."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            disparity = self.left.fx_px * self.baseline_m / depth_m
+            disparity = self.focal_baseline / depth_m
         return np.where(depth_m > 0, disparity, np.nan).astype(np.float32)
+
+    def ground_disparity_px(self, ground: "GroundPlane", rows_px: FloatArray) -> FloatArray:
+        """Disparity in pixels of the ground at image rows (...), shape (...); NaN on or above the horizon.
+
+        The camera does not roll, so the ground has one disparity along a row.
+        """
+        slope = self.left.row_rays(rows_px) @ ground.up
+        return np.where(slope < 0, -slope * self.focal_baseline / ground.height_m, np.nan)
 
 
 @dataclass(frozen=True)
@@ -104,6 +121,26 @@ class GroundPlane:
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.where(slope < -1e-6, -self.height_m / slope, np.nan)
         return rays * t[..., None]
+
+
+@dataclass(frozen=True)
+class GroundedCamera:
+    """Where a picture is seen from: a camera, and the ground plane in its frame."""
+
+    camera: PinholeCamera
+    """M; ``default_camera`` where none is known."""
+    ground: GroundPlane
+    """Q_g; ``DEFAULT_GROUND`` where none is known."""
+
+    def ground_points_m(self, uv_px: FloatArray) -> FloatArray:
+        """Ground points (..., 3) seen at pixels (..., 2), camera frame; NaN on or above the horizon."""
+        return self.ground.intersect(self.camera.rays(uv_px))
+
+    def level_direction(self, uv_px: FloatArray) -> FloatArray:
+        """Unit direction (3,) along the ground towards what is seen at a pixel (2,), camera frame."""
+        ray = self.camera.rays(uv_px)
+        forward = ray - (ray @ self.ground.up) * self.ground.up
+        return np.asarray(forward / np.linalg.norm(forward))
 
 
 def default_camera(width_px: int, height_px: int) -> PinholeCamera:

@@ -1,7 +1,6 @@
 """The 3D class model of section 3.1: view bins, labelled images, skeleton, part planes; its file."""
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from recon.outlines import fill_rings, mask_rings
 from recon.part_views import PartView
 from recon.view_bins import ViewBins
@@ -95,9 +95,8 @@ class ClassModel:
 
     def save(self, path: Path) -> None:
         """Write one readable JSON file; ``load`` gives back exactly this model."""
-        temporary = path.with_name(path.name + ".part")
-        temporary.write_text(_dumps(self))
-        os.replace(temporary, path)
+        with atomic_path(path) as beside:
+            beside.write_text(_dumps(self))
 
     @staticmethod
     def load(path: Path) -> "ClassModel":

@@ -1,4 +1,4 @@
-"""The one base class of every error that a user can cause and can mend."""
+"""Why an object has no result, and the base class of every error that a user can cause and can mend."""
 
 from dataclasses import dataclass
 from enum import StrEnum

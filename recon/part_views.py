@@ -1,7 +1,6 @@
 """Part-labelled views: what a class model is learned from (section 3.2), and their files."""
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from recon.view_bins import ViewBins
 
 LABELS_FILE = "part_views.json"
@@ -61,7 +61,8 @@ def save_part_views(directory: Path, part_views: PartViews) -> None:
     for i, view in enumerate(part_views.views):
         name = f"{i:04d}_{view.instance_id}_bin{view.view_bin:02d}.png"
         _, png = cv2.imencode(".png", view.labels)
-        _write(directory / name, png.tobytes())
+        with atomic_path(directory / name) as beside:
+            beside.write_bytes(png.tobytes())
         rows.append({"file_name": name, "view_bin": view.view_bin, "instance_id": view.instance_id})
     head = {
         "format": FORMAT,
@@ -70,7 +71,8 @@ def save_part_views(directory: Path, part_views: PartViews) -> None:
         "elevation_rad": part_views.bins.elevation_rad,
         "views": rows,
     }
-    _write(directory / LABELS_FILE, (json.dumps(head, indent=1) + "\n").encode())
+    with atomic_path(directory / LABELS_FILE) as beside:
+        beside.write_text(json.dumps(head, indent=1) + "\n")
 
 
 def load_part_views(directory: Path) -> PartViews:
@@ -109,9 +111,3 @@ def _load_view(directory: Path, row: dict[str, str]) -> PartView:
             f"{path}: expected an 8-bit PNG of one channel, got something else; write the views again"
         )
     return PartView(int(row["view_bin"]), np.asarray(labels, np.uint8), str(row["instance_id"]))
-
-
-def _write(path: Path, data: bytes) -> None:
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(data)
-    os.replace(temporary, path)

@@ -1,22 +1,21 @@
-"""The gradient of a smoothed picture, as edge and border measures take it."""
+"""Values of pixels: look-up between them, sRGB and linear light, and the gradient of a smoothed picture."""
 
+from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import Float32Array, UInt8Array
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 
 _COLUMNS = 1024
-
-
 _ROWS = 16384
 """cv2.remap refuses 32,767 rows or columns, so the list is folded, and cut where it is very long."""
 
 
 def sample_bilinear(
-    picture: NDArray[Any], xy: Float32Array, border: int, border_value: float = 0.0
+    picture: NDArray[Any], xy: FloatArray | Float32Array, border: int, border_value: float = 0.0
 ) -> NDArray[Any]:
     """Values (n,) or (n, channels) of a picture at points, in the picture's type.
 
@@ -47,6 +46,48 @@ def sample_bilinear(
     return np.concatenate(parts).reshape(-1, *picture.shape[2:])[:n]
 
 
+def linear_from_srgb(rgb: UInt8Array) -> Float32Array:
+    """Linear light in [0, 1] of sRGB bytes, same shape."""
+    return np.asarray(np.take(_linear_of_bytes(), rgb))
+
+
+def srgb_from_linear(linear: Float32Array) -> UInt8Array:
+    """The sRGB bytes of linear light, same shape; clipped to [0, 1]."""
+    return srgb_from_linear_16bit((np.clip(linear, 0, 1) * 65535 + 0.5).astype(np.uint16))
+
+
+def linear_16bit_from_srgb(rgb: UInt8Array) -> NDArray[np.uint16]:
+    """Linear light in [0, 65535] of sRGB bytes, same shape: enough to average, and quick."""
+    return np.asarray(np.take(_linear_16bit_of_bytes(), rgb))
+
+
+def srgb_from_linear_16bit(linear: NDArray[np.uint16]) -> UInt8Array:
+    """The sRGB bytes of linear light in [0, 65535], same shape."""
+    return np.take(_bytes_of_linear(), linear)
+
+
+def linear_from_encoded(srgb: FloatArray) -> FloatArray:
+    """Linear light in [0, 1] of sRGB values in [0, 1], same shape (IEC 61966-2-1)."""
+    return np.asarray(np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4))
+
+
+@lru_cache(maxsize=1)
+def _linear_of_bytes() -> Float32Array:
+    return linear_from_encoded(np.arange(256) / 255).astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _linear_16bit_of_bytes() -> NDArray[np.uint16]:
+    return np.asarray(np.rint(65535 * _linear_of_bytes()), np.uint16)
+
+
+@lru_cache(maxsize=1)
+def _bytes_of_linear() -> UInt8Array:
+    x = np.arange(65536) / 65535
+    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255 * encoded), np.uint8)
+
+
 def smooth_gradient(window: Float32Array, sigma_px: float) -> tuple[Float32Array, Float32Array]:
     """Change a pixel to the right and downwards of a window (h, w, c), each of shape (h, w, c).
 
@@ -58,14 +99,3 @@ def smooth_gradient(window: Float32Array, sigma_px: float) -> tuple[Float32Array
     dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     dy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
     return np.asarray(dx, np.float32), np.asarray(dy, np.float32)
-
-
-_LINEAR = np.where(
-    np.arange(256) <= 10, np.arange(256) / 255 / 12.92, ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4
-).astype(np.float32)
-"""Linear light in [0, 1] of an sRGB byte (IEC 61966-2-1)."""
-
-
-def linear_from_srgb(rgb: UInt8Array) -> Float32Array:
-    """Linear light in [0, 1] of sRGB bytes, same shape."""
-    return np.take(_LINEAR, rgb)

@@ -1,8 +1,8 @@
-"""Shape contexts: matching the points of two outlines.
+"""Shape matching: which points of two outlines belong together, and the warp that follows from them.
 
 After S. Belongie, J. Malik and J. Puzicha, "Shape matching and object recognition using shape contexts",
 IEEE Trans. PAMI 24(4), 2002: log-polar histograms of the other points, compared by chi-squared, matched
-one to one.
+one to one; a thin-plate spline carries what lies between the points along.
 """
 
 from dataclasses import dataclass
@@ -14,25 +14,6 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import pdist
 
 from recon.arrays import Float32Array, FloatArray
-
-
-def thin_plate_operator(controls: FloatArray, points: FloatArray, regularisation: float) -> FloatArray:
-    """The matrix W (p, m) with ``W @ targets`` = where the spline sends ``points`` (p, 2).
-
-    The spline sends ``controls`` (m, 2) near ``targets`` (m, 2): exactly for regularisation 0; the larger,
-    the more affine. The value is in units of the squared mean control distance. W depends on no target, so
-    one matrix serves every candidate of a view bin. Needs three controls that are not on one line.
-    """
-    scale = pdist(controls).mean()
-    # scipy's kernel r^2 log r is half of Bookstein's r^2 log r^2, and so is its smoothing
-    spline = RBFInterpolator(
-        controls / scale,
-        np.eye(len(controls)),
-        kernel="thin_plate_spline",
-        smoothing=regularisation / 2,
-        degree=1,
-    )
-    return np.asarray(spline(points / scale))
 
 
 @dataclass(frozen=True)
@@ -104,3 +85,22 @@ def match(
     moved = ((a0[:, None, :] - b0[None, :, :]) ** 2).sum(axis=2) / max(float(spread), 1e-12)
     rows, partner = linear_sum_assignment(chi + config.position_weight * moved)
     return np.asarray(partner, np.intp), float(chi[rows, partner].mean())
+
+
+def thin_plate_operator(controls: FloatArray, points: FloatArray, regularisation: float) -> FloatArray:
+    """The matrix W (p, m) with ``W @ targets`` = where the spline sends ``points`` (p, 2).
+
+    The spline sends ``controls`` (m, 2) near ``targets`` (m, 2): exactly for regularisation 0; the larger,
+    the more affine. The value is in units of the squared mean control distance. W depends on no target, so
+    one matrix serves every candidate of a view bin. Needs three controls that are not on one line.
+    """
+    scale = pdist(controls).mean()
+    # scipy's kernel r^2 log r is half of Bookstein's r^2 log r^2, and so is its smoothing
+    spline = RBFInterpolator(
+        controls / scale,
+        np.eye(len(controls)),
+        kernel="thin_plate_spline",
+        smoothing=regularisation / 2,
+        degree=1,
+    )
+    return np.asarray(spline(points / scale))

@@ -1,14 +1,12 @@
-"""Files that results live in: written beside and moved into place, so nobody ever reads half a file."""
+"""JSON and tables in one piece, digests of files, and the versions that results depend on."""
 
 import hashlib
 import json
 import math
-import os
 import platform
 import shutil
-import uuid
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from enum import StrEnum
 from functools import lru_cache
 from importlib import metadata
@@ -20,38 +18,7 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
 from recon.errors import RescoreError
-
-
-@contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """A path beside ``path`` to write to; on success it becomes ``path``, on failure nothing is left.
-
-    The temporary name keeps the suffix, since many writers choose the format by it. Its name is unique, so
-    two processes that write the same file do not meet; the last one wins, with a whole file.
-
-    Raises:
-        RescoreError: the folder cannot be written.
-    """
-    beside = path.with_name(f".{uuid.uuid4().hex[:12]}.partial{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield beside
-        if not beside.exists():
-            raise ValueError(f"{path}: nothing was written to the path that atomic_path gave")
-        with beside.open("rb") as written:
-            os.fsync(written.fileno())
-        os.replace(beside, path)
-    except OSError as error:
-        # what the caller reads meanwhile can fail too, and is not for here
-        if error.filename not in {None, str(beside), str(path), *map(str, path.parents)}:
-            raise
-        raise RescoreError(
-            f"{path}: expected to write here, got {error.strerror!r}; "
-            "choose another place or mend the permissions"
-        ) from error
-    finally:
-        with suppress(OSError):
-            beside.unlink()
+from recon.files import atomic_path
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -212,11 +212,9 @@ def modes(data: DataSet, config: RunConfig) -> Row:
     settings = config.rescore
 
     def eq_6_alone(frame: Frame, candidates: Candidates) -> None:
-        camera, ground = assumed_camera(frame, settings.camera)
+        seen_from = assumed_camera(frame, settings.camera)
         boxes = candidates.xyxy_px
-        found = reconstruct(
-            frame.left_rgb, boxes, settings.view_bin, model, camera, ground, settings.reconstruct
-        )
+        found = reconstruct(frame.left_rgb, boxes, settings.view_bin, model, seen_from, settings.reconstruct)
         measured = measured_depth(frame.disparity_px, frame.camera)
         for one, box in zip(found, boxes, strict=True):
             if isinstance(one, Reconstruction):
@@ -306,7 +304,7 @@ def reconstruction() -> list[Timed]:
     model = side_model()
 
     def work() -> None:
-        (found,) = reconstruct(shot.rgb, box[None], 3, model, shot.camera, shot.ground)
+        (found,) = reconstruct(shot.rgb, box[None], 3, model, shot.seen_from)
         assert isinstance(found, Reconstruction), found
 
     work()

@@ -15,7 +15,7 @@ from datasets_synth.render.render import eye_rays, render_pair
 from datasets_synth.render.scene_rays import MISS, RayTree, world_vertices
 from datasets_synth.render.truth import projected_box
 from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.class_model import ClassModel
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.part_views import PartView, PartViews
@@ -29,8 +29,7 @@ class CarPicture:
     """The picture and what it shows."""
 
     rgb: UInt8Array
-    camera: PinholeCamera
-    ground: GroundPlane
+    seen_from: GroundedCamera
     box_px: FloatArray
     """Edges x0, y0, x1, y1."""
     mask: BoolArray
@@ -79,8 +78,7 @@ def car_from(
     part = np.where(face == MISS, 0, items[0].mesh.face_part[face]).astype(np.uint8)
     return CarPicture(
         seen.left_rgb,
-        left,
-        GroundPlane(eye_m),
+        GroundedCamera(left, GroundPlane(eye_m)),
         box,
         mask,
         seen.depth_m,

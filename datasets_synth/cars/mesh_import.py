@@ -19,6 +19,7 @@ from datasets_synth.meshes.mesh import Material, Mesh
 from datasets_synth.meshes.mesh_build import smooth_normals
 from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
+from recon.pixels import linear_from_encoded
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply")
 LENGTH_RANGE_M = (1.5, 20.0)
@@ -176,7 +177,7 @@ def _material(source: Any) -> Material:
         )
     else:
         rgba = np.asarray(source.diffuse, dtype=np.float64) / 255
-        rgb, image = _linear(rgba[:3]), source.image
+        rgb, image = linear_from_encoded(rgba[:3]), source.image
         gloss = np.asarray(source.specular, dtype=np.float64)[:3].mean() / 255
         clear = True
         specular, shininess = 0.4 * float(gloss), float(np.clip(source.glossiness or 32.0, 2, 400))
@@ -207,17 +208,12 @@ def _colour_materials(rgb: FloatArray) -> tuple[IntArray, tuple[Material, ...]]:
     _, index = np.unique(key, return_inverse=True)
     index = index.ravel()
     count = np.bincount(index)
-    mean = np.stack([np.bincount(index, _linear(rgb)[:, k]) / count for k in range(3)], axis=1)
+    mean = np.stack([np.bincount(index, linear_from_encoded(rgb)[:, k]) / count for k in range(3)], axis=1)
     materials = tuple(
         Material(f"colour {i}", (float(r), float(g), float(b)), specular=0.1)
         for i, (r, g, b) in enumerate(mean)
     )  # fmt: skip
     return index.astype(np.int64), materials
-
-
-def _linear(srgb: FloatArray) -> FloatArray:
-    """Linear light of sRGB values in [0, 1] (IEC 61966-2-1)."""
-    return np.asarray(np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4))
 
 
 def _as_mesh(corners: FloatArray, pieces: list[_Piece]) -> Mesh:

@@ -1,4 +1,4 @@
-"""The family of car shapes: what a shape is made of, and the fixed list of shapes."""
+"""The family of car shapes: what a shape is made of, the list of shapes, what every car model offers."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -48,6 +48,8 @@ class ObjectClass:
     """Elevation from which its parts are seen well: the default of its labelled views."""
     solid_parts: tuple[str, ...] = ()
     """Parts one sees through, like a wheel between its spokes, that a person labels as one region."""
+    indoors: bool = False
+    """Whether it is also photographed in a room, not on streets alone."""
 
     def __post_init__(self) -> None:
         both = {s.shape_id for s in self.train} & {s.shape_id for s in self.test}
@@ -160,7 +162,8 @@ def _family(
 
 
 def _chair() -> ObjectClass:
-    return _family("chair", CHAIR_PARTS, chair_shapes(), chair_mesh, 20.0, ("back",))
+    chair = _family("chair", CHAIR_PARTS, chair_shapes(), chair_mesh, 20.0, ("back",))
+    return replace(chair, indoors=True)
 
 
 def _bicycle() -> ObjectClass:
@@ -173,7 +176,7 @@ def _airplane() -> ObjectClass:
 
 
 def _basket() -> ObjectClass:
-    return _family("basket", BASKET_PARTS, basket_shapes(), basket_mesh, 30.0)
+    return replace(_family("basket", BASKET_PARTS, basket_shapes(), basket_mesh, 30.0), indoors=True)
 
 
 def _car() -> ObjectClass:

@@ -17,13 +17,14 @@ from datasets_synth.presets import CarConfig, ClutterConfig, SynthConfig
 from datasets_synth.render.render import render_pair
 from datasets_synth.render.scene_rays import build_scene_rays
 from datasets_synth.street.frame_synth import camera_record
-from datasets_synth.street.layout import GROUND_KINDS, sample_scene
+from datasets_synth.street.layout import sample_scene
 from datasets_synth.street.prop_parts import Pictures
 from recon.arrays import Float32Array, FloatArray
 from recon.camera import GroundPlane
 from recon.errors import RescoreError
 from recon.stereo.sgbm import compute_disparity
 from rescore.data.frames import Frame
+from rescore.data.rendered_kinds import GROUND_KINDS
 
 MAX_ATTEMPTS = 200
 _EMPTY = ClutterConfig(0.0, 0.0, 0.0, 0.0, mural_share=0.0, occluder_share=0.0)

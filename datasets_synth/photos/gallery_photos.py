@@ -18,7 +18,6 @@ _INSTANCES = 6
 _LABEL_SIZE_PX = 160
 _JITTER_RAD = float(np.deg2rad(8.0))
 """Objects are seen from up to this angle beside the middle of their view bin."""
-_INDOORS = ("chair", "basket")
 _BASKET_BIN = 8
 _CARD_RGB = (176, 160, 132)
 _CARD_MARGIN_PX = 4
@@ -63,7 +62,7 @@ def gallery_photo(name: str, view_bin: int, seed: int) -> tuple[str, ObjectPhoto
     rng = np.random.default_rng([seed, view_bin])
     shape = shown.test[view_bin % len(shown.test)]
     azimuth = shown.bins.azimuth_rad(view_bin) + float(rng.uniform(-_JITTER_RAD, _JITTER_RAD))
-    setting = "room" if name in _INDOORS and view_bin % 2 else "street"
+    setting = "room" if shown.indoors and view_bin % 2 else "street"
     viewpoint = Viewpoint(azimuth, shown.elevation_rad)
     return shape.shape_id, photograph(shown, shape, viewpoint, CAMERA, rng, setting)
 

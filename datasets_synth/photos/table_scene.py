@@ -16,7 +16,7 @@ from datasets_synth.meshes.solids import MeshDraft, pose
 from datasets_synth.render.imaging import expose
 from datasets_synth.render.render import render_radiance
 from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from recon.outlines import fill_polygon
 from recon.pixels import linear_from_srgb
@@ -31,6 +31,7 @@ ELEVATION_RAD = float(np.deg2rad(35.0))
 """Elevation of the camera seen from the middle of the table."""
 CAMERA = PinholeCamera(1270.0, 1270.0, 799.5, 599.5, 1600, 1200)
 GROUND = GroundPlane(CAMERA_DISTANCE_M * float(np.sin(ELEVATION_RAD)), ELEVATION_RAD)
+SEEN_FROM = GroundedCamera(CAMERA, GROUND)
 TABLE_MIDDLE_M = np.array([0.0, CAMERA_DISTANCE_M * float(np.cos(ELEVATION_RAD))])
 """Middle of the table in the ground frame (see recon.standing_box), shape (2,)."""
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 
 from datasets_synth.meshes.mesh import Imaging
-from datasets_synth.render.mip_textures import srgb_from_linear
 from recon.arrays import Float32Array, UInt8Array
+from recon.pixels import srgb_from_linear
 
 
 def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Generator) -> UInt8Array:

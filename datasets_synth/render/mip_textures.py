@@ -6,14 +6,18 @@ Mip levels keep a far texture from aliasing; aliasing would differ between the t
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import Float32Array, UInt8Array
-from recon.pixels import sample_bilinear
+from recon.pixels import (
+    linear_16bit_from_srgb,
+    linear_from_srgb,
+    sample_bilinear,
+    srgb_from_linear_16bit,
+)
 
 MAX_TEXTURE_PX = 1024
 """Larger textures are halved first: no object covers more of a picture than this."""
@@ -72,29 +76,6 @@ def sample_textures(
     return colour
 
 
-@lru_cache(maxsize=1)
-def _linear_table() -> Float32Array:
-    c = np.arange(256) / 255
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
-def linear_from_srgb(srgb: UInt8Array) -> Float32Array:
-    """Linear colour in [0, 1] of sRGB bytes, same shape (IEC 61966-2-1)."""
-    return np.asarray(np.take(_linear_table(), srgb))
-
-
-@lru_cache(maxsize=1)
-def _srgb_table() -> UInt8Array:
-    x = np.arange(65536) / 65535
-    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255 * encoded), np.uint8)
-
-
-def srgb_from_linear(linear: Float32Array) -> UInt8Array:
-    """The sRGB bytes of linear colour, same shape; clipped to [0, 1]."""
-    return np.take(_srgb_table(), (np.clip(linear, 0, 1) * 65535 + 0.5).astype(np.uint16))
-
-
 _known: dict[int, tuple[weakref.ref[UInt8Array], MipTexture]] = {}
 
 
@@ -127,19 +108,14 @@ def _build(texture: UInt8Array) -> MipTexture:
 
 def _pyramid(texture: UInt8Array) -> list[UInt8Array]:
     """The texture and its halves down to one texel on the shorter side; averaged in linear light."""
-    linear = np.take(_linear_16bit_table(), texture)  # 16 bits are enough to average, and quick
+    linear = linear_16bit_from_srgb(texture)
     while max(linear.shape[:2]) > MAX_TEXTURE_PX:
         linear = _half(linear)
-    levels = [np.take(_srgb_table(), linear)]
+    levels = [srgb_from_linear_16bit(linear)]
     while min(linear.shape[:2]) > 1:
         linear = _half(linear)
-        levels.append(np.take(_srgb_table(), linear))
+        levels.append(srgb_from_linear_16bit(linear))
     return levels
-
-
-@lru_cache(maxsize=1)
-def _linear_16bit_table() -> NDArray[np.uint16]:
-    return np.asarray(np.rint(65535 * _linear_table()), np.uint16)
 
 
 def _half(linear: NDArray[np.uint16]) -> NDArray[np.uint16]:

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from datasets_synth.meshes.mesh import Scene
 from datasets_synth.render.imaging import expose, rectification_shift
-from datasets_synth.render.mip_textures import srgb_from_linear
 from datasets_synth.render.scene_rays import MISS, Hits, SceneRays
 from datasets_synth.render.shade import Shader, build_shader
 from recon.arrays import BoolArray, Float32Array, UInt8Array
+from recon.pixels import srgb_from_linear
 
 SUBSAMPLES_PX = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
 """Offsets of the rays that smooth an edge: a rotated grid, best for near-level and upright ones."""

@@ -48,6 +48,7 @@ from datasets_synth.street.prop_vehicles import (
     truck_picture,
 )
 from datasets_synth.street.street import bare_trunk, bollards, lamp_post, sign_post, tree
+from rescore.data.rendered_kinds import PICTURE_KINDS
 
 
 def _fixture(
@@ -67,22 +68,26 @@ class Prop:
     build: Callable[[np.random.Generator, Pictures], MeshDraft]
     on: tuple[str, ...]
     """Roles of the strips that it may stand on."""
-    needs_pictures: bool = False
     hides: bool = False
     """Small enough to stand before a car and hide a part of it."""
+
+    @property
+    def needs_pictures(self) -> bool:
+        """Whether it shows a flat picture of a car."""
+        return self.kind in PICTURE_KINDS
 
 
 _WALK = ("pavement", "verge", "square")
 _DRIVE = ("road", "lot")
 PROPS: tuple[Prop, ...] = (
-    Prop("billboard", billboard, ("pavement", "verge", "square", "lot"), True),
-    Prop("hoarding", hoarding, ("pavement", "verge", "square", "lot"), True),
-    Prop("truck_picture", truck_picture, _DRIVE, True),
-    Prop("bus_picture", bus_picture, ("road",), True),
-    Prop("container_picture", container_picture, ("lot", "verge", "square", "road"), True),
-    Prop("banner", banner, (*_WALK, "lot"), True),
-    Prop("showroom", showroom, ("verge", "square"), True),
-    Prop("trailer_picture", trailer_picture, ("lot", "road", "square", "verge"), True),
+    Prop("billboard", billboard, ("pavement", "verge", "square", "lot")),
+    Prop("hoarding", hoarding, ("pavement", "verge", "square", "lot")),
+    Prop("truck_picture", truck_picture, _DRIVE),
+    Prop("bus_picture", bus_picture, ("road",)),
+    Prop("container_picture", container_picture, ("lot", "verge", "square", "road")),
+    Prop("banner", banner, (*_WALK, "lot")),
+    Prop("showroom", showroom, ("verge", "square")),
+    Prop("trailer_picture", trailer_picture, ("lot", "road", "square", "verge")),
     Prop("truck", truck, _DRIVE),
     Prop("bus", bus, ("road",)),
     Prop("caravan", caravan, ("lot", "road", "verge", "square")),

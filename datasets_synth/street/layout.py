@@ -21,9 +21,6 @@ from recon.camera import PinholeCamera, StereoCamera
 
 FACING_LEFT_RAD = np.pi
 """Yaw of a car whose nose points to -x, so that its left side is seen."""
-GROUND_KINDS = frozenset({"road", "pavement", "verge", "square", "kerb"})
-"""Kinds of the ground; everything else is solid and intersects nothing."""
-
 _PICTURE_KINDS = tuple(p.kind for p in PROPS if p.needs_pictures)
 _WHEELED_KINDS = ("truck", "bus", "caravan", "trailer", "boat", "tractor", "minibus", "flatbed", "teardrop")
 _BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")

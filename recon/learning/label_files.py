@@ -1,6 +1,7 @@
-"""Polygons of parts in the files of labelling tools: COCO segmentation JSON, and a folder of LabelMe JSON.
+"""Labelled views from files: rendered ones, or polygons of parts from a labelling tool.
 
-In both, later polygons lie over earlier ones, and coordinates are pixel edges.
+Polygons come as COCO segmentation JSON, or as a folder of LabelMe JSON. In both, later polygons lie over
+earlier ones, and coordinates are pixel edges.
 
 COCO: categories are the parts, and their ``supercategory`` may name the class. Each image has, beside COCO's
 own keys, ``view_bin`` (or ``azimuth_deg``), and ``instance_id`` where several pictures show one object.
@@ -35,7 +36,37 @@ _NOT_PARTS = {"__ignore__", "_background_"}
 """Names that LabelMe's own examples put into labels.txt."""
 _BIN_FLAG, _INSTANCE_FLAG = "view_bin_", "instance_"
 _MAX_PIXELS = 400_000_000
+_KINDS: dict[type, str] = {int: "whole number", str: "text", list: "list"}
 T = TypeVar("T")
+
+
+def read_labelled_views(path: Path, bins: ViewBins | None = None) -> LabelledViews:
+    """The part-labelled views at a path, which may be one of four.
+
+    - a folder with ``part_views.json``, or a data set with such a folder ``part_views`` in it;
+    - a COCO segmentation file (see ``recon.learning.label_files``);
+    - a folder of LabelMe files (see there).
+
+    Args:
+        path: the file or folder.
+        bins: view bins of polygons, None for the defaults; ``part_views.json`` names its own.
+
+    Raises:
+        RescoreError: nothing is there, or it is none of these; or something in it cannot be used.
+    """
+    bins = bins or ViewBins()
+    if path.is_file():
+        return read_coco_polygons(path, bins)
+    for folder in (path, path / "part_views"):
+        if (folder / LABELS_FILE).is_file():
+            views = load_part_views(folder)
+            return LabelledViews(views, None, warnings_of(views))
+    if any(path.glob("*.json")):
+        return read_labelme_polygons(path, bins)
+    raise RescoreError(
+        f"{path}: expected {LABELS_FILE}, a COCO segmentation file or a folder of LabelMe files, found none; "
+        "check the path"
+    )
 
 
 def read_coco_polygons(path: Path, bins: ViewBins) -> LabelledViews:
@@ -229,9 +260,6 @@ def _get(row: dict[str, Any], key: str, kind: type[T], place: str) -> T:
     return value
 
 
-_KINDS: dict[type, str] = {int: "whole number", str: "text", list: "list"}
-
-
 def _instance(row: dict[str, Any], otherwise: str) -> str:
     """The key instance_id, a name or a number; where there is none, the picture is alone of its instance."""
     value = row.get("instance_id")
@@ -266,32 +294,3 @@ def _points(pairs: list[Any], where: str) -> FloatArray:
 def _short(value: object) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def read_labelled_views(path: Path, bins: ViewBins | None = None) -> LabelledViews:
-    """The part-labelled views at a path, which may be one of four.
-
-    - a folder with ``part_views.json``, or a data set with such a folder ``part_views`` in it;
-    - a COCO segmentation file (see ``recon.learning.label_files``);
-    - a folder of LabelMe files (see there).
-
-    Args:
-        path: the file or folder.
-        bins: view bins of polygons, None for the defaults; ``part_views.json`` names its own.
-
-    Raises:
-        RescoreError: nothing is there, or it is none of these; or something in it cannot be used.
-    """
-    bins = bins or ViewBins()
-    if path.is_file():
-        return read_coco_polygons(path, bins)
-    for folder in (path, path / "part_views"):
-        if (folder / LABELS_FILE).is_file():
-            views = load_part_views(folder)
-            return LabelledViews(views, None, warnings_of(views))
-    if any(path.glob("*.json")):
-        return read_labelme_polygons(path, bins)
-    raise RescoreError(
-        f"{path}: expected {LABELS_FILE}, a COCO segmentation file or a folder of LabelMe files, found none; "
-        "check the path"
-    )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from recon.arrays import BoolArray, Float32Array, FloatArray
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera
 from recon.localization.standing_box import StandingBox, cam_from_ground, turn
 
 _MOST = 6.0
@@ -79,22 +79,17 @@ def learn_heading(readings: Sequence[FloatArray], config: HeadingConfig) -> Head
 
 
 def read_surface(
-    light: Float32Array,
-    shape: Posed,
-    camera: PinholeCamera,
-    ground: GroundPlane,
-    config: HeadingConfig,
+    light: Float32Array, shape: Posed, seen_from: GroundedCamera, config: HeadingConfig
 ) -> FloatArray:
     """Redness (cells,) of the visible surface beside the paint, in (-1, 1); 0 where a cell is hidden.
 
     Args:
         light: linear light of the picture, shape (h, w, 3).
         shape: the object.
-        camera: M.
-        ground: Q_g.
+        seen_from: the camera M and the ground plane Q_g.
         config: settings.
     """
-    pose = cam_from_ground(ground)
+    pose = cam_from_ground(seen_from.ground)
     c, s = shape.box.xy_m, turn(shape.box.yaw_rad)
     eye = -pose[:3, :3].T @ pose[:3, 3]
     eye_unit = np.append((eye[:2] - c) @ s, eye[2]) / shape.box.size_m
@@ -103,7 +98,7 @@ def read_surface(
     unit, cell = unit[seen], cell[seen]
     metres = unit * shape.box.size_m
     metres[:, :2] = metres[:, :2] @ s.T + c
-    uv = camera.project(metres @ pose[:3, :3].T + pose[:3, 3])
+    uv = seen_from.camera.project(metres @ pose[:3, :3].T + pose[:3, 3])
     red = _redness_at(light, uv, config)
     off = np.clip((red - np.median(red)) / config.redness, -_MOST, _MOST)
     count = np.bincount(cell, minlength=_cells(config))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera
 from recon.localization.outline_edges import OutlinePoints
 from recon.localization.shape_space import ShapeSpace, sample_hull
 from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground, turn
@@ -113,14 +113,12 @@ class GroundRays:
         return np.asarray(self.origin + t[..., None] * self.direction.reshape(shape))
 
 
-def ground_rays(
-    outline: OutlinePoints, camera: PinholeCamera, ground: GroundPlane, scale: float
-) -> GroundRays:
+def ground_rays(outline: OutlinePoints, seen_from: GroundedCamera, scale: float) -> GroundRays:
     """Rays of points of an outline, which look below the horizon."""
-    pose = cam_from_ground(ground)
-    direction = camera.rays(outline.uv_px) @ pose[:3, :3]
+    pose = cam_from_ground(seen_from.ground)
+    direction = seen_from.camera.rays(outline.uv_px) @ pose[:3, :3]
     return GroundRays(
-        np.array([0.0, 0.0, ground.height_m / scale]),
+        np.array([0.0, 0.0, seen_from.ground.height_m / scale]),
         direction / -direction[:, 2:],
         outline.outside_weight,
         outline.inside_weight,
@@ -147,14 +145,13 @@ class OutlineFit:
         self,
         outline: OutlinePoints,
         space: ShapeSpace,
-        camera: PinholeCamera,
-        ground: GroundPlane,
+        seen_from: GroundedCamera,
         config: JointFitConfig,
     ) -> None:
         self.space, self.config = space, config
-        self.rays = ground_rays(outline, camera, ground, config.model_scale)
+        self.rays = ground_rays(outline, seen_from, config.model_scale)
         few = outline.every(max(1, len(outline.uv_px) // config.coarse_points))
-        self.coarse = ground_rays(few, camera, ground, config.model_scale)
+        self.coarse = ground_rays(few, seen_from, config.model_scale)
         self.start_xy = self._middle()
 
     def _middle(self) -> FloatArray:
@@ -342,8 +339,7 @@ class FitStage:
 def joint_fits(
     outline: OutlinePoints,
     space: ShapeSpace,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     bins: ViewBins,
     config: JointFitConfig,
 ) -> list[FittedInstance]:
@@ -352,12 +348,11 @@ def joint_fits(
     Args:
         outline: its points.
         space: the class.
-        camera: M.
-        ground: Q_g.
+        seen_from: the camera M and the ground plane Q_g.
         bins: view bins; the fit starts from the middle of each.
         config: settings.
     """
-    problem = OutlineFit(outline, space, camera, ground, config)
+    problem = OutlineFit(outline, space, seen_from, config)
     to_camera = float(np.arctan2(-problem.start_xy[1], -problem.start_xy[0]))
     yaws = np.array([to_camera - bins.azimuth_rad(b) for b in range(bins.count)])
     starts = problem.starts(yaws)[: config.kept_starts]

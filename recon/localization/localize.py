@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.localization.heading import Heading, Posed, read_surface
@@ -21,7 +21,7 @@ from recon.outlines import fill_polygon
 from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
 from recon.reconstruction.instance import Instance3D, build_instance
 from recon.reconstruction.occluded_parts import TransformConfig
-from recon.reconstruction.reconstruct import reconstruct_outline
+from recon.reconstruction.reconstruct import Reconstruction, reconstruct_outline
 from recon.reconstruction.view_selection import ViewSelectionConfig, best_view_bin
 from recon.view_bins import ViewBins
 
@@ -85,8 +85,7 @@ def localize_by_parts(
     rgb: UInt8Array,
     ring_px: FloatArray,
     model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: PartsConfig,
 ) -> PartsLocalization | Failure:
     """The report's construction from the likeliest view bins; the instance that fits the outline best.
@@ -98,15 +97,14 @@ def localize_by_parts(
         rgb: the picture, shape (h, w, 3).
         ring_px: outline from the segmentation, shape (m, 2), centres of its border pixels.
         model: the class model.
-        camera: M.
-        ground: Q_g.
+        seen_from: the camera M and the ground plane Q_g.
         config: settings.
     """
     xyxy = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
     choice = best_view_bin(rgb, xyxy, model, config.view, ring_px)
     if isinstance(choice, Failure):
         return choice
-    trial = _PartsTrial(EdgeWindow(rgb, ring_px, config.window), ring_px, model, camera, ground, config)
+    trial = _PartsTrial(EdgeWindow(rgb, ring_px, config.window), ring_px, model, seen_from, config)
     found: list[PartsLocalization] = []
     failures: list[Failure] = []
     bins_left = config.tried_bins
@@ -131,8 +129,7 @@ class _PartsTrial:
     window: EdgeWindow
     ring_px: FloatArray
     model: ClassModel
-    camera: PinholeCamera
-    ground: GroundPlane
+    seen_from: GroundedCamera
     config: PartsConfig
 
     def from_bin(
@@ -142,33 +139,28 @@ class _PartsTrial:
         found: list[PartsLocalization] = []
         failures: list[Failure] = []
         rules, turns_rad = self.config.view.reconstruct, np.deg2rad(turns_deg).tolist()
-        tried = reconstruct_outline(
-            self.ring_px, view_bin, self.model, self.camera, self.ground, rules, turns_rad
-        )
+        tried = reconstruct_outline(self.ring_px, view_bin, self.model, self.seen_from, rules, turns_rad)
         for turn_deg, built in zip(turns_deg, tried, strict=True):
-            instance = (
-                built
-                if isinstance(built, Failure)
-                else build_instance(
-                    built,
-                    view_bin,
-                    self.model,
-                    self.camera,
-                    self.ground,
-                    rules.registration,
-                    self.config.transform,
-                )
-            )
+            instance = self._completed(built, view_bin)
             if isinstance(instance, Failure):
                 failures.append(instance)
             else:
-                box = _standing_box(instance, self.ground)
+                box = _standing_box(instance, self.seen_from.ground)
                 found.append(PartsLocalization(box, instance, turn_deg, cost + self._misfit(instance)))
         return found, failures
 
+    def _completed(self, built: Reconstruction | Failure, view_bin: int) -> Instance3D | Failure:
+        """The whole instance of a reconstruction; a failure stays one."""
+        if isinstance(built, Failure):
+            return built
+        registration = self.config.view.reconstruct.registration
+        return build_instance(
+            built, view_bin, self.model, self.seen_from, registration, self.config.transform
+        )
+
     def _misfit(self, instance: Instance3D) -> float:
         """Cost of an instance in the picture, nats."""
-        visible, iou = _project_model(instance, self.model, self.ring_px, self.camera)
+        visible, iou = _project_model(instance, self.model, self.ring_px, self.seen_from.camera)
         agree = float(self.window.agreement([visible])[0])
         return self.config.overlap_weight * (1 - iou) + self.config.borders_weight * (1 - agree)
 
@@ -215,8 +207,7 @@ def localize_by_fit(
     background: Float32Array,
     ring_px: FloatArray,
     space: ShapeSpace,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: FitConfig,
     heading: Heading | None = None,
 ) -> FitLocalization | Failure:
@@ -230,22 +221,21 @@ def localize_by_fit(
         background: the same of the empty scene.
         ring_px: outline from the segmentation, shape (m, 2), centres of its border pixels.
         space: the shape space of the class.
-        camera: M.
-        ground: Q_g.
+        seen_from: the camera M and the ground plane Q_g.
         config: settings.
         heading: what front and rear look like; None where no pictures were learned from.
     """
-    if not np.isfinite(ground.intersect(camera.rays(ring_px))).all():
+    if not np.isfinite(seen_from.ground_points_m(ring_px)).all():
         return Failure(Reason.ABOVE_HORIZON, "an outline below the horizon expected, got points above it")
     outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
-    fits = joint_fits(outline, space, camera, ground, ViewBins(config.view_bins), config.fit)
-    visible = [_visible_parts(f.parts_m(space, config.fit.model_scale), camera, ground) for f in fits]
+    scale = config.fit.model_scale
+    fits = joint_fits(outline, space, seen_from, ViewBins(config.view_bins), config.fit)
+    visible = [_visible_parts(f.parts_m(space, scale), seen_from) for f in fits]
     agree = EdgeWindow(light, ring_px, config.window).agreement(visible)
     total = [f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)]
     if heading is not None:
-        odds = [
-            _nose_log_odds(light, f, space, camera, ground, config.fit.model_scale, heading) for f in fits
-        ]
+        posed = [Posed(space.hull(f.coefficients), space.reach, f.box(space, scale)) for f in fits]
+        odds = [heading.log_odds(read_surface(light, p, seen_from, heading.config)) for p in posed]
         total = [t - config.heading_weight * o for t, o in zip(total, odds, strict=True)]
     fits = [fits[i] for i in np.argsort(total)]
     best = fits[0]
@@ -256,27 +246,13 @@ def localize_by_fit(
             f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
             f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
         )
-    return FitLocalization(best.box(space, config.fit.model_scale), best, outline)
+    return FitLocalization(best.box(space, scale), best, outline)
 
 
-def _nose_log_odds(
-    light: Float32Array,
-    fit: FittedInstance,
-    space: ShapeSpace,
-    camera: PinholeCamera,
-    ground: GroundPlane,
-    scale: float,
-    heading: Heading,
-) -> float:
-    """Log odds of the heading of a fit against its reverse."""
-    shape = Posed(space.hull(fit.coefficients), space.reach, fit.box(space, scale))
-    return heading.log_odds(read_surface(light, shape, camera, ground, heading.config))
-
-
-def _visible_parts(parts_m: FloatArray, camera: PinholeCamera, ground: GroundPlane) -> list[FloatArray]:
+def _visible_parts(parts_m: FloatArray, seen_from: GroundedCamera) -> list[FloatArray]:
     """Those outlines (p, m, 3) in pixels that turn their outer side, counter-clockwise, to the camera."""
-    pose = cam_from_ground(ground)
+    pose = cam_from_ground(seen_from.ground)
     cam = parts_m @ pose[:3, :3].T + pose[:3, 3]
     normal = np.cross(cam, np.roll(cam, -1, axis=1)).sum(axis=1)
     facing = (normal * cam.mean(axis=1)).sum(axis=1) < 0
-    return [camera.project(outline) for outline in cam[facing]]
+    return [seen_from.camera.project(outline) for outline in cam[facing]]

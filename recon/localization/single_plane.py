@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.localization.standing_box import cam_from_ground
 from recon.outlines import fill_polygon
@@ -55,25 +55,24 @@ def lower_edge(mask: BoolArray) -> FloatArray | Failure:
 
 
 def single_plane(
-    outline_px: FloatArray, ground_line_px: FloatArray, camera: PinholeCamera, ground: GroundPlane
+    outline_px: FloatArray, ground_line_px: FloatArray, seen_from: GroundedCamera
 ) -> SinglePlane | Failure:
     """The vertical surface that stands on the ground line of an object and shows its outline.
 
     Args:
         outline_px: closed outline (m, 2), pixel centres.
         ground_line_px: two points (2, 2) of the line where the object touches the ground.
-        camera: M.
-        ground: Q_g.
+        seen_from: the camera M and the ground plane Q_g.
     """
-    a, b = ground.intersect(camera.rays(ground_line_px))
+    a, b = seen_from.ground_points_m(ground_line_px)
     if not np.isfinite([a, b]).all():
         return Failure(
             Reason.ABOVE_HORIZON,
             "a ground line below the horizon expected, got rows "
             f"{np.round(ground_line_px[:, 1], 1).tolist()}",
         )
-    along = b - a
-    normal = np.cross(along, ground.up)
+    along, up = b - a, seen_from.ground.up
+    normal = np.cross(along, up)
     length = float(np.linalg.norm(normal))
     if length < 1e-9:
         return Failure(Reason.NO_GROUND_CONTACT, "a ground line of two points expected, got one point")
@@ -82,15 +81,15 @@ def single_plane(
     plane = np.append(normal, -normal @ a)
     rows, cols = np.nonzero(_inside(outline_px))
     uv = np.stack([cols, rows], axis=1) + np.floor(outline_px.min(axis=0))
-    outline, inner = _lift(outline_px, plane, camera), _lift(uv, plane, camera)
+    outline, inner = _lift(outline_px, plane, seen_from.camera), _lift(uv, plane, seen_from.camera)
     if outline is None or inner is None:
         return Failure(
             Reason.PARTS_NOT_PLACED, "a surface before the camera expected, the ground line is too steep"
         )
     # a pixel covers more of the surface where it is far: z^3 / |d|, up to what all pixels share
     centroid = np.average(inner, axis=0, weights=inner[:, 2] ** 3)
-    right = np.array([1.0, 0.0, 0.0]) - ground.up[0] * ground.up
-    yaw = float(np.arctan2(along @ np.cross(ground.up, right), along @ right))
+    right = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    yaw = float(np.arctan2(along @ np.cross(up, right), along @ right))
     return SinglePlane(plane, outline, centroid, (yaw + np.pi / 2) % np.pi - np.pi / 2)
 
 

@@ -3,7 +3,8 @@
 A class model holds labels and no colours, so that edges are all it can be compared with. Edges and borders
 are drawn alike: one channel for each direction of the normal, blurred, so that a border that lies a little
 aside still counts. The normalised correlation of the two pays for edges that the borders explain, and charges
-for borders without an edge and for edges without a border.
+for borders without an edge and for edges without a border. ``EdgeWindow`` asks the same of parts that are
+projected into the picture.
 """
 
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from recon.pixels import smooth_gradient
 
 _ROUNDING = 0.02
 """Gradients below this, in units of Lab a pixel, come from rounding; a blank window must have no edges."""
+_MARGIN_PX = 2
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,6 @@ def _every_pixel(polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _blurred(channels: FloatArray | Float32Array, config: BorderEvidenceConfig) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(channels, (0, 0), config.blur_sigma_px), np.float32)
-
-
-_MARGIN_PX = 2
 
 
 @dataclass(frozen=True)

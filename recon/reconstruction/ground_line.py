@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera
 from recon.errors import Failure, Reason
 
 _MIN_FACING = float(np.sin(np.deg2rad(8.0)))
@@ -45,8 +45,7 @@ def ground_line(
     x0_px: int,
     y0_px: int,
     feet_cam: Mapping[int, FloatArray],
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: GroundLineConfig,
     bottom_px: float | None = None,
 ) -> GroundLine | Failure:
@@ -63,8 +62,7 @@ def ground_line(
         y0_px: image row of the window's first row.
         feet_cam: where the parts that may touch the ground stand in the class model, by label, shape (3,),
             turned into the camera frame; any origin and scale.
-        camera: the camera M.
-        ground: the ground plane Q_g.
+        seen_from: the camera M and the ground plane Q_g.
         config: settings.
         bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
             together; None takes them from the labels alone.
@@ -80,7 +78,7 @@ def ground_line(
     if bottom_px is not None:
         down = bottom_px - max(float(at[1]) for at in shown.values())
         shown = {k: at + np.array([0.0, down]) for k, at in shown.items()}
-    sides = _facing_sides(feet_cam, shown, camera, ground)
+    sides = _facing_sides(feet_cam, shown, seen_from)
     area = np.bincount(labels.ravel(), minlength=256)
     sides.sort(key=lambda side: -min(area[k] for k in side))
     first = list(sides[0]) if sides else [max(shown, key=lambda k: (shown[k][1], -k))]
@@ -88,12 +86,12 @@ def ground_line(
     slope, offset, on_line = _fit(at, config.line_tolerance * height)
     first = [label for label, use in zip(first, on_line, strict=True) if use]
     at = at[on_line]
-    expected = _view_slope(at, np.array([feet_cam[k] for k in first]), camera, ground)
+    expected = _view_slope(at, np.array([feet_cam[k] for k in first]), seen_from)
     if expected is not None:
         slope += config.slope_from_view * (expected - slope)
         offset = float(np.mean(at[:, 1] - slope * at[:, 0]))
     feet = np.stack([at[:, 0], slope * at[:, 0] + offset], axis=1)
-    points = ground.intersect(camera.rays(feet))
+    points = seen_from.ground_points_m(feet)
     if not np.isfinite(points).all():
         return Failure(
             Reason.ABOVE_HORIZON,
@@ -106,25 +104,22 @@ def ground_line(
     line = np.stack([columns, slope * columns + offset], axis=1)
     known = dict(zip(first, points, strict=True))
     for side in sides[1:]:
-        known |= _second_line(side, known, shown, feet_cam, camera, ground)
+        known |= _second_line(side, known, shown, feet_cam, seen_from)
     return GroundLine(line, known)
 
 
 def _facing_sides(
     feet_cam: Mapping[int, FloatArray],
     shown: Mapping[int, FloatArray],
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
 ) -> list[tuple[int, ...]]:
     """Labels of the contacts on each side of the footprint that faces the camera, two or more a side.
 
     The footprint is the convex hull of the feet on the ground.
     """
     labels = np.array(list(feet_cam))
-    ray = camera.rays(np.mean(list(shown.values()), axis=0))
-    forward = ray - (ray @ ground.up) * ground.up
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, ground.up)
+    forward = seen_from.level_direction(np.mean(list(shown.values()), axis=0))
+    right = np.cross(forward, seen_from.ground.up)
     flat = np.array([[foot @ right, foot @ forward] for foot in feet_cam.values()])
     if len(flat) < 2:
         return []
@@ -167,8 +162,7 @@ def _second_line(
     known_m: Mapping[int, FloatArray],
     shown: Mapping[int, FloatArray],
     feet_cam: Mapping[int, FloatArray],
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
 ) -> dict[int, FloatArray]:
     """Ground points (3,) of the contacts of a further side that have none yet, by label.
 
@@ -180,12 +174,12 @@ def _second_line(
     for label in (k for k in side if k not in known_m):
         at = shown[label].copy()
         if corner is not None:
-            start = camera.project(known_m[corner])
+            start = seen_from.camera.project(known_m[corner])
             slope = _view_slope(
-                np.stack([start, at]), np.stack([feet_cam[corner], feet_cam[label]]), camera, ground
+                np.stack([start, at]), np.stack([feet_cam[corner], feet_cam[label]]), seen_from
             )
             at[1] = at[1] if slope is None else start[1] + slope * (at[0] - start[0])
-        point = ground.intersect(camera.rays(at))
+        point = seen_from.ground_points_m(at)
         if np.isfinite(point).all():
             found[label] = point
     return found
@@ -216,17 +210,16 @@ def _middle(contact_px: FloatArray) -> tuple[float, float]:
     return float(contact_px[:, 0].mean()), float(contact_px[:, 1].max()) + 0.5
 
 
-def _view_slope(
-    at: FloatArray, feet_cam: FloatArray, camera: PinholeCamera, ground: GroundPlane
-) -> float | None:
+def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera) -> float | None:
     """Slope in the image of the direction from the left to the right foot, at the middle of contacts (n, 2).
 
     None where there is one foot, the middle is not on the ground, or the direction points along the ray.
     """
     first, last = np.argmin(at[:, 0]), np.argmax(at[:, 0])
     along = feet_cam[last] - feet_cam[first]
-    along = along - (along @ ground.up) * ground.up
-    middle = ground.intersect(camera.rays(at.mean(axis=0)))
+    up, camera = seen_from.ground.up, seen_from.camera
+    along = along - (along @ up) * up
+    middle = seen_from.ground_points_m(at.mean(axis=0))
     if first == last or not np.isfinite(middle).all() or np.linalg.norm(along) < 1e-6:
         return None
     # a short step: the line is straight in the image, and both ends stay in front of the camera

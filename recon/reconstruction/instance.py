@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import Failure
@@ -164,8 +164,7 @@ def build_instance(
     found: Reconstruction,
     view_bin: int,
     model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     registration: RegistrationConfig | None = None,
     transform: TransformConfig | None = None,
     occluded: BoolArray | None = None,
@@ -176,19 +175,18 @@ def build_instance(
         found: what ``reconstruct`` returned, fresh (evidence files leave out what is needed here).
         view_bin: the bin that it was reconstructed with.
         model: the class model.
-        camera: the camera that it was reconstructed with.
-        ground: the ground plane likewise.
+        seen_from: the camera and the ground plane that it was reconstructed with.
         registration: the settings of part registration that it was reconstructed with.
         transform: settings of the transform of section 4.4.
         occluded: pixels (h, w) of the picture where something else hides the object; that they do not show a
             part says nothing. None for no such pixels.
     """
     view = prepare_view(model, view_bin, registration or RegistrationConfig())
-    moved = class_to_instance(found, view_bin, view, model, camera, ground, transform)
+    moved = class_to_instance(found, view, seen_from, transform)
     if isinstance(moved, Failure):
         return moved
-    pose, size = _box(moved, model, ground)
-    placed = _seen_parts(found, model, camera)
+    pose, size = _box(moved, model, seen_from.ground)
+    placed = _seen_parts(found, model, seen_from.camera)
     astray = _astray(placed, moved, model, pose, size)
     seen = [p for p in placed if p.label not in astray]
     have = {p.label for p in seen}
@@ -199,7 +197,7 @@ def build_instance(
         for p in model.parts
         if p.label not in have
     ]
-    absent = _absent(found, seen, predicted, camera, occluded)
+    absent = _absent(found, seen, predicted, seen_from.camera, occluded)
     predicted = [p for p in predicted if p.label not in absent]
     unplaced = found.unplaced_parts | astray | absent
     return Instance3D(

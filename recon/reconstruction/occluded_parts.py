@@ -7,8 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from recon.arrays import FloatArray
-from recon.camera import GroundPlane, PinholeCamera
-from recon.class_model import ClassModel
+from recon.camera import GroundedCamera, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.learning.primitives import lift
 from recon.reconstruction.part_registration import PreparedView
@@ -94,11 +93,8 @@ class PartCorrespondences:
 
 def class_to_instance(
     found: Reconstruction,
-    view_bin: int,
     view: PreparedView,
-    model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: TransformConfig | None = None,
 ) -> ClassToInstance | Failure:
     """The transform that carries the class model onto the placed parts of an instance.
@@ -110,34 +106,31 @@ def class_to_instance(
 
     Args:
         found: the reconstruction.
-        view_bin: the bin that it is seen from.
-        view: the model side of that bin (``prepare_view``).
-        model: the class model.
-        camera: M.
-        ground: Q_g.
+        view: the model side of the bin that it is seen from (``prepare_view``).
+        seen_from: the camera M and the ground plane Q_g.
         config: settings; None for the defaults.
     """
     config = config or TransformConfig()
-    parts = part_correspondences(found, model.bins.view_from_object(view_bin), view, model, camera)
+    parts = part_correspondences(found, view, seen_from.camera)
     if len(parts) < config.min_parts:
         return Failure(
             Reason.PARTS_NOT_PLACED,
             f"at least {config.min_parts} placed parts of the class model expected to carry it over, "
             f"got {len(parts)}",
         )
-    foot = feet(model)
+    foot = feet(view.model)
     contacts = [k for k in found.ground_points_m if k in foot]
     heights = np.array([foot[k][2] for k in contacts])
-    scale, shift, weights = _fit(parts, heights, -ground.height_m, config)
+    scale, shift, weights = _fit(parts, heights, -seen_from.ground.height_m, config)
     if not (np.isfinite(scale).all() and (scale > 0).all()):
         return Failure(
             Reason.PARTS_NOT_PLACED,
             f"placed parts that fix a positive scale expected, got {np.round(scale, 3).tolist()} m a unit",
         )
     if config.calibrated_ground:
-        scale, shift = _as_seen_on_ground(scale, shift, found, model, camera, ground, config)
+        scale, shift = _as_seen_on_ground(scale, shift, found, view, seen_from, config)
     else:
-        scale, shift = _as_large_as_seen(scale, shift, found, view, model, camera)
+        scale, shift = _as_large_as_seen(scale, shift, found, view, seen_from.camera)
     residual = {
         k: float(np.sqrt(((p.model * scale + shift - p.instance) ** 2).sum(axis=1).mean()))
         for k, p in parts.items()
@@ -152,7 +145,6 @@ def _as_large_as_seen(
     shift: FloatArray,
     found: Reconstruction,
     view: PreparedView,
-    model: ClassModel,
     camera: PinholeCamera,
 ) -> tuple[FloatArray, FloatArray]:
     """Scale and shift with which the parts of the labelled image are as wide and as high as the outline.
@@ -162,7 +154,7 @@ def _as_large_as_seen(
     """
     outline, size = found.outline_px, np.array([camera.width_px, camera.height_px])
     labelled = {label for label, _ in view.rings}
-    points = np.concatenate([p.outline for p in model.parts if p.label in labelled])
+    points = np.concatenate([p.outline for p in view.model.parts if p.label in labelled])
     seen = (points * scale + shift) @ found.cam_from_object.T
     if (outline < 1).any() or (outline > size - 2).any() or (seen[:, 2] <= 0).any():
         return scale, shift
@@ -177,9 +169,8 @@ def _as_seen_on_ground(
     scale: FloatArray,
     shift: FloatArray,
     found: Reconstruction,
-    model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    view: PreparedView,
+    seen_from: GroundedCamera,
     config: TransformConfig,
 ) -> tuple[FloatArray, FloatArray]:
     """Scale and shift with which the whole model stands on the ground and fills the box of the outline.
@@ -188,8 +179,9 @@ def _as_seen_on_ground(
     the whole is, and the ground how far. So the box is fitted, near the parts and near the class model's
     proportions. An outline that the picture cuts off says nothing.
     """
+    camera, height_m = seen_from.camera, seen_from.ground.height_m
     outline, size = found.outline_px, np.array([camera.width_px, camera.height_px])
-    points = np.concatenate([p.outline for p in model.parts])
+    points = np.concatenate([p.outline for p in view.model.parts])
     low, high = points.min(axis=0), points.max(axis=0)
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     nearest = float(((points * scale + shift) @ found.cam_from_object.T)[:, 2].min())
@@ -202,7 +194,7 @@ def _as_seen_on_ground(
 
     def moved(unknown: FloatArray) -> tuple[FloatArray, FloatArray]:
         new = np.exp(unknown[:3])
-        return new, np.append(unknown[3:], -ground.height_m) - new * foot
+        return new, np.append(unknown[3:], -height_m) - new * foot
 
     def residual(unknown: FloatArray) -> FloatArray:
         new, by = moved(unknown)
@@ -223,14 +215,12 @@ def _as_seen_on_ground(
 
 
 def part_correspondences(
-    found: Reconstruction,
-    rotation: FloatArray,
-    view: PreparedView,
-    model: ClassModel,
-    camera: PinholeCamera,
+    found: Reconstruction, view: PreparedView, camera: PinholeCamera
 ) -> dict[int, PartCorrespondences]:
-    """Corresponding points of every placed part, by label; ``rotation`` (3, 3) is T_alpha of the view bin."""
-    to_units = _labelled_image_in_units(view, model, rotation)
+    """Corresponding points of every placed part, by label."""
+    model = view.model
+    rotation = model.bins.view_from_object(view.view_bin)
+    to_units = _labelled_image_in_units(view, rotation)
     if to_units is None:
         return {}
     scale, shift = to_units
@@ -262,9 +252,7 @@ def _on_class_plane(units: FloatArray, plane: FloatArray, rotation: FloatArray) 
     return np.asarray(through + (units - through @ rotation[:2].T) @ lift(plane[None, :3], rotation)[0].T)
 
 
-def _labelled_image_in_units(
-    view: PreparedView, model: ClassModel, rotation: FloatArray
-) -> tuple[float, FloatArray] | None:
+def _labelled_image_in_units(view: PreparedView, rotation: FloatArray) -> tuple[float, FloatArray] | None:
     """Scale and shift (2,) from pixels of the labelled image to the model as its view bin shows it.
 
     They carry the centroids of the regions onto those of the parts, as learning did.
@@ -272,7 +260,7 @@ def _labelled_image_in_units(
     rows: dict[int, list[FloatArray]] = {}
     for label, which in view.rings:
         rows.setdefault(label, []).append(view.region_points[which])
-    known = {p.label: p for p in model.parts}
+    known = {p.label: p for p in view.model.parts}
     labels = [k for k in rows if k in known]
     if len(labels) < 2:
         return None

@@ -64,6 +64,8 @@ class CanonicalGrid:
 class PreparedView:
     """The model side of segmentation and registration for one view bin."""
 
+    model: ClassModel
+    view_bin: int
     grid: CanonicalGrid
     phi: Float32Array
     """Shape (h, w): signed distance of the labelled outline on the canonical grid, negative inside."""
@@ -105,7 +107,9 @@ def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -
     rings, points = _region_rings(labels)
     warp = thin_plate_operator(outline, canonical(points), config.regularisation)
     context = shape_contexts(outline, config.shape_context)
-    return PreparedView(grid, phi.astype(np.float32), outline, context, rings, points + corner, warp)
+    return PreparedView(
+        model, view_bin, grid, phi.astype(np.float32), outline, context, rings, points + corner, warp
+    )
 
 
 def canonical_grid(aspect: float, config: RegistrationConfig) -> CanonicalGrid:

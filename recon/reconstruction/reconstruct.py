@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
@@ -88,8 +88,7 @@ def reconstruct(
     xyxy_px: FloatArray,
     view_bin: int,
     model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: ReconstructConfig | None = None,
 ) -> tuple[Reconstruction | Failure, ...]:
     """The 3D instance in each box, or why there is none; one result a box, in order.
@@ -99,14 +98,13 @@ def reconstruct(
         xyxy_px: boxes, shape (n, 4), pixel edges.
         view_bin: the bin that all boxes are seen from.
         model: the class model.
-        camera: M; ``default_camera`` where none is known.
-        ground: Q_g; ``DEFAULT_GROUND`` where none is known.
+        seen_from: the camera M and the ground plane Q_g.
         config: settings; None for the defaults.
 
     Raises:
         RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
     """
-    config = config or ReconstructConfig()
+    config, camera = config or ReconstructConfig(), seen_from.camera
     if rgb.shape != (camera.height_px, camera.width_px, 3):
         raise RescoreError(
             f"picture: expected {camera.width_px} x {camera.height_px} pixels as the camera says, "
@@ -122,7 +120,7 @@ def reconstruct(
         results[i] = (
             outline
             if isinstance(outline, Failure)
-            else _from_outline(boxes[i], outline, view, view_bin, model, camera, ground, config)
+            else _from_outline(outline, boxes[i], view, seen_from, config)
         )
     return tuple(r for r in results if r is not None)
 
@@ -131,8 +129,7 @@ def reconstruct_outline(
     ring_px: FloatArray,
     view_bin: int,
     model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: ReconstructConfig,
     turns_rad: Sequence[float] = (0.0,),
 ) -> tuple[Reconstruction | Failure, ...]:
@@ -144,26 +141,22 @@ def reconstruct_outline(
         ring_px: the closed outline, shape (m, 2), centres of its border pixels.
         view_bin: the bin that it is taken to be seen from.
         model: the class model.
-        camera: M.
-        ground: Q_g.
+        seen_from: the camera M and the ground plane Q_g.
         config: settings.
         turns_rad: azimuth of the camera seen from the object, less that of the bin.
     """
     view = prepare_view(model, view_bin, config.registration)
     box = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
-    failure = check_box(box, view.grid, (camera.width_px, camera.height_px), config)
+    picture_px = (seen_from.camera.width_px, seen_from.camera.height_px)
+    failure = check_box(box, view.grid, picture_px, config)
     if failure is not None:
         return (failure,) * len(turns_rad)
     to_image = grid_to_image(view.grid, box)
-    outline = (ring_px - to_image.shift) / to_image.scale
-    parts = register_parts(outline, view, config.registration)
-    if isinstance(parts, Failure):
-        return (parts,) * len(turns_rad)
-    level = view_rotation(model, view_bin, box, camera, ground)
-    return tuple(
-        _instance(outline, parts, view, to_image, level @ _about_z(-turn), model, camera, ground, config)
-        for turn in turns_rad
-    )
+    shown = _register((ring_px - to_image.shift) / to_image.scale, to_image, view, config)
+    if isinstance(shown, Failure):
+        return (shown,) * len(turns_rad)
+    level = view_rotation(view, box, seen_from)
+    return tuple(_instance(shown, level @ _about_z(-turn), seen_from, config) for turn in turns_rad)
 
 
 def segment(
@@ -179,43 +172,59 @@ def segment(
     return tuple(zero_level(p, view.phi, config.min_outline_iou) for p in phi)
 
 
-def _from_outline(
-    box_px: FloatArray,
-    outline: FloatArray,
-    view: PreparedView,
-    view_bin: int,
-    model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
-    config: ReconstructConfig,
-) -> Reconstruction | Failure:
-    """From the outline on: register parts, find the ground line, place the planes."""
+@dataclass(frozen=True, eq=False)
+class _RegisteredView:
+    """A labelled view deformed to an outline in the picture."""
+
+    view: PreparedView
+    parts: RegisteredParts
+    to_image: GridToImage
+    outline_px: FloatArray
+    """The outline, shape (m, 2)."""
+
+    @property
+    def box_bottom_px(self) -> float:
+        """Image row of the lower edge of the box, pixel centres."""
+        grid = self.view.grid
+        return float(self.to_image(np.array([0.0, grid.margin_px + grid.box_height_px - 0.5]))[1])
+
+
+def _register(
+    outline: FloatArray, to_image: GridToImage, view: PreparedView, config: ReconstructConfig
+) -> _RegisteredView | Failure:
+    """The view deformed to an outline (m, 2) in canonical coordinates."""
     parts = register_parts(outline, view, config.registration)
     if isinstance(parts, Failure):
         return parts
-    to_image = grid_to_image(view.grid, box_px)
-    turned = view_rotation(model, view_bin, box_px, camera, ground)
-    return _instance(outline, parts, view, to_image, turned, model, camera, ground, config)
+    return _RegisteredView(view, parts, to_image, to_image(outline))
+
+
+def _from_outline(
+    outline: FloatArray,
+    box_px: FloatArray,
+    view: PreparedView,
+    seen_from: GroundedCamera,
+    config: ReconstructConfig,
+) -> Reconstruction | Failure:
+    """From the outline on: register parts, find the ground line, place the planes."""
+    shown = _register(outline, grid_to_image(view.grid, box_px), view, config)
+    if isinstance(shown, Failure):
+        return shown
+    return _instance(shown, view_rotation(view, box_px, seen_from), seen_from, config)
 
 
 def _instance(
-    outline: FloatArray,
-    parts: RegisteredParts,
-    view: PreparedView,
-    to_image: GridToImage,
+    shown: _RegisteredView,
     cam_from_object: FloatArray,
-    model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: ReconstructConfig,
 ) -> Reconstruction | Failure:
     """From the registered parts on: find the ground line, place the planes."""
-    outline_px = to_image(outline)
-    labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
+    model, camera = shown.view.model, seen_from.camera
+    labels, x0_px, y0_px = _part_labels(shown, camera)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
-    box_bottom = np.array([0.0, view.grid.margin_px + view.grid.box_height_px - 0.5])
-    bottom_px = float(to_image(box_bottom)[1]) if config.box_bottom_is_ground else None
-    line = ground_line(labels, x0_px, y0_px, feet_cam, camera, ground, config.ground_line, bottom_px)
+    bottom_px = shown.box_bottom_px if config.box_bottom_is_ground else None
+    line = ground_line(labels, x0_px, y0_px, feet_cam, seen_from, config.ground_line, bottom_px)
     if isinstance(line, Failure):
         return line
     placed = place_instance(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
@@ -227,8 +236,8 @@ def _instance(
             f"got {placed.placed_share:.0%} ({why or 'depth limits'})",
         )
     return Reconstruction(
-        outline_px=outline_px,
-        initial_outline_px=to_image(view.outline),
+        outline_px=shown.outline_px,
+        initial_outline_px=shown.to_image(shown.view.outline),
         x0_px=x0_px,
         y0_px=y0_px,
         part_labels=labels,
@@ -237,28 +246,24 @@ def _instance(
         depth=DepthMap(x0_px, y0_px, placed.depth),
         ground_line_px=line.line_px,
         cam_from_object=cam_from_object,
-        registration_cost=parts.cost,
+        registration_cost=shown.parts.cost,
         placed_share=placed.placed_share,
-        part_regions=tuple((label, to_image(polygon)) for label, polygon in parts.regions),
+        part_regions=tuple((label, shown.to_image(polygon)) for label, polygon in shown.parts.regions),
         ground_points_m=line.points_m,
     )
 
 
-def view_rotation(
-    model: ClassModel, view_bin: int, box_px: FloatArray, camera: PinholeCamera, ground: GroundPlane
-) -> FloatArray:
+def view_rotation(view: PreparedView, box_px: FloatArray, seen_from: GroundedCamera) -> FloatArray:
     """Rotation (3, 3) from the object frame to the camera frame for an object in a box.
 
     T_alpha says how the object is turned towards the ray on which it is seen. Under perspective that ray is
     not the optical axis, so the view frame is turned about the vertical onto the ray through the middle of
     the box; and the vertical is that of the ground plane, which replaces the elevation of the labelled views.
     """
-    centre = (box_px[:2] + box_px[2:]) / 2 - 0.5
-    ray = camera.rays(centre)
-    forward = ray - (ray @ ground.up) * ground.up
-    forward /= np.linalg.norm(forward)
-    cam_from_view = np.stack([np.cross(-ground.up, forward), -ground.up, forward], axis=1)
-    return np.asarray(cam_from_view @ model.bins.level_view_from_object(view_bin))
+    forward = seen_from.level_direction((box_px[:2] + box_px[2:]) / 2 - 0.5)
+    down = -seen_from.ground.up
+    cam_from_view = np.stack([np.cross(down, forward), down, forward], axis=1)
+    return np.asarray(cam_from_view @ view.model.bins.level_view_from_object(view.view_bin))
 
 
 def _about_z(angle_rad: float) -> FloatArray:
@@ -308,17 +313,15 @@ def check_extent(box_px: FloatArray, picture_px: tuple[int, int], min_inside: fl
     return None
 
 
-def _part_labels(
-    parts: RegisteredParts, outline_px: FloatArray, to_image: GridToImage, camera: PinholeCamera
-) -> tuple[UInt8Array, int, int]:
+def _part_labels(shown: _RegisteredView, camera: PinholeCamera) -> tuple[UInt8Array, int, int]:
     """Labels of the pixels inside the outline, in the outline's window, and the window's place (x0, y0)."""
-    size = np.array([camera.width_px, camera.height_px])
+    outline_px, size = shown.outline_px, np.array([camera.width_px, camera.height_px])
     low = np.clip(np.floor(outline_px.min(axis=0)), 0, size - 1).astype(int)
     high = np.clip(np.ceil(outline_px.max(axis=0)) + 1, low + 1, size).astype(int)
     width, height = (high - low).tolist()
     labels = np.zeros((height, width), np.uint8)
-    for label, polygon in parts.regions:
-        points = np.round((to_image(polygon) - low) * 16).astype(np.int32)
+    for label, polygon in shown.parts.regions:
+        points = np.round((shown.to_image(polygon) - low) * 16).astype(np.int32)
         cv2.fillPoly(labels, [points], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
     return fill_gaps(labels, inside), int(low[0]), int(low[1])

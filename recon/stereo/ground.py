@@ -158,12 +158,11 @@ class _Points:
         step = max(1, round(float(np.sqrt(h * w / config.n_points))))
         rows, columns = np.arange(step // 2, h, step), np.arange(step // 2, w, step)
         seen = disparity_px[np.ix_(rows, columns)]
-        focal_baseline = camera.left.fx_px * camera.baseline_m
-        least = max(config.min_disparity_px, focal_baseline / config.farthest_m)
+        least = max(config.min_disparity_px, camera.focal_baseline / config.farthest_m)
         # of infinity there is nothing to fit to
         i, j = np.nonzero(np.isfinite(seen) & (seen >= least))
         uv = np.stack([columns[j], rows[i]], axis=1).astype(float)
-        rays = camera.left.rays(uv) * focal_baseline
+        rays = camera.left.rays(uv) * camera.focal_baseline
         return _Points(rays, uv, seen[i, j].astype(float), seen.size, least, w)
 
 

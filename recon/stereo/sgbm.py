@@ -4,7 +4,6 @@ The matcher is Hirschmüller's semi-global matching (PAMI 2008) as OpenCV builds
 """
 
 import io
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from PIL import Image
 from recon.arrays import Float32Array, UInt8Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
+from recon.files import atomic_path
 
 PNG_SCALE = 256.0
 """Value of a disparity file for one pixel of disparity (KITTI's convention)."""
@@ -79,7 +79,7 @@ def disparities_to_reach(camera: StereoCamera, nearest_m: float, offset_px: floa
         offset_px: cx of the right picture less cx of the left (Middlebury's doffs); matched disparities are
             smaller by it.
     """
-    largest_px = max(0.0, camera.left.fx_px * camera.baseline_m / nearest_m - offset_px)
+    largest_px = max(0.0, camera.focal_baseline / nearest_m - offset_px)
     return disparities_beyond(largest_px)
 
 
@@ -228,9 +228,5 @@ def write_disparity(path: Path, disparity_px: Float32Array) -> None:
     done, encoded = cv2.imencode(".png", value.astype(np.uint16))
     if not done:
         raise RescoreError(f"{path}: could not encode a disparity of shape {disparity_px.shape} as PNG")
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with atomic_path(path) as beside:
         beside.write_bytes(encoded.tobytes())
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Meshes as files that any viewer opens: GLB with the photograph as texture, PLY with coloured vertices."""
+"""Meshes as files that any viewer opens (textured GLB, coloured PLY), and as a camera sees them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +13,11 @@ from trimesh.visual.material import PBRMaterial
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera
+from recon.files import atomic_path
+from recon.pixels import sample_bilinear
 from recon.reconstruction.instance import Instance3D
 from reports.objects.object_mesh import PictureMesh
 from reports.palette import PAPER, rgb
-from rescore.files import atomic_path
 
 
 def gltf_from_object(instance: Instance3D) -> FloatArray:
@@ -73,20 +74,7 @@ def vertex_colours(mesh: PictureMesh, rgb: UInt8Array) -> UInt8Array:
     """Colour (n, 3) of each vertex."""
     if mesh.uv_px is None:
         return np.tile(np.array(mesh.rgb, np.uint8), (len(mesh.xyz_m), 1))
-    return sample(rgb, mesh.uv_px)
-
-
-def sample(rgb: UInt8Array, uv_px: FloatArray) -> UInt8Array:
-    """Colours (n, 3) of a picture at pixel coordinates (n, 2), bilinear, the border repeated."""
-    if not len(uv_px):
-        return np.zeros((0, 3), np.uint8)
-    columns = 4096
-    padded = np.zeros((-(-len(uv_px) // columns) * columns, 2), np.float32)
-    padded[: len(uv_px)] = uv_px
-    grid = padded.reshape(-1, columns, 2)
-    # remap takes no more than 32,767 rows or columns at a time
-    out = cv2.remap(rgb, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(out, np.uint8).reshape(-1, 3)[: len(uv_px)]
+    return np.asarray(sample_bilinear(rgb, mesh.uv_px, cv2.BORDER_REPLICATE))
 
 
 def _geometry(name: str, mesh: PictureMesh, rgb: UInt8Array) -> trimesh.Trimesh:
@@ -151,7 +139,8 @@ class MeshView:
                 continue
             corners = mesh.uv_px[mesh.faces[face[own]]]
             a, b = share[own, 0, None], share[own, 1, None]
-            out[own] = sample(photo, (1 - a - b) * corners[:, 0] + a * corners[:, 1] + b * corners[:, 2])
+            uv_px = (1 - a - b) * corners[:, 0] + a * corners[:, 1] + b * corners[:, 2]
+            out[own] = sample_bilinear(photo, uv_px, cv2.BORDER_REPLICATE)
         return out, which != o3d.t.geometry.RaycastingScene.INVALID_ID
 
 

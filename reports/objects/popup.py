@@ -1,4 +1,4 @@
-"""3D pop-up scenes of one picture (section 7): objects that stand on the ground, a backdrop, a turntable."""
+"""3D pop-up scenes of one picture (section 7): objects on the ground, a backdrop, a turntable, likeness."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,30 +9,15 @@ import numpy as np
 from PIL import Image
 
 from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
+from recon.files import atomic_path
 from recon.outlines import fill_polygon
 from reports.objects.fill_in import filled_from_beside
 from reports.objects.mesh_files import MeshView, gltf_from_camera, turned_about
 from reports.objects.object_mesh import PictureMesh, object_meshes
-from rescore.files import atomic_path
 from rescore.library.single_picture import FoundObject, Photo
 
-
-def structural_similarity(a: UInt8Array, b: UInt8Array) -> FloatArray:
-    """SSIM (h, w), in [-1, 1], of two grey pictures (h, w); Gaussian windows of sigma 1.5 pixels."""
-    x, y = a.astype(float), b.astype(float)
-
-    def mean(picture: FloatArray) -> FloatArray:
-        return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
-
-    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
-    mx, my = mean(x), mean(y)
-    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
-    return np.asarray((2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
-
-
 Layer = tuple[str, PictureMesh, UInt8Array]
-
 _ROW_STEP_PX = 2.0
 _COLUMN_STEP_PX = 16.0
 """Texture coordinates are linear on triangles. Along a row of level ground that is exact; across rows it is
@@ -58,16 +43,16 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
     layers: list[Layer] = []
     for i, one in enumerate(objects):
         texture = object_texture(photo.rgb, one)
-        meshes = object_meshes(texture, one.picture, one.instance, photo.camera, one.occluded)
+        meshes = object_meshes(texture, one.picture, one.instance, photo.seen_from.camera, one.occluded)
         names = [f"{one.instance.class_name}_{i + 1}_{k}" for k in range(len(meshes))]
         layers += [(name, mesh, texture) for name, mesh in zip(names, meshes, strict=True)]
-    far = backdrop_distance_m(objects, photo.ground)
+    far = backdrop_distance_m(objects, photo.seen_from.ground)
     empty = without_objects(photo, objects, far)
     layers += [
         (name, mesh, empty)
         for name, mesh in (
-            ("ground", ground_mesh(photo.camera, photo.ground, far)),
-            ("backdrop", backdrop_mesh(photo.camera, photo.ground, far)),
+            ("ground", ground_mesh(photo.seen_from, far)),
+            ("backdrop", backdrop_mesh(photo.seen_from, far)),
         )
         if len(mesh.faces)
     ]
@@ -80,13 +65,13 @@ def without_objects(photo: Photo, objects: Sequence[FoundObject], far_m: float) 
     The ground up to ``far_m`` is filled in as seen from above, the backdrop as seen from the camera. Nothing
     is taken from the boxes of the objects: there may be limbs that an outline has lost.
     """
-    rgb, camera, ground = photo.rgb, photo.camera, photo.ground
+    rgb, seen_from = photo.rgb, photo.seen_from
     shape = rgb.shape[:2]
     hidden, boxes = _hidden(shape, objects)
-    fold = int(np.ceil(np.clip(_fold_row(camera, ground, far_m), 0, camera.height_px)))
+    fold = int(np.ceil(np.clip(_fold_row(seen_from, far_m), 0, seen_from.camera.height_px)))
     out, left = rgb.copy(), hidden.copy()
     out[:fold], left[:fold] = filled_from_beside(rgb[:fold], hidden[:fold], ~hidden[:fold], ~boxes[:fold])
-    plan = ground_plan(camera, ground, fold, far_m)
+    plan = ground_plan(seen_from, fold, far_m)
     if plan is not None and hidden[fold:].any():
         unknown = plan.warp(hidden.astype(np.uint8)) > 0
         seen, known = ((plan.warp(255 * m.astype(np.uint8)) > 254) & ~unknown for m in (~hidden, ~boxes))
@@ -138,16 +123,17 @@ class GroundPlan:
         return np.asarray(picture, np.uint8)
 
 
-def ground_plan(camera: PinholeCamera, ground: GroundPlane, fold: int, far_m: float) -> GroundPlan | None:
+def ground_plan(seen_from: GroundedCamera, fold: int, far_m: float) -> GroundPlan | None:
     """The plan of the ground between an image row and the lower edge; None where no ground is in between."""
+    camera = seen_from.camera
     if fold > camera.height_px - 2:
         return None
     right, last = camera.width_px - 1.0, camera.height_px - 1.0
     corners = np.array([[0.0, fold], [right, fold], [right, last], [0.0, last]])
-    points = ground.intersect(camera.rays(corners))
+    points = seen_from.ground_points_m(corners)
     if not np.isfinite(points).all():
         return None
-    own = np.stack([points[:, 0], -points @ _forward(ground)], axis=1)
+    own = np.stack([points[:, 0], -points @ _forward(seen_from.ground)], axis=1)
     low, high = own.min(axis=0), own.max(axis=0)
     # a pixel of the picture in the middle of the ground, but no more than a plan of this size
     scale = min(camera.fx_px / (0.6 * far_m), _PLAN_PX / float((high - low).max()))
@@ -198,20 +184,22 @@ def backdrop_distance_m(objects: Sequence[FoundObject], ground: GroundPlane) -> 
     return farthest + 0.5 * max(float(one.instance.size_m.max()) for one in objects)
 
 
-def ground_mesh(camera: PinholeCamera, ground: GroundPlane, far_m: float) -> PictureMesh:
+def ground_mesh(seen_from: GroundedCamera, far_m: float) -> PictureMesh:
     """The ground from the lower edge of the picture to a distance, in the camera frame; may have no faces."""
-    first = min(_fold_row(camera, ground, far_m), camera.height_px - 0.5)
+    camera = seen_from.camera
+    first = min(_fold_row(seen_from, far_m), camera.height_px - 0.5)
     uv, faces = _grid(camera, first, camera.height_px - 0.5)
-    points = ground.intersect(camera.rays(uv))
+    points = seen_from.ground_points_m(uv)
     return PictureMesh(points, faces[np.isfinite(points[faces]).all(axis=(1, 2))], uv)
 
 
-def backdrop_mesh(camera: PinholeCamera, ground: GroundPlane, far_m: float) -> PictureMesh:
+def backdrop_mesh(seen_from: GroundedCamera, far_m: float) -> PictureMesh:
     """An upright surface at a distance with what the picture shows above the ground's far end."""
-    last = float(np.clip(_fold_row(camera, ground, far_m), -0.5, camera.height_px - 0.5))
+    camera = seen_from.camera
+    last = float(np.clip(_fold_row(seen_from, far_m), -0.5, camera.height_px - 0.5))
     uv, faces = _grid(camera, -0.5, last)
     rays = camera.rays(uv)
-    along = rays @ _forward(ground)
+    along = rays @ _forward(seen_from.ground)
     points = rays * (far_m / np.maximum(along, 1e-6))[:, None]
     return PictureMesh(points, faces[(along[faces] > 0.05).all(axis=1)], uv)
 
@@ -222,10 +210,11 @@ def _forward(ground: GroundPlane) -> FloatArray:
     return np.asarray(forward / np.linalg.norm(forward))
 
 
-def _fold_row(camera: PinholeCamera, ground: GroundPlane, far_m: float) -> float:
+def _fold_row(seen_from: GroundedCamera, far_m: float) -> float:
     """Image row of the ground at a distance; above the picture where it is behind the picture's plane."""
+    ground = seen_from.ground
     point = far_m * _forward(ground) - ground.height_m * ground.up
-    return float(camera.project(point)[1]) if point[2] > 0 else -0.5
+    return float(seen_from.camera.project(point)[1]) if point[2] > 0 else -0.5
 
 
 def _grid(camera: PinholeCamera, top: float, bottom: float) -> tuple[FloatArray, IntArray]:
@@ -249,7 +238,7 @@ def in_scene_axes(layers: Sequence[Layer], ground: GroundPlane) -> list[Layer]:
 
 def source_similarity(photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer]) -> float:
     """Mean structural similarity, inside the outlines, of the picture and the scene seen from its camera."""
-    again, _ = MeshView([(mesh, rgb) for _, mesh, rgb in layers]).picture(photo.camera, np.eye(4))
+    again, _ = MeshView([(mesh, rgb) for _, mesh, rgb in layers]).picture(photo.seen_from.camera, np.eye(4))
     height, width = photo.rgb.shape[:2]
     inside = np.zeros((height, width), bool)
     for one in objects:
@@ -271,7 +260,9 @@ def turntable(
     view = MeshView([(mesh, rgb) for _, mesh, rgb in layers])
     camera = close_camera(photo, objects, _VIEW_WIDTH_PX)
     centre = np.mean([one.instance.centroid_m for one in objects], axis=0)
-    return [view.picture(camera, turned_about(centre, photo.ground.up, float(a)))[0] for a in angles_rad]
+    return [
+        view.picture(camera, turned_about(centre, photo.seen_from.ground.up, float(a)))[0] for a in angles_rad
+    ]
 
 
 def close_camera(
@@ -291,11 +282,24 @@ def close_camera(
     else:
         scale = float((np.array([width_px, height_px]) / (2 * 1.45 * half)).min())
         half = np.array([width_px, height_px]) / (2 * scale)
-    c = photo.camera
+    c = photo.seen_from.camera
     centre = (np.array([c.cx_px, c.cy_px]) - (middle - half) + 0.5) * scale - 0.5
     return PinholeCamera(
         c.fx_px * scale, c.fy_px * scale, float(centre[0]), float(centre[1]), width_px, height_px
     )
+
+
+def structural_similarity(a: UInt8Array, b: UInt8Array) -> FloatArray:
+    """SSIM (h, w), in [-1, 1], of two grey pictures (h, w); Gaussian windows of sigma 1.5 pixels."""
+    x, y = a.astype(float), b.astype(float)
+
+    def mean(picture: FloatArray) -> FloatArray:
+        return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
+
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    mx, my = mean(x), mean(y)
+    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
+    return np.asarray((2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
 
 
 def write_turntable(

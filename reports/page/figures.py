@@ -1,4 +1,4 @@
-"""The interactive curves of the HTML page, for ``reports.charts``."""
+"""The interactive charts of the HTML page: curves of a run or several, image weight, reliability, sweeps."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,9 +25,9 @@ from rescore.metrics.curve_bands import CurveBands
 
 SWEEP_FACTOR = (0.1, 30.0)
 """Factors beyond are drawn at the edge."""
-
-
 SWEEP_FPPI = (0.03, 20.0)
+Bands = Mapping[tuple[str, str], CurveBands | None]
+"""By detector and mode."""
 
 
 def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGroup | None:
@@ -120,10 +120,6 @@ def _sweep_chart(
     alt = alt_text(f"{what} over {dial['what']}", lines)
     x = Axis(dial["what"], float(at.min()), float(at.max()))
     return Chart(dial["what"], alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)
-
-
-Bands = Mapping[tuple[str, str], CurveBands | None]
-"""By detector and mode."""
 
 
 def curve_group(

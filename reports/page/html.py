@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from reports.charts import ChartGroup
 from reports.page.figures import curve_group, reliability_group, runs_group, sweep_group, weight_group
 from reports.page.gallery import MAX_CARDS, Gallery, build_gallery
@@ -31,7 +32,7 @@ from reports.run.tables import (
     weight_table,
 )
 from reports.templating import asset, render
-from rescore.files import atomic_path, read_json
+from rescore.files import read_json
 from rescore.results.run_folder import Run, load_run
 
 ONE_RUN, SEVERAL_RUNS = "report.html", "comparison.html"

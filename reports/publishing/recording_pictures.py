@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from reports.palette import detector_name, mode_name
 from reports.recording.blueprint import TABS
 from reports.recording.log import write_recording
 from reports.recording.story import Frames, Story, count_flips
 from reports.recording.viewer import start_viewer
 from reports.templating import render
-from rescore.files import atomic_path
 from rescore.results.run_folder import load_run
 
 MAX_FRAMES = 12

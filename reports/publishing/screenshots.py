@@ -12,9 +12,9 @@ from pathlib import Path
 
 from PIL import Image
 
+from recon.files import atomic_path
 from reports.page.html import build_report
 from reports.publishing.browser import BrowserPage, open_browser
-from rescore.files import atomic_path
 
 _DESKTOP = (1280, 1160)
 _PHONE = (390, 844)

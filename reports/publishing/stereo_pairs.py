@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from rescore.data.pictures import decode_picture
-from rescore.files import atomic_path
 
 _OPENCV = Path("usr/share/doc/opencv-doc/examples/data")
 _SKIMAGE = "skimage/data/motorcycle_"

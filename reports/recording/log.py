@@ -7,6 +7,7 @@ import rerun as rr
 
 from recon.arrays import IntArray
 from recon.class_model import ClassModel
+from recon.files import atomic_path
 from reports.palette import mode_name
 from reports.recording.blueprint import blueprint, recorded_plots
 from reports.recording.boxes import log_boxes
@@ -30,16 +31,14 @@ from reports.run.curves import CARS
 from reports.run.frame_view import CandidateView, FrameReader, FrameView
 from reports.run.tables import short_table
 from reports.templating import render
-from rescore.files import atomic_path
 from rescore.parallel import track
 from rescore.results.run_folder import Run, load_run
 
-MAX_EXPLAINED = 30
-"""Candidates of a frame and detector that have pictures of their own: the best before or after rescoring."""
-
 APPLICATION_ID = "rescore"
 _CHUNK_BYTES = 2**19
-"""An entity holds back so much before it is written: what is held must not grow with the frames."""
+"""Bytes that an entity holds back before it is written: what is held must not grow with the frames."""
+MAX_EXPLAINED = 30
+"""Candidates of a frame and detector that have pictures of their own: the best before or after rescoring."""
 
 
 def write_recording(

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from recon.files import atomic_path
 from reports.charts import Axis, Chart, Line, Look
 from reports.palette import DARK_GREY, GREY, GRID_GREY, detector_colour, detector_name
 from reports.run.curves import (
@@ -22,7 +23,6 @@ from reports.run.curves import (
     weight_chart,
     weight_line,
 )
-from rescore.files import atomic_path
 from rescore.results.run_folder import Run
 
 STYLE: Any = {

@@ -1,4 +1,4 @@
-"""The tables of a run: for the terminal, for HTML and for Markdown."""
+"""The tables of a run, and its figures with intervals in words: for the terminal, HTML and Markdown."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,21 @@ from reports.palette import detector_name, mode_name
 from rescore.results.words import status_text
 
 RECALLS = ("0.5", "0.6", "0.7", "0.8")
-
+LEVEL = "0.7"
+"""Recall at which the small tables compare."""
+RULE_TEXT = {
+    "detector": "detector alone",
+    "depth": "depth alone, 1 − D",
+    "product": "product, l (1 − D)",
+    "maximum": "maximum of l and 1 − D",
+    "eq7": "eq. 7",
+    "learned": "learned from log l and log(1 − D)",
+}
+TERMINAL_CAPTION = (
+    f"FP at {float(LEVEL):.0%}: so many times fewer false positives per image, above 1 is better. "
+    "no pictures: false alarms on flat pictures of cars left out. area, AP: difference. In brackets "
+    "intervals of 95 %, paired over images."
+)
 _SPLIT_TEXT = {"all": "all splits"}
 _SHORT_MODE = {"detector": "alone"}
 
@@ -167,57 +181,6 @@ def stereo_table(stereo: Mapping[str, Any]) -> Table | None:
     return Table("Error of the measured disparity", head, rows, text_columns=2)
 
 
-def percent(value: float | None) -> str:
-    """A share as per cent with one decimal; a dash where there is none."""
-    return "–" if value is None else f"{value:.1%}"
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """A figure for people; a dash where there is none."""
-    return "–" if value is None or math.isnan(value) else f"{value:.{digits}f}"
-
-
-def _counts(values: Sequence[str]) -> dict[str, int]:
-    return {v: values.count(v) for v in dict.fromkeys(values)}
-
-
-def as_float(value: float | str | None) -> float:
-    """A number of sweep.json: "inf" is infinity, null undefined."""
-    return float("nan") if value is None else float(value)
-
-
-def number_text(value: float | str | None, digits: int) -> str:
-    """A number of sweep.json for people; "never" where it is infinite."""
-    number = as_float(value)
-    if np.isnan(number):
-        return "-"
-    return "never" if np.isinf(number) else f"{number:.{digits}f}"
-
-
-def interval_text(interval: Mapping[str, Any]) -> str:
-    """An interval of sweep.json for people."""
-
-    def text(part: str) -> str:
-        number = as_float(interval[part])
-        return "-" if np.isnan(number) else "inf" if np.isinf(number) else f"{number:.2f}"
-
-    return f"{text('value')} [{text('low')}, {text('high')}]"
-
-
-LEVEL = "0.7"
-"""Recall at which the small tables compare."""
-
-
-RULE_TEXT = {
-    "detector": "detector alone",
-    "depth": "depth alone, 1 − D",
-    "product": "product, l (1 − D)",
-    "maximum": "maximum of l and 1 − D",
-    "eq7": "eq. 7",
-    "learned": "learned from log l and log(1 − D)",
-}
-
-
 def comparison_table(metrics: Mapping[str, Any]) -> Table | None:
     """What each mode changes against the detector alone, with intervals of 95 %, a row a mode."""
     rows = tuple(
@@ -252,13 +215,6 @@ def terminal_comparison(metrics: Mapping[str, Any]) -> Table | None:
         )
     head = ("detector, scores", f"FP at {float(LEVEL):.0%}", "no pictures", "area", "AP")
     return Table("Change against the detector alone", head, tuple(rows)) if rows else None
-
-
-TERMINAL_CAPTION = (
-    f"FP at {float(LEVEL):.0%}: so many times fewer false positives per image, above 1 is better. "
-    "no pictures: false alarms on flat pictures of cars left out. area, AP: difference. In brackets "
-    "intervals of 95 %, paired over images."
-)
 
 
 def fusion_table(metrics: Mapping[str, Any]) -> Table | None:
@@ -313,6 +269,39 @@ def weight_table(metrics: Mapping[str, Any]) -> Table | None:
     return Table("The weight w on the validation set", head, rows, text_columns=6) if rows else None
 
 
+def percent(value: float | None) -> str:
+    """A share as per cent with one decimal; a dash where there is none."""
+    return "–" if value is None else f"{value:.1%}"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A figure for people; a dash where there is none."""
+    return "–" if value is None or math.isnan(value) else f"{value:.{digits}f}"
+
+
+def as_float(value: float | str | None) -> float:
+    """A number of sweep.json: "inf" is infinity, null undefined."""
+    return float("nan") if value is None else float(value)
+
+
+def number_text(value: float | str | None, digits: int) -> str:
+    """A number of sweep.json for people; "never" where it is infinite."""
+    number = as_float(value)
+    if np.isnan(number):
+        return "-"
+    return "never" if np.isinf(number) else f"{number:.{digits}f}"
+
+
+def interval_text(interval: Mapping[str, Any]) -> str:
+    """An interval of sweep.json for people."""
+
+    def text(part: str) -> str:
+        number = as_float(interval[part])
+        return "-" if np.isnan(number) else "inf" if np.isinf(number) else f"{number:.2f}"
+
+    return f"{text('value')} [{text('low')}, {text('high')}]"
+
+
 def weight_text(tuned: Mapping[str, Any]) -> str:
     """The chosen w with its interval, where it is known."""
     u = tuned.get("uncertainty")
@@ -339,6 +328,10 @@ def difference(figure: Mapping[str, Any]) -> str:
         return "–"
     value, low, high = (f"{v:+.3f}".replace("-", "−") for v in (figure["value"], *figure["interval"]))
     return f"{value} ({low}, {high})"
+
+
+def _counts(values: Sequence[str]) -> dict[str, int]:
+    return {v: values.count(v) for v in dict.fromkeys(values)}
 
 
 def _factor(value: float | None) -> str:

@@ -11,11 +11,12 @@ from matplotlib.patches import Polygon
 
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
+from recon.files import atomic_path
 from recon.learning.primitives import plane_axes
 from recon.view_bins import rotation
 from reports.palette import BLUE, DARK_GREY, GREY, PALE_GREY, SOFT_GREY, part_colour
 from reports.run.tables import Table
-from rescore.files import atomic_path, write_json
+from rescore.files import write_json
 from rescore.studies.class_models import AccuracyRow, ModelStudy, SelectionStudy
 
 SHOWN_PRIMITIVES = 4

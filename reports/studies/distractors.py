@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
+from recon.files import atomic_path
 from reports.palette import GREEN, GREY, VERMILION, mode_name, rgb
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table
-from rescore.files import atomic_path
 
 _TILE = (250, 120)
 """Width and height in pixels of the picture and of the disparity of an example."""

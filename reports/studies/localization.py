@@ -12,7 +12,8 @@ from typing import Any
 import cv2
 
 from recon.errors import RescoreError
-from rescore.files import atomic_path, read_json
+from recon.files import atomic_path
+from rescore.files import read_json
 from rescore.studies.localization.scores import METHOD_NAME, METHODS, from_row, markdown_table
 
 _MOST_BYTES = 400_000

@@ -14,11 +14,11 @@ from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
 )
 
 from recon.arrays import FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera
+from recon.files import atomic_path
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from recon.outlines import fill_polygon
 from reports.palette import BAND_INK, ESTIMATE, TRUTH, part_colour, rgb
-from rescore.files import atomic_path
 
 TRUTH_RGB, ESTIMATE_RGB = rgb(TRUTH), rgb(ESTIMATE)
 _EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
@@ -48,8 +48,8 @@ class Instance3DView:
 class TableCamera:
     """Projects points of the ground frame into (a crop of) the picture."""
 
-    def __init__(self, camera: PinholeCamera, ground: GroundPlane) -> None:
-        self.camera, self.pose = camera, cam_from_ground(ground)
+    def __init__(self, seen_from: GroundedCamera) -> None:
+        self.camera, self.pose = seen_from.camera, cam_from_ground(seen_from.ground)
 
     def __call__(self, points_m: FloatArray) -> FloatArray:
         """Pixels (..., 2) of points (..., 3)."""

@@ -11,11 +11,11 @@ from PIL import Image
 from recon.arrays import UInt8Array
 from recon.camera import PinholeCamera
 from recon.errors import Failure
+from recon.files import atomic_path
 from reports import palette
 from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about
 from reports.objects.object_mesh import object_meshes
 from reports.objects.popup import close_camera, object_texture, scene_layers, source_similarity
-from rescore.files import atomic_path
 from rescore.library.single_picture import FoundObject, Photo
 from rescore.studies.instance_accuracy import InstanceErrors
 
@@ -57,13 +57,15 @@ def steps_strip(exhibit: Exhibit) -> UInt8Array | None:
         return None
     one, rgb = exhibit.found, exhibit.photo.rgb
     camera = close_camera(exhibit.photo, [one], *_fine())
-    panels = [_cut(p, exhibit.photo.camera, camera) for p in (rgb, _outlined(rgb, one), _tinted(rgb, one))]
+    panels = [
+        _cut(p, exhibit.photo.seen_from.camera, camera) for p in (rgb, _outlined(rgb, one), _tinted(rgb, one))
+    ]
     texture = object_texture(rgb, one)
-    meshes = object_meshes(texture, one.picture, one.instance, exhibit.photo.camera, one.occluded)
+    meshes = object_meshes(texture, one.picture, one.instance, exhibit.photo.seen_from.camera, one.occluded)
     view = MeshView([(mesh, texture) for mesh in meshes])
     # towards the side that the photograph shows less of
     side = np.sign(_nose_right(one)) * _OTHER_SIDE_RAD
-    turn = turned_about(one.instance.centroid_m, exhibit.photo.ground.up, float(side))
+    turn = turned_about(one.instance.centroid_m, exhibit.photo.seen_from.ground.up, float(side))
     panels.append(view.picture(camera, turn)[0])
     return _sheet([[_small(p) for p in panels]])
 
@@ -80,9 +82,9 @@ def popup_sheet(exhibits: Sequence[Exhibit]) -> UInt8Array | None:
         camera = close_camera(exhibit.photo, [exhibit.found], *_fine())
         layers = scene_layers(exhibit.photo, [exhibit.found])
         view = MeshView([(mesh, rgb) for _, mesh, rgb in layers])
-        centre, up = exhibit.found.instance.centroid_m, exhibit.photo.ground.up
+        centre, up = exhibit.found.instance.centroid_m, exhibit.photo.seen_from.ground.up
         turned = [view.picture(camera, turned_about(centre, up, a))[0] for a in (-_TURN_RAD, _TURN_RAD)]
-        whole = _cut(exhibit.photo.rgb, exhibit.photo.camera, camera)
+        whole = _cut(exhibit.photo.rgb, exhibit.photo.seen_from.camera, camera)
         columns.append([_small(p) for p in (whole, *turned)])
     return _sheet([list(row) for row in zip(*columns, strict=True)]) if columns else None
 

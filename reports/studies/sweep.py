@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from recon.files import atomic_path
 from reports.palette import DARK_GREY, detector_name, mode_colour, mode_name
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table, as_float, interval_text, number_text
-from rescore.files import atomic_path
 
 _COLUMNS = 4
 _FACTORS = (0.1, 30.0)

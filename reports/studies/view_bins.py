@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rescore.files import atomic_path
+from recon.files import atomic_path
 from rescore.studies.view_bins import Confusion, load_confusions
 
 TITLES = {"level_set": "outline by level set", "true_outline": "true outline"}

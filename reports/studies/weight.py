@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from recon.files import atomic_path
 from reports.palette import detector_name, mode_colour, mode_name
 from reports.run.tables import Table, number
-from rescore.files import atomic_path, json_values, write_json
+from rescore.files import json_values, write_json
 from rescore.studies.weight import WeightStudy
 
 

@@ -145,8 +145,9 @@ def _write_page(
     out: Path, command: str, distractors: dict[str, Any], ablation: "Sequence[dict[str, Any]]"
 ) -> Path:
     """README.md of the study."""
+    from recon.files import atomic_path
     from reports.studies.evidence import evidence_text
-    from rescore.files import atomic_path, read_json
+    from rescore.files import read_json
 
     sweep_value = read_json(out / "sweep" / "sweep.json", "a sweep")
     with atomic_path(out / "README.md") as beside:

@@ -72,7 +72,7 @@ def gallery(
         known[name] = []
         for view_bin in sorted({*range(0, 12, 12 // bins)} | {b for c, b in wanted if c == name}):
             shape_id, shot = gallery_photo(name, view_bin, seed)
-            photo = Photo(shot.rgb, shot.camera, shot.ground)
+            photo = Photo(shot.rgb, shot.seen_from)
             found = find_object(photo, shot.xyxy_px, view_bin, model)
             exhibits[name, view_bin] = Exhibit(name, shape_id, view_bin, photo, found)
             choice = best_view_bin(shot.rgb, shot.xyxy_px, model)
@@ -116,8 +116,8 @@ def _errors(shot: "ObjectPhoto", found: "FoundObject | Failure") -> "Pair":
         return found, found
     points = shot.mesh.vertices_m
     truth = BoxTruth(shot.cam_from_object, points.min(axis=0), points.max(axis=0))
-    plane = single_plane(found.picture.outline_px, found.picture.ground_line_px, shot.camera, shot.ground)
-    baseline = plane if isinstance(plane, Failure) else surface_errors(plane, truth, shot.ground)
+    plane = single_plane(found.picture.outline_px, found.picture.ground_line_px, shot.seen_from)
+    baseline = plane if isinstance(plane, Failure) else surface_errors(plane, truth, shot.seen_from.ground)
     return instance_errors(found.instance, truth), baseline
 
 
@@ -131,7 +131,7 @@ def _basket(model: "ClassModel", seed: int) -> "tuple[Exhibit, str]":
     from rescore.library.single_picture import Photo, find_object
 
     shot = occluded_basket(seed)
-    photo = Photo(shot.photo.rgb, shot.photo.camera, shot.photo.ground)
+    photo = Photo(shot.photo.rgb, shot.photo.seen_from)
     found = find_object(photo, shot.xyxy_px, shot.view_bin, views_without(model, shot.handle), shot.card)
     exhibit = Exhibit("basket", shot.shape_id, shot.view_bin, photo, found)
     if isinstance(found, Failure):
@@ -161,8 +161,8 @@ def _write_readme(
 ) -> None:
     """Pictures with captions, the table and the failures."""
     from recon.errors import Failure
+    from recon.files import atomic_path
     from reports.studies.reconstructions import accuracy_table
-    from rescore.files import atomic_path
 
     lines = [
         "# 3D from single photographs",

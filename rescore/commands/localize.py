@@ -81,11 +81,11 @@ class _Gallery:
     """Gathers numbers and small pictures as trials are done; large pictures are not kept."""
 
     def __init__(self, table_class: "TableClass") -> None:
-        from datasets_synth.photos.table_scene import CAMERA, GROUND
+        from datasets_synth.photos.table_scene import SEEN_FROM
         from reports.studies.localization_pictures import TableCamera
 
         self.table_class = table_class
-        self.camera = TableCamera(CAMERA, GROUND)
+        self.camera = TableCamera(SEEN_FROM)
         self.rows: list[dict[str, Any]] = []
         self.scores: dict[str, dict[str, list[Any]]] = {}
         self.tiles: list[tuple[float, UInt8Array]] = []
@@ -118,8 +118,9 @@ class _Gallery:
 
     def write(self, out: Path) -> None:
         """Write numbers, table and pictures."""
+        from recon.files import atomic_path
         from reports.studies.localization_pictures import save_png, save_reconstruction, sheet, titled
-        from rescore.files import atomic_path, write_json
+        from rescore.files import write_json
         from rescore.studies.localization.scores import METHODS, REPORTED, markdown_table, summary
 
         everything = {m: [s for car in self.scores.values() for s in car[m]] for m in METHODS}
@@ -189,7 +190,7 @@ def _write_table_picture(
     """One photograph of several cars with the boxes that the joint fit finds."""
     import numpy as np
 
-    from datasets_synth.photos.table_scene import CAMERA, GROUND, SCALE, photograph
+    from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, photograph
     from recon.errors import Failure
     from recon.localization.localize import FitLocalization
     from recon.localization.standing_box import angle_between
@@ -201,7 +202,7 @@ def _write_table_picture(
     placed = several_at_once([cars[i] for i in rng.permutation(len(cars))][:9], rng)
     rgb = photograph(placed, rng)
     regions = segment_table(rgb, empty_table(config.segment))
-    camera = TableCamera(CAMERA, GROUND)
+    camera = TableCamera(SEEN_FROM)
     views = []
     for region in [] if isinstance(regions, Failure) else regions:
         found = fit_region(rgb, region, table_class, config)

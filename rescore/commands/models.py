@@ -45,12 +45,10 @@ def learn_primitives(
     import numpy as np
 
     from recon.learning.generic_phase import learn_primitives as learn_library
-    from rescore.files import atomic_path
 
     bins = _bins(elevation_deg)
     library = learn_library(bins, jobs=jobs)
-    with atomic_path(out) as beside:
-        library.save(beside)
+    library.save(out)
     residual = float(np.nanmedian(library.residual))
     say(f"{len(library.normals)} primitives, median residual {residual:.1%} of their size: {out}")
 
@@ -87,7 +85,7 @@ def learn(
     from recon.learning.learn import learn_class_model
     from recon.learning.primitives import PrimitiveLibrary
     from rescore.experiment.config import part_as_json
-    from rescore.files import atomic_path, write_provenance
+    from rescore.files import write_provenance
     from rescore.parallel import one_thread
 
     settings = config_of(preset, config)
@@ -104,8 +102,7 @@ def learn(
     library = PrimitiveLibrary.load(primitives) if primitives else primitive_library(part_views.bins)
     with one_thread():
         model = learn_class_model(part_views, name, part_views.part_names, settings.learn, library)
-    with atomic_path(out) as beside:
-        model.save(beside)
+    model.save(out)
     write_provenance(out, "learn", part_as_json(settings.learn), None)
     for part in model.parts:
         if part.view_count == 1:

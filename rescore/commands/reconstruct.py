@@ -63,13 +63,16 @@ def reconstruct(
     photo = open_photo(picture, camera, calib, height, pitch)
     found = _found(photo, box, view_bin, classes)
     texture = object_texture(photo.rgb, found)
-    meshes = object_meshes(texture, found.picture, found.instance, photo.camera)
+    meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
     turn = gltf_from_object(found.instance)
     moved = [mesh.moved(turn) for mesh in meshes]
     write_json(out / "instance.json", instance_json(found.instance))
     write_glb(out / "object.glb", [(f"{class_name}_{k}", m, texture) for k, m in enumerate(moved)])
     write_ply(out / "object.ply", moved, texture)
-    write_png(out / "overlay.png", instance_overlay(photo.rgb, found.picture, found.instance, photo.camera))
+    write_png(
+        out / "overlay.png",
+        instance_overlay(photo.rgb, found.picture, found.instance, photo.seen_from.camera),
+    )
     typer.echo(_table(found.instance))
     say(f"3D object: {out / 'object.glb'}")
 
@@ -110,7 +113,7 @@ def popup(
         )
     found = [_found(photo, text, bins[i % len(bins)], classes) for i, text in enumerate(box)]
     layers = scene_layers(photo, found)
-    write_glb(out / "scene.glb", in_scene_axes(layers, photo.ground))
+    write_glb(out / "scene.glb", in_scene_axes(layers, photo.seen_from.ground))
     write_turntable(out, photo, found, layers)
     for one in found:
         typer.echo(_table(one.instance))
@@ -124,7 +127,7 @@ def _found(photo: "Photo", box: str, view_bin: int | None, model: "ClassModel") 
     from recon.errors import Failure
     from rescore.library.single_picture import find_object, parse_box
 
-    xyxy = parse_box(box, photo.camera.width_px, photo.camera.height_px)
+    xyxy = parse_box(box, photo.seen_from.camera.width_px, photo.seen_from.camera.height_px)
     if view_bin is None:
         view_bin = _chosen_bin(photo, box, xyxy, model)
     found = find_object(photo, xyxy, view_bin, model)

@@ -1,4 +1,4 @@
-"""The splits of a data set, as types that refuse to share an image or a car shape."""
+"""The splits of a data set and its parts for fitting, as types that refuse to share images or car shapes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ import sklearn
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
-from rescore.files import atomic_path
+from recon.files import atomic_path
 
 FORMAT = "rescore-detector"
 FORMAT_VERSION = 1

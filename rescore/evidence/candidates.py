@@ -1,4 +1,4 @@
-"""Depth evidence of candidates: of one frame with its reconstructions, and of many frames as one table."""
+"""Candidates of one frame, and tables of many frames' candidates with depth evidence and posterior."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -11,6 +11,11 @@ from recon.arrays import FloatArray, IntArray
 from recon.errors import Failure, RescoreError
 from rescore.evidence.align_depth import DepthAlignment
 from rescore.evidence.cues import CUES
+
+OK = "ok"
+"""Status of a candidate with depth evidence; else the status is a ``recon.errors.Reason``."""
+NOT_RESCORED = ""
+"""Status of a candidate that no rescoring has looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +60,6 @@ class Candidates:
     def none(image_id: int) -> "Candidates":
         """An image without candidates."""
         return Candidates(image_id, np.zeros((0, 4)), np.zeros(0), np.zeros(0))
-
-
-OK = "ok"
-"""Status of a candidate with depth evidence; else the status is a ``recon.errors.Reason``."""
-NOT_RESCORED = ""
-"""Status of a candidate that no rescoring has looked at."""
 
 
 @dataclass(frozen=True, eq=False)

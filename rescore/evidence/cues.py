@@ -104,8 +104,7 @@ def _depth_ratio(
     """Median logarithm of measured over predicted depth, over the predicted region in the box."""
     measured = disparity_px[predicted.window]
     use = predicted_region(predicted, box_px) & np.isfinite(measured)
-    focal_baseline = camera.left.fx_px * camera.baseline_m
-    return float(np.median(np.log(focal_baseline / measured[use] / predicted.depth[use])))
+    return float(np.median(np.log(camera.depth_m(measured[use]) / predicted.depth[use])))
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
+from recon.files import atomic_path
 from recon.reconstruction.reconstruct import Reconstruction
 from rescore.evidence.predicted import BoxPrediction
-from rescore.files import atomic_path
 
 Predicted = Reconstruction | BoxPrediction | Failure
 

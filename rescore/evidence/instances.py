@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.camera import DEFAULT_GROUND, GroundedCamera, default_camera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import Failure
@@ -58,15 +58,16 @@ def predict_instances(
         size = (rgb.shape[1], rgb.shape[0])
         found = cut_to_boxes(source, boxes, size, config.reconstruct.min_inside)
         return Instances(found, views_without_model(candidates, config.view_bin))
-    camera, ground = assumed_camera(frame, config.camera)
+    seen_from = assumed_camera(frame, config.camera)
     views = views_of(rgb, candidates, config.view_bin, source, config.reconstruct)
-    return Instances(reconstruct_views(rgb, boxes, views, source, camera, ground, config.reconstruct), views)
+    return Instances(reconstruct_views(rgb, boxes, views, source, seen_from, config.reconstruct), views)
 
 
-def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, GroundPlane]:
+def assumed_camera(frame: Frame, choice: CameraChoice) -> GroundedCamera:
     """The camera M and the ground plane Qg that predict depth in a frame."""
     h, w = frame.left_rgb.shape[:2]
-    assumed = default_camera(w, h)
+    assumed = GroundedCamera(default_camera(w, h), DEFAULT_GROUND)
     if choice is CameraChoice.DEFAULT:
-        return assumed, DEFAULT_GROUND
-    return (frame.camera.left if frame.camera else assumed), frame.ground or DEFAULT_GROUND
+        return assumed
+    camera = frame.camera.left if frame.camera else assumed.camera
+    return GroundedCamera(camera, frame.ground or assumed.ground)

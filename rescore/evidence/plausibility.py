@@ -83,10 +83,7 @@ def _sums(values: UInt8Array, boxes: IntArray) -> FloatArray:
 def _on_ground(
     disparity_px: Float32Array, camera: StereoCamera, ground: GroundPlane, config: PlausibilityConfig
 ) -> float:
-    h = disparity_px.shape[0]
-    left = camera.left
-    rays = left.rays(np.stack([np.full(h, left.cx_px), np.arange(h, dtype=float)], axis=-1))
-    expected = -(rays @ ground.up) * left.fx_px * camera.baseline_m / ground.height_m
+    expected = camera.ground_disparity_px(ground, np.arange(disparity_px.shape[0], dtype=float))
     rows = expected >= config.farthest_px
     seen, there = disparity_px[rows], expected[rows][:, None]
     known = np.isfinite(seen)

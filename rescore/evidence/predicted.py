@@ -30,12 +30,10 @@ from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.cues import cue_column
 from rescore.evidence.registration import LEARNED, Registration
 
-
-def kind_of(value: Any) -> str:
-    """What came, for an error: shape and type of an array, the type of anything else."""
-    if isinstance(value, np.ndarray):
-        return f"shape {value.shape} of {value.dtype}"
-    return type(value).__name__
+MIN_DOUBTED = 5
+"""With fewer candidates nothing is doubted."""
+UNLIKELY_RATIO = 2.0
+"""A metric prediction that is off by more than this in the middle is doubted."""
 
 
 class PredictedAs(StrEnum):
@@ -212,12 +210,6 @@ def prediction_doubts(table: CandidateTable) -> tuple[str, ...]:
     return tuple(found)
 
 
-MIN_DOUBTED = 5
-"""With fewer candidates nothing is doubted."""
-UNLIKELY_RATIO = 2.0
-"""A metric prediction that is off by more than this in the middle is doubted."""
-
-
 def _ratios(table: CandidateTable) -> FloatArray:
     logarithms = table.cues[:, cue_column("depth_ratio")]
     known = logarithms[np.isfinite(logarithms)]
@@ -234,3 +226,10 @@ def _check_choice(name: str, value: Any, kinds: type[StrEnum]) -> None:
         raise RescoreError(
             f"{name}: expected {' or '.join(choices)}, got {value!r}; say what the numbers are"
         )
+
+
+def kind_of(value: Any) -> str:
+    """What came, for an error: shape and type of an array, the type of anything else."""
+    if isinstance(value, np.ndarray):
+        return f"shape {value.shape} of {value.dtype}"
+    return type(value).__name__

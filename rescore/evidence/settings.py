@@ -5,14 +5,12 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal
 
-from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, StereoCamera, default_camera
+from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.reconstruction.reconstruct import ReconstructConfig
 from recon.stereo.sgbm import SgbmConfig, disparities_to_reach
-from rescore.data.frames import DataSet, Frame
-from rescore.evidence.align_depth import (
-    AlignConfig,
-)
+from rescore.data.frames import DataSet
+from rescore.evidence.align_depth import AlignConfig
 from rescore.evidence.cues import CueConfig
 
 
@@ -53,15 +51,6 @@ class RescoreConfig:
     def __post_init__(self) -> None:
         if not self.nearest_m > 0:
             raise RescoreError(f"nearest_m: expected metres above 0, got {self.nearest_m:g}; try 2")
-
-
-def assumed_camera(frame: Frame, choice: CameraChoice) -> tuple[PinholeCamera, GroundPlane]:
-    """The camera M and the ground plane Qg that predict depth in a frame."""
-    h, w = frame.left_rgb.shape[:2]
-    assumed = default_camera(w, h)
-    if choice is CameraChoice.DEFAULT:
-        return assumed, DEFAULT_GROUND
-    return (frame.camera.left if frame.camera else assumed), frame.ground or DEFAULT_GROUND
 
 
 def automatic_stereo(data: DataSet, nearest_m: float = RescoreConfig.nearest_m) -> SgbmConfig:

@@ -13,32 +13,6 @@ import numpy as np
 from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import GroundPlane, StereoCamera
 
-SAMPLES_U = (np.arange(56) + 0.5) / 56 * 1.6 - 0.3
-"""Columns of the grid as fractions of the box's width from its left edge, (56,): 0.3 beyond each end."""
-
-
-SAMPLES_V = (np.arange(44) + 0.5) / 44 * 1.6 - 0.35
-"""Rows as fractions of the box's height from its top edge, shape (44,): 0.35 above, 0.25 below."""
-
-
-def sample_boxes(picture: Float32Array, xyxy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The values at the grid of each box, shape (n, 44, 56), NaN outside the picture; and their rows (n, 44).
-
-    The nearest pixel is taken: values across a depth edge must not be mixed.
-
-    Args:
-        picture: shape (h, w).
-        xyxy_px: boxes, shape (n, 4), pixel edges.
-    """
-    height, width = picture.shape
-    size = xyxy_px[:, 2:] - xyxy_px[:, :2]
-    x = np.floor(xyxy_px[:, :1] + SAMPLES_U * size[:, :1]).astype(int)
-    y = np.floor(xyxy_px[:, 1:2] + SAMPLES_V * size[:, 1:]).astype(int)
-    inside = ((y >= 0) & (y < height))[:, :, None] & ((x >= 0) & (x < width))[:, None, :]
-    values = picture[np.clip(y, 0, height - 1)[:, :, None], np.clip(x, 0, width - 1)[:, None, :]]
-    return np.where(inside, values.astype(float), np.nan), y.astype(float)
-
-
 SURROUNDINGS = (
     "width",
     "height",
@@ -131,6 +105,30 @@ def expected_size_m(azimuth_rad: FloatArray, size_m: tuple[float, float, float])
     return np.stack([wide, np.full_like(wide, height)])
 
 
+SAMPLES_U = (np.arange(56) + 0.5) / 56 * 1.6 - 0.3
+"""Columns of the grid as fractions of the box's width from its left edge, (56,): 0.3 beyond each end."""
+SAMPLES_V = (np.arange(44) + 0.5) / 44 * 1.6 - 0.35
+"""Rows as fractions of the box's height from its top edge, shape (44,): 0.35 above, 0.25 below."""
+
+
+def sample_boxes(picture: Float32Array, xyxy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The values at the grid of each box, shape (n, 44, 56), NaN outside the picture; and their rows (n, 44).
+
+    The nearest pixel is taken: values across a depth edge must not be mixed.
+
+    Args:
+        picture: shape (h, w).
+        xyxy_px: boxes, shape (n, 4), pixel edges.
+    """
+    height, width = picture.shape
+    size = xyxy_px[:, 2:] - xyxy_px[:, :2]
+    x = np.floor(xyxy_px[:, :1] + SAMPLES_U * size[:, :1]).astype(int)
+    y = np.floor(xyxy_px[:, 1:2] + SAMPLES_V * size[:, 1:]).astype(int)
+    inside = ((y >= 0) & (y < height))[:, :, None] & ((x >= 0) & (x < width))[:, None, :]
+    values = picture[np.clip(y, 0, height - 1)[:, :, None], np.clip(x, 0, width - 1)[:, None, :]]
+    return np.where(inside, values.astype(float), np.nan), y.astype(float)
+
+
 def _region(u: tuple[float, float], v: tuple[float, float]) -> BoolArray:
     """Samples between fractions of the box's width (from its left) and height (from its top), (gh, gw)."""
     in_u = (u[0] < SAMPLES_U) & (u[1] > SAMPLES_U)
@@ -167,7 +165,6 @@ class _View:
         self.samples, self.rows_px, self.boxes = samples, rows_px, xyxy_px
         self.known = np.isfinite(samples)
         self.camera, self.config = camera, config
-        self.focal_baseline = camera.left.fx_px * camera.baseline_m
         width_px, height_px = (xyxy_px[:, 2:] - xyxy_px[:, :2]).T
         self.expected_m = expected_m
         by_height = height_px / expected_m[1]
@@ -180,8 +177,8 @@ class _View:
         self.disparity_px = np.where(
             supported, _median(samples, fits & _MIDDLE), _median(samples, self.known & _MIDDLE)
         )
-        self.depth_m = self.focal_baseline / self.disparity_px
-        apart = self.disparity_px - self.focal_baseline / (self.depth_m + config.apart_m)
+        self.depth_m = camera.focal_baseline / self.disparity_px
+        apart = self.disparity_px - camera.focal_baseline / (self.depth_m + config.apart_m)
         self.apart_px = np.maximum(config.apart_px, apart)[:, None, None]
         off = samples - self.disparity_px[:, None, None]
         self.thing = self.known & (np.abs(off) <= self.apart_px)
@@ -206,11 +203,12 @@ class _View:
                 ("fill_top", _RIM_TOP),
             )
         }
+        focal_baseline = self.camera.focal_baseline
         low, high = (
             _median(self.samples, self.thing & _LOWER_HALF),
             _median(self.samples, self.close & _UPPER_PART),
         )
-        relief = np.clip(self.focal_baseline / high - self.focal_baseline / low, -3, 3)
+        relief = np.clip(focal_baseline / high - focal_baseline / low, -3, 3)
         measured = (self.known & _MIDDLE).sum(axis=(1, 2)) / _MIDDLE.sum()
         return fill | {
             "relief": relief,
@@ -230,9 +228,10 @@ class _View:
         if ground is None:
             unknown = np.full(len(self.boxes), np.nan)
             return {"foot": unknown, "ground_below": unknown}
-        foot = self.depth_m * _rise(self.boxes[:, 3] - 0.5, self.camera, ground) + ground.height_m
-        rise = _rise(self.rows_px, self.camera, ground)
-        of_ground = np.where(rise < 0, -rise * self.focal_baseline / ground.height_m, np.nan)[:, :, None]
+        # how far the ray through the lower edge rises above the camera's height a metre of depth
+        rise = self.camera.left.row_rays(self.boxes[:, 3] - 0.5) @ ground.up
+        foot = self.depth_m * rise + ground.height_m
+        of_ground = self.camera.ground_disparity_px(ground, self.rows_px)[:, :, None]
         tolerance = np.maximum(1.0, 0.06 * of_ground)
         on_ground = self.known & (np.abs(self.samples - of_ground) <= tolerance)
         return {
@@ -244,13 +243,6 @@ class _View:
         part, whole = (what & region).sum(axis=(1, 2)), (of & region).sum(axis=(1, 2))
         enough = whole >= self.config.min_samples
         return np.where(enough, part / np.maximum(whole, 1), np.nan)
-
-
-def _rise(rows_px: FloatArray, camera: StereoCamera, ground: GroundPlane) -> FloatArray:
-    """How far the ray through a row of the middle column rises above the camera's height a metre of depth."""
-    left = camera.left
-    rays = left.rays(np.stack([np.full_like(rows_px, left.cx_px), rows_px], axis=-1))
-    return np.asarray(rays @ ground.up)
 
 
 def _median(samples: FloatArray, use: BoolArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from recon.arrays import FloatArray, IntArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
@@ -100,15 +100,14 @@ def reconstruct_views(
     xyxy_px: FloatArray,
     views: Views,
     model: ClassModel,
-    camera: PinholeCamera,
-    ground: GroundPlane,
+    seen_from: GroundedCamera,
     config: ReconstructConfig,
 ) -> tuple[Reconstruction | Failure, ...]:
     """The 3D instance in each box (n, 4), or why there is none; boxes of one view bin are done together."""
     found: dict[int, Reconstruction | Failure] = dict(views.failures)
     for view_bin in np.unique(views.view_bin[views.view_bin != NO_BIN]).tolist():
         rows = np.flatnonzero(views.view_bin == view_bin)
-        together = reconstruct(rgb, xyxy_px[rows], view_bin, model, camera, ground, config)
+        together = reconstruct(rgb, xyxy_px[rows], view_bin, model, seen_from, config)
         found |= dict(zip(rows.tolist(), together, strict=True))
     return tuple(found[i] for i in range(len(xyxy_px)))
 

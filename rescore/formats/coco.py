@@ -10,12 +10,12 @@ from pydantic import BaseModel, FiniteFloat, TypeAdapter
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from rescore.data.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NOT_RESCORED, Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
-from rescore.files import atomic_path
 from rescore.formats.checked_json import Box, Number, read_checked
 
 MAX_CANDIDATES = 15

@@ -13,10 +13,10 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import pictures_in
 from rescore.evidence.candidates import CandidateTable
-from rescore.files import atomic_path
 from rescore.formats.calibration_files import read_calibration
 from rescore.formats.folders import Layout, Pictures, data_set, splits_of
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, LabelRow, checked_box, number, read_lines

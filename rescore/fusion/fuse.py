@@ -12,6 +12,9 @@ from rescore.data.splits import ValidationSet
 from rescore.evidence.candidates import CandidateTable
 from rescore.metrics.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
 
+SMALLEST = 1e-6
+"""What is smaller is taken for this before its logarithm."""
+
 
 def fuse(likelihood: FloatArray, depth_difference: FloatArray, w: float) -> FloatArray:
     """``exp(w log l + (1 - w) log(1 - D))``, shape (n,), in [0, 1].
@@ -35,10 +38,6 @@ def fuse(likelihood: FloatArray, depth_difference: FloatArray, w: float) -> Floa
     with np.errstate(divide="ignore"):
         log_posterior = w * np.log(lik) + (1 - w) * np.log1p(-d)
     return np.where(np.isnan(d), lik, np.exp(log_posterior))
-
-
-SMALLEST = 1e-6
-"""What is smaller is taken for this before its logarithm."""
 
 
 @dataclass(frozen=True)

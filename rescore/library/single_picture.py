@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
-from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.camera import DEFAULT_GROUND, GroundedCamera, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
 from recon.reconstruction.instance import Instance3D, build_instance
@@ -39,8 +39,7 @@ class Photo:
 
     rgb: UInt8Array
     """Shape (h, w, 3)."""
-    camera: PinholeCamera
-    ground: GroundPlane
+    seen_from: GroundedCamera
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +133,7 @@ def open_photo(
         if pitch_deg is None
         else float(np.deg2rad(pitch_deg))
     )
-    return Photo(rgb, lens, GroundPlane(float(height), float(pitch)))
+    return Photo(rgb, GroundedCamera(lens, GroundPlane(float(height), float(pitch))))
 
 
 def _read_calib(path: Path) -> dict[str, float]:
@@ -202,12 +201,10 @@ def find_object(
         occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
     """
     config = fine_config(model, view_bin)
-    (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.camera, photo.ground, config)
+    (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.seen_from, config)
     if isinstance(found, Failure):
         return found
-    instance = build_instance(
-        found, view_bin, model, photo.camera, photo.ground, config.registration, occluded=occluded
-    )
+    instance = build_instance(found, view_bin, model, photo.seen_from, config.registration, occluded=occluded)
     return instance if isinstance(instance, Failure) else FoundObject(found, instance, occluded)
 
 

@@ -4,21 +4,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from recon.errors import Reason
+from rescore.evidence.candidates import OK
 from rescore.evidence.cue_words import CueWords
 from rescore.evidence.cues import CUES
 
-STATUS_TEXT = {
-    "ok": "depth compared",
-    "no_outline": "no outline found",
-    "registration_failed": "does not fit the view of the model",
-    "no_ground_contact": "no part touches the ground",
-    "above_horizon": "ground line above the horizon",
-    "parts_not_placed": "too few parts placed",
-    "no_stereo": "too little measured depth",
-    "stereo_not_believed": "measured depth contradicts itself or the ground",
-    "no_calibration": "camera not calibrated",
-    "no_prediction": "no depth predicted in the box",
-    "box_outside_image": "box outside the image",
+STATUS_TEXT: dict[str, str] = {
+    OK: "depth compared",
+    Reason.NO_OUTLINE: "no outline found",
+    Reason.REGISTRATION_FAILED: "does not fit the view of the model",
+    Reason.NO_GROUND_CONTACT: "no part touches the ground",
+    Reason.ABOVE_HORIZON: "ground line above the horizon",
+    Reason.PARTS_NOT_PLACED: "too few parts placed",
+    Reason.NO_STEREO: "too little measured depth",
+    Reason.STEREO_NOT_BELIEVED: "measured depth contradicts itself or the ground",
+    Reason.NO_CALIBRATION: "camera not calibrated",
+    Reason.NO_PREDICTION: "no depth predicted in the box",
+    Reason.BOX_OUTSIDE_IMAGE: "box outside the image",
 }
 """Words for each status of a candidate."""
 

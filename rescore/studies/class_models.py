@@ -22,6 +22,20 @@ from recon.learning.primitives import primitive_normals
 from recon.part_views import PartViews
 from recon.view_bins import ViewBins
 
+ELEVATION_DEG = 20.0
+"""View space in which the classes are compared: high enough that level parts are not seen edge-on."""
+STREET_ELEVATION_DEG = 5.0
+"""That of the experiment with cars."""
+SIZE_PX = 220
+SELECTION_INSTANCES = 3
+ACCURACY_INSTANCES = 3
+VIEW_COUNTS = (2, 3, 4, 6)
+STARTS = (1, 7)
+"""First view bin of each run of neighbouring views."""
+ACCURACY_CLASSES = ("car", "chair", "bicycle", "airplane")
+TWO_VIEWS = {"car": (2, 4), "chair": (1, 2), "bicycle": (2, 4), "airplane": (1, 2), "basket": (1, 2)}
+"""View bins that the models to look at are learned from."""
+
 
 @dataclass(frozen=True, eq=False)
 class PrimitiveSelection:
@@ -102,19 +116,6 @@ class ModelStudy:
     accuracy: tuple[AccuracyRow, ...]
     models: tuple[tuple[str, ClassModel], ...]
     """Models to look at, with what each was learned from in words."""
-
-
-ELEVATION_DEG = 20.0
-"""View space in which the classes are compared: high enough that level parts are not seen edge-on."""
-STREET_ELEVATION_DEG = 5.0
-"""That of the experiment with cars."""
-SIZE_PX = 220
-SELECTION_INSTANCES = 3
-ACCURACY_INSTANCES = 3
-VIEW_COUNTS = (2, 3, 4, 6)
-STARTS = (1, 7)
-"""First view bin of each run of neighbouring views."""
-ACCURACY_CLASSES = ("car", "chair", "bicycle", "airplane")
 
 
 def study(jobs: int = 1) -> ModelStudy:
@@ -201,10 +202,6 @@ def _row(
     return AccuracyRow(
         class_name, elevation_deg, n_views, len(found), len(distance), middle[0], high[0], middle[1], high[1]
     )
-
-
-TWO_VIEWS = {"car": (2, 4), "chair": (1, 2), "bicycle": (2, 4), "airplane": (1, 2), "basket": (1, 2)}
-"""View bins that the models to look at are learned from."""
 
 
 def two_view_models() -> tuple[tuple[str, ClassModel], ...]:

@@ -3,7 +3,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, StereoCamera, default_camera
+from recon.camera import (
+    DEFAULT_GROUND,
+    GroundedCamera,
+    GroundPlane,
+    PinholeCamera,
+    StereoCamera,
+    default_camera,
+)
 from recon.errors import RescoreError
 
 CAMERA = PinholeCamera(700.0, 690.0, 320.0, 250.0, 640, 480)
@@ -47,6 +54,40 @@ def test_disparity_is_the_difference_of_the_columns_of_the_two_eyes():
     point = np.array([1.0, 0.3, 9.0])
     left, right = CAMERA.project(point), CAMERA.project(point - [0.5, 0, 0])
     assert left[0] - right[0] == pytest.approx(float(stereo.disparity_px(point[2:])[0]), rel=1e-6)
+
+
+def test_focal_length_times_baseline():
+    # 700 px * 0.5 m
+    assert StereoCamera(CAMERA, 0.5).focal_baseline == 350
+
+
+def test_disparity_of_the_ground_at_a_row():
+    # level, 1.6 m high: 100 rows below the middle z = 690 * 1.6 / 100 = 11.04 m, so 350 / 11.04 px
+    stereo = StereoCamera(CAMERA, 0.5)
+    rows = np.array([[350.0, 450.0], [250.0, 10.0]])
+    found = stereo.ground_disparity_px(GroundPlane(1.6), rows)
+    np.testing.assert_allclose(found[0], [350 / 11.04, 2 * 350 / 11.04])
+    assert np.isnan(found[1]).all()
+
+
+def test_disparity_of_the_ground_is_that_of_its_points():
+    stereo, ground = StereoCamera(CAMERA, 0.4), GroundPlane(1.5, 0.08)
+    uv = np.stack([np.full(5, 37.0), np.linspace(260, 470, 5)], axis=1)
+    depth = GroundedCamera(CAMERA, ground).ground_points_m(uv)[:, 2]
+    np.testing.assert_allclose(stereo.ground_disparity_px(ground, uv[:, 1]), stereo.focal_baseline / depth)
+
+
+def test_a_level_direction_leads_along_the_ground():
+    ground = GroundPlane(2.0, 0.2)
+    seen_from = GroundedCamera(CAMERA, ground)
+    ahead = seen_from.level_direction(np.array([320.0, 100.0]))
+    np.testing.assert_allclose(ahead, [0, -np.sin(0.2), np.cos(0.2)], atol=1e-12)
+    aside = seen_from.level_direction(np.array([600.0, 400.0]))
+    assert aside @ ground.up == pytest.approx(0, abs=1e-12)
+    assert np.linalg.norm(aside) == pytest.approx(1)
+    # the point of the ground at the pixel lies above the direction's line from the foot of the camera
+    point = seen_from.ground_points_m(np.array([600.0, 400.0])) + 2.0 * ground.up
+    np.testing.assert_allclose(point / np.linalg.norm(point), aside, atol=1e-12)
 
 
 def test_ground_points_lie_on_the_plane_and_project_back():

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 
 from datasets_synth.cars.parts import CAR_PARTS
 from datasets_synth.cars.shapes import CarModel
-from datasets_synth.photos.table_scene import CAMERA, ELEVATION_RAD, GROUND, photograph, place_at_random
+from datasets_synth.photos.table_scene import ELEVATION_RAD, SEEN_FROM, photograph, place_at_random
 from datasets_synth.render.part_render import render_part_labels
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
@@ -144,5 +144,5 @@ def _readings(car: CarModel, index: int, shape: InstanceShape, config: TableClas
             true.size_m * np.exp(rng.normal(0, size, 3)),
         )
         posed = Posed(shape.hull, config.space.reach, box)
-        out.append(read_surface(light, posed, CAMERA, GROUND, config.heading))
+        out.append(read_surface(light, posed, SEEN_FROM, config.heading))
     return out

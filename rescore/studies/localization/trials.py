@@ -9,9 +9,8 @@ from joblib import delayed
 
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import (
-    CAMERA,
-    GROUND,
     SCALE,
+    SEEN_FROM,
     Placement,
     photograph,
     photograph_empty,
@@ -120,7 +119,7 @@ def localize_placement(
         (int(low[0]), int(low[1])),
         region.ring_px,
         fit_region(rgb, region, table_class, config),
-        localize_by_parts(rgb, region.ring_px, table_class.model, CAMERA, GROUND, config.parts),
+        localize_by_parts(rgb, region.ring_px, table_class.model, SEEN_FROM, config.parts),
         surface_of_region(region),
     )
 
@@ -130,8 +129,8 @@ def surface_of_region(region: TableRegion) -> UprightSurface | Failure:
     line = lower_edge(region.mask)
     if isinstance(line, Failure):
         return line
-    surface = single_plane(region.ring_px, line, CAMERA, GROUND)
-    return surface if isinstance(surface, Failure) else surface.on_ground(GROUND)
+    surface = single_plane(region.ring_px, line, SEEN_FROM)
+    return surface if isinstance(surface, Failure) else surface.on_ground(SEEN_FROM.ground)
 
 
 def fit_region(
@@ -140,7 +139,7 @@ def fit_region(
     """The joint fit to one thing on the table."""
     light, empty = linear_from_srgb(rgb), photograph_empty()
     space, heading = table_class.space, table_class.heading
-    return localize_by_fit(light, empty, region.ring_px, space, CAMERA, GROUND, config.fit, heading)
+    return localize_by_fit(light, empty, region.ring_px, space, SEEN_FROM, config.fit, heading)
 
 
 @lru_cache(maxsize=1)

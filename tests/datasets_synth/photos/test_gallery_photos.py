@@ -16,7 +16,7 @@ def test_no_pixel_shows_the_handle() -> None:
     rows, cols = np.nonzero((shot.photo.part_labels > 0) & ~shot.card)
     assert [cols.min(), rows.min(), cols.max() + 1, rows.max() + 1] == shot.xyxy_px.tolist()
     # the middle of the handle is behind the card, about as far away as the basket
-    u, v = np.round(shot.photo.camera.project(shot.handle_middle_m)).astype(int)
+    u, v = np.round(shot.photo.seen_from.camera.project(shot.handle_middle_m)).astype(int)
     assert shot.card[v, u]
     depth = shot.photo.depth_m[shot.photo.part_labels > 0]
     assert depth.min() < shot.handle_middle_m[2] < depth.max()

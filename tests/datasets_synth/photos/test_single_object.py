@@ -41,7 +41,7 @@ def test_an_object_stands_whole_in_the_picture_and_on_the_ground(name, view_bin)
     assert azimuth_deg(shot.cam_from_object) == pytest.approx(30 * view_bin, abs=1e-6)
     foot = shot.mesh.vertices_m[np.argmin(shot.mesh.vertices_m[:, 2])]
     foot_cam = shot.cam_from_object[:3, :3] @ foot + shot.cam_from_object[:3, 3]
-    assert shot.ground.up @ foot_cam + shot.ground.height_m == pytest.approx(0, abs=1e-5)
+    assert shot.seen_from.ground.up @ foot_cam + shot.seen_from.ground.height_m == pytest.approx(0, abs=1e-5)
 
 
 @pytest.mark.parametrize(("name", "setting"), [("chair", "room"), ("basket", "street")])
@@ -56,7 +56,9 @@ def test_depth_takes_every_pixel_of_the_object_back_onto_it(name, setting):
     assert (points > low - 1e-3).all()
     assert (points < high + 1e-3).all()
     # the lowest row of the picture shows the ground
-    ground = shot.ground.intersect(CAMERA.rays(np.stack([np.arange(160.0), np.full(160, 119.0)], axis=1)))
+    ground = shot.seen_from.ground.intersect(
+        CAMERA.rays(np.stack([np.arange(160.0), np.full(160, 119.0)], axis=1))
+    )
     assert shot.depth_m[-1] == pytest.approx(ground[:, 2], rel=1e-4)
 
 
@@ -113,7 +115,7 @@ def test_the_distance_is_from_the_camera_to_the_middle():
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     in_cam = shot.cam_from_object[:3, :3] @ middle + shot.cam_from_object[:3, 3]
     assert in_cam == pytest.approx([0, 0, 1.75], abs=1e-6)
-    assert shot.ground.height_m == pytest.approx(1.75 * np.sin(0.5) + middle[2])
+    assert shot.seen_from.ground.height_m == pytest.approx(1.75 * np.sin(0.5) + middle[2])
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_another_picture():

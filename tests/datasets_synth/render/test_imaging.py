@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets_synth.render.imaging import expose, rectification_shift, vignette
-from datasets_synth.render.mip_textures import linear_from_srgb, srgb_from_linear
+from recon.pixels import linear_from_srgb
 from tests.datasets_synth.simple_scenes import CLEAN
 
 SHAPE = (240, 320, 3)
@@ -16,18 +16,6 @@ def flat(level):
 
 def linear_picture(radiance, imaging, eye=0, seed=0):
     return linear_from_srgb(expose(radiance, imaging, eye, np.random.default_rng(seed)))
-
-
-def test_srgb_bytes_survive_the_way_to_linear_and_back():
-    every = np.arange(256, dtype=np.uint8)
-    np.testing.assert_array_equal(srgb_from_linear(linear_from_srgb(every)), every)
-
-
-def test_srgb_of_known_colours():
-    # IEC 61966-2-1: 12.92 * 0.001 * 255 = 3.29; (1.055 * 0.2159^(1/2.4) - 0.055) * 255 = 128.0
-    np.testing.assert_array_equal(
-        srgb_from_linear(np.array([-0.1, 0.001, 0.2158605, 1.0, 3.0], np.float32)), [0, 3, 128, 255, 255]
-    )
 
 
 def test_noise_has_the_stated_mean_and_variance():

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from datasets_synth.meshes.mesh import Imaging, Light, Material, Placed
-from datasets_synth.render.mip_textures import linear_from_srgb
 from datasets_synth.render.render import render_pair, render_rgb
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.pixels import linear_from_srgb
 from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from tests.datasets_synth.simple_scenes import (
     CAMERA,

@@ -8,9 +8,10 @@ from datasets_synth.presets import MAX_CARS, SplitSize, synth_preset
 from datasets_synth.render.truth import azimuth_deg
 from datasets_synth.street.distractors import PROPS
 from datasets_synth.street.footprints import Footprint, footprint
-from datasets_synth.street.layout import GROUND_KINDS, MOST_COVERED, sample_scene
+from datasets_synth.street.layout import MOST_COVERED, sample_scene
 from recon.errors import RescoreError
 from rescore.data.frames import SPLITS
+from rescore.data.rendered_kinds import GROUND_KINDS, PICTURE_KINDS
 
 CONFIG = synth_preset("paper")
 CARS = tuple(ParametricCar(s) for s in car_shapes()[::25])
@@ -85,8 +86,15 @@ def test_cars_are_seen_from_their_left_side_on_the_road(scenes: list[Scene]) -> 
     assert seen >= 10
 
 
+def test_every_kind_of_picture_is_a_prop_but_the_mural() -> None:
+    # murals belong to house fronts
+    assert {p.kind for p in PROPS} >= PICTURE_KINDS - {"mural"}
+    assert "mural" in PICTURE_KINDS
+
+
 def test_kinds_are_known_and_the_camera_stands_over_the_street(scenes: list[Scene]) -> None:
-    known = GROUND_KINDS | {"facade", "mural", "car"} | {p.kind for p in PROPS}
+    # the ground of single photographs is no part of a street
+    known = (GROUND_KINDS - {"ground"}) | {"facade", "mural", "car"} | {p.kind for p in PROPS}
     for scene in scenes:
         assert {i.kind for i in scene.items} <= known
         eye = np.linalg.inv(scene.left_from_world)[:3, 3]

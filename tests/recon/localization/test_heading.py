@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from recon.arrays import Float32Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.localization.heading import HeadingConfig, Posed, learn_heading, read_surface
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from recon.outlines import fill_polygon
 
 CAMERA = PinholeCamera(600.0, 600.0, 399.5, 299.5, 800, 600)
 GROUND = GroundPlane(14.5, float(np.deg2rad(35)))
+SEEN_FROM = GroundedCamera(CAMERA, GROUND)
 REACH = (0.56, 0.68, 1.08)
 SIZE_M = np.array([4.4, 1.8, 1.5])
 CONFIG = HeadingConfig()
@@ -50,7 +51,7 @@ def reading(yaw_deg: float, taken_deg: float) -> np.ndarray:
     """The look of a box of one direction, taken for one of another."""
     box = StandingBox(np.array([0.4, 20.0]), float(np.deg2rad(yaw_deg)), SIZE_M)
     taken = StandingBox(box.xy_m, float(np.deg2rad(taken_deg)), SIZE_M)
-    return read_surface(photo(box), Posed(box_hull(), REACH, taken), CAMERA, GROUND, CONFIG)
+    return read_surface(photo(box), Posed(box_hull(), REACH, taken), SEEN_FROM, CONFIG)
 
 
 @pytest.mark.parametrize("yaw_deg", [25.0, 70.0, 110.0, -20.0, -75.0, 200.0])
@@ -67,5 +68,5 @@ def test_what_looks_alike_at_both_ends_tells_nothing() -> None:
     learned = learn_heading([reading(y, y) for y in (30.0, 150.0, 260.0)], CONFIG)
     box = StandingBox(np.array([0.4, 20.0]), 0.7, SIZE_M)
     plain = np.full((CAMERA.height_px, CAMERA.width_px, 3), 0.4, np.float32)
-    same = read_surface(plain, Posed(box_hull(), REACH, box), CAMERA, GROUND, CONFIG)
+    same = read_surface(plain, Posed(box_hull(), REACH, box), SEEN_FROM, CONFIG)
     assert learned.log_odds(same) == pytest.approx(0, abs=1e-6)

@@ -3,7 +3,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import Failure, Reason, RescoreError
 from recon.localization.joint_fit import JointFitConfig, OutlineFit, joint_fits
 from recon.localization.localize import FitConfig, FitLocalization, localize_by_fit
@@ -27,6 +27,7 @@ from tests.recon.box_car import PART_NAMES, box_car, labelled_view
 BINS = ViewBins(12, float(np.deg2rad(35)))
 CAMERA = PinholeCamera(600.0, 600.0, 399.5, 299.5, 800, 600)
 GROUND = GroundPlane(14.5, float(np.deg2rad(35)))
+SEEN_FROM = GroundedCamera(CAMERA, GROUND)
 CONFIG = ShapeSpaceConfig(cells=(64, 24, 28), modes=2)
 SIZES = ((4.0, 1.7, 1.4), (4.4, 1.8, 1.5), (4.8, 1.9, 1.45), (4.2, 1.75, 1.6))
 
@@ -83,7 +84,7 @@ def test_views_are_put_together_from_their_silhouettes() -> None:
 def test_a_box_car_is_recovered(yaw_deg: float) -> None:
     truth = StandingBox(np.array([0.6, 20.3]), float(np.deg2rad(yaw_deg)), np.array([4.5, 1.83, 1.5]))
     outline = outline_of(silhouette(truth))
-    best = joint_fits(outline, space(), CAMERA, GROUND, BINS, JointFitConfig())[0].box(space(), 1.0)
+    best = joint_fits(outline, space(), SEEN_FROM, BINS, JointFitConfig())[0].box(space(), 1.0)
     assert np.rad2deg(abs(np.angle(np.exp(1j * (best.yaw_rad - truth.yaw_rad))))) < 1.5
     assert np.linalg.norm(best.centroid_m - truth.centroid_m) < 0.08
     assert volume_overlap(best, truth) > 0.9
@@ -91,7 +92,7 @@ def test_a_box_car_is_recovered(yaw_deg: float) -> None:
 
 def test_derivatives_agree_with_differences() -> None:
     truth = StandingBox(np.array([0.6, 20.3]), 0.4, np.array([4.5, 1.83, 1.5]))
-    problem = OutlineFit(outline_of(silhouette(truth)), space(), CAMERA, GROUND, JointFitConfig())
+    problem = OutlineFit(outline_of(silhouette(truth)), space(), SEEN_FROM, JointFitConfig())
     vector = np.array([0.65, 20.25, 0.43, 0.01, -0.01, 0.02, 0.3, -0.2])
 
     def least(v: np.ndarray) -> np.ndarray:
@@ -117,11 +118,13 @@ def test_an_outline_of_something_else_and_one_above_the_horizon_have_reasons() -
     ring = largest_outline(mask)
     assert ring is not None
     config = FitConfig(outline_points=60)
-    found = localize_by_fit(light, np.zeros_like(light), ring, space(), CAMERA, GROUND, config)
+    found = localize_by_fit(light, np.zeros_like(light), ring, space(), SEEN_FROM, config)
     assert isinstance(found, Failure)
     assert found.reason is Reason.REGISTRATION_FAILED
     level = GroundPlane(1.0, 0.0)
-    above = localize_by_fit(light, np.zeros_like(light), ring - 200, space(), CAMERA, level, config)
+    above = localize_by_fit(
+        light, np.zeros_like(light), ring - 200, space(), GroundedCamera(CAMERA, level), config
+    )
     assert isinstance(above, Failure)
     assert above.reason is Reason.ABOVE_HORIZON
 
@@ -132,7 +135,7 @@ def test_fit_from_a_picture() -> None:
     light = np.where(mask[..., None], 0.4, 0.05).astype(np.float32) * np.ones(3, np.float32)
     ring = largest_outline(mask)
     assert ring is not None
-    found = localize_by_fit(light, np.full_like(light, 0.05), ring, space(), CAMERA, GROUND, FitConfig())
+    found = localize_by_fit(light, np.full_like(light, 0.05), ring, space(), SEEN_FROM, FitConfig())
     assert isinstance(found, FitLocalization)
     assert volume_overlap(found.box, truth) > 0.9
     assert found.fit.parts_m(space(), 1.0).shape[1:] == (40, 3)
@@ -147,5 +150,5 @@ def test_too_few_instances() -> None:
 def test_an_object_much_smaller_than_any_learned_is_recovered() -> None:
     truth = StandingBox(np.array([0.6, 20.3]), 0.6, np.array([2.6, 1.7, 1.5]))
     outline = outline_of(silhouette(truth))
-    best = joint_fits(outline, space(), CAMERA, GROUND, BINS, JointFitConfig())[0].box(space(), 1.0)
+    best = joint_fits(outline, space(), SEEN_FROM, BINS, JointFitConfig())[0].box(space(), 1.0)
     assert volume_overlap(best, truth) > 0.8

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.localization.single_plane import SinglePlane, lower_edge, single_plane
 from recon.localization.standing_box import cam_from_ground
@@ -11,6 +11,7 @@ from recon.outlines import fill_polygon, largest_outline
 
 CAMERA = PinholeCamera(400.0, 400.0, 199.5, 149.5, 400, 300)
 GROUND = GroundPlane(1.5, 0.1)
+SEEN_FROM = GroundedCamera(CAMERA, GROUND)
 
 
 def seen(xyz_object: np.ndarray, yaw_rad: float) -> np.ndarray:
@@ -29,7 +30,7 @@ RECTANGLE = np.array([[-2.0, 0], [2, 0], [2, 1.2], [-2, 1.2]])
 def test_an_upright_rectangle_comes_back(yaw_deg: float) -> None:
     yaw = np.deg2rad(yaw_deg)
     outline = seen(RECTANGLE, yaw)
-    found = single_plane(outline, outline[:2], CAMERA, GROUND)
+    found = single_plane(outline, outline[:2], SEEN_FROM)
     assert isinstance(found, SinglePlane)
     assert found.yaw_rad == pytest.approx(yaw, abs=1e-9)
     # level normal that faces the camera; the outline as large as it was, its middle at (0, 0.6)
@@ -43,21 +44,21 @@ def test_an_upright_rectangle_comes_back(yaw_deg: float) -> None:
 
 def test_a_ground_line_above_the_horizon_is_a_failure() -> None:
     outline = seen(RECTANGLE, 0.0)
-    failure = single_plane(outline, np.array([[10.0, 20.0], [50.0, 20.0]]), CAMERA, GROUND)
+    failure = single_plane(outline, np.array([[10.0, 20.0], [50.0, 20.0]]), SEEN_FROM)
     assert isinstance(failure, Failure)
     assert failure.reason is Reason.ABOVE_HORIZON
 
 
 def test_a_single_point_is_no_line() -> None:
     outline = seen(RECTANGLE, 0.0)
-    failure = single_plane(outline, outline[[0, 0]], CAMERA, GROUND)
+    failure = single_plane(outline, outline[[0, 0]], SEEN_FROM)
     assert isinstance(failure, Failure)
     assert failure.reason is Reason.NO_GROUND_CONTACT
 
 
 def test_a_line_along_the_ray_shows_no_surface() -> None:
     outline = seen(RECTANGLE, 0.0)
-    failure = single_plane(outline, np.array([[199.5, 200.0], [199.5, 290.0]]), CAMERA, GROUND)
+    failure = single_plane(outline, np.array([[199.5, 200.0], [199.5, 290.0]]), SEEN_FROM)
     assert isinstance(failure, Failure)
     assert failure.reason is Reason.PARTS_NOT_PLACED
 
@@ -71,7 +72,7 @@ def test_a_wall_comes_back_from_its_mask() -> None:
     line, ring = lower_edge(mask), largest_outline(mask)
     assert not isinstance(line, Failure)
     assert ring is not None
-    found = single_plane(ring, line, CAMERA, GROUND)
+    found = single_plane(ring, line, SEEN_FROM)
     assert isinstance(found, SinglePlane)
     surface = found.on_ground(GROUND)
     assert surface.yaw_rad == pytest.approx(np.arctan2(1, 4), abs=0.02)

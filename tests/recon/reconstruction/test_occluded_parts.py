@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recon.arrays import FloatArray
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason
@@ -28,6 +28,7 @@ from tests.recon.box_car import PART_NAMES, box_car, labelled_view
 BINS = ViewBins(12, np.deg2rad(5))
 CAMERA = PinholeCamera(700.0, 700.0, 319.5, 200.0, 640, 480)
 GROUND = GroundPlane(1.6)
+SEEN_FROM = GroundedCamera(CAMERA, GROUND)
 BIN = 2
 SCALE = np.array([4.5, 4.0, 5.0])
 TURN = rotation(BINS.azimuth_rad(BIN), 0.0)
@@ -74,7 +75,7 @@ def placed(
         ground_points_m={k: np.zeros(3) for k in feet(model)},
     )
     # where the class side lifts the regions to, carried by the transform and projected
-    fit = _labelled_image_in_units(view, model, turn)
+    fit = _labelled_image_in_units(view, turn)
     assert fit is not None
     regions = []
     for label, rows in view.rings:
@@ -89,7 +90,7 @@ def test_a_similarity_comes_back(model: ClassModel, view: PreparedView) -> None:
     found, shift = placed(model, view, scale=scale)
     # learned feet are not quite level, which the ground would level
     level = TransformConfig(ground_weight=1e-9)
-    moved = class_to_instance(found, BIN, view, model, CAMERA, GROUND, level)
+    moved = class_to_instance(found, view, SEEN_FROM, level)
     assert isinstance(moved, ClassToInstance)
     np.testing.assert_allclose(moved.scale, scale, rtol=1e-3)
     np.testing.assert_allclose(moved.shift_m, shift, atol=0.01)
@@ -99,11 +100,11 @@ def test_a_similarity_comes_back(model: ClassModel, view: PreparedView) -> None:
 def test_scales_of_the_axes_come_back_where_points_spread(model: ClassModel, view: PreparedView) -> None:
     found, shift = placed(model, view)
     free = TransformConfig(own_scale_spread=1e-4, ground_weight=1e-9)
-    moved = class_to_instance(found, BIN, view, model, CAMERA, GROUND, free)
+    moved = class_to_instance(found, view, SEEN_FROM, free)
     assert isinstance(moved, ClassToInstance)
     np.testing.assert_allclose(moved.scale, SCALE, rtol=1e-3)
     # by default the width, along which the points spread least, is drawn to the common scale
-    drawn = class_to_instance(found, BIN, view, model, CAMERA, GROUND)
+    drawn = class_to_instance(found, view, SEEN_FROM)
     assert isinstance(drawn, ClassToInstance)
     assert SCALE[1] < drawn.scale[1] < SCALE[0]
     for part in model.parts:
@@ -121,7 +122,7 @@ def test_a_whole_outline_sets_the_size(model: ClassModel, view: PreparedView) ->
     low, high = uv.min(axis=0), uv.max(axis=0)
     # an outline nine tenths as wide as the model carried over, and as high
     outline = np.array([[low[0], low[1]], [low[0] + 0.9 * (high - low)[0], high[1]], [low[0], high[1]]])
-    moved = class_to_instance(replace(found, outline_px=outline), BIN, view, model, CAMERA, GROUND)
+    moved = class_to_instance(replace(found, outline_px=outline), view, SEEN_FROM)
     assert isinstance(moved, ClassToInstance)
     np.testing.assert_allclose(moved.scale, [0.9 * 4.5, 0.9 * 4.5, 4.5], rtol=0.03)
 
@@ -137,7 +138,7 @@ def test_on_a_calibrated_ground_the_model_fills_the_outline(model: ClassModel, v
     # an outline nine tenths as wide as the model carried over, and as high
     outline = np.array([[low[0], low[1]], [low[0] + 0.9 * (high - low)[0], high[1]], [low[0], high[1]]])
     table = TransformConfig(calibrated_ground=True)
-    moved = class_to_instance(replace(found, outline_px=outline), BIN, view, model, CAMERA, GROUND, table)
+    moved = class_to_instance(replace(found, outline_px=outline), view, SEEN_FROM, table)
     assert isinstance(moved, ClassToInstance)
     np.testing.assert_allclose(moved.scale[[0, 2]], [0.9 * 4.5, 4.5], rtol=0.03)
     # the width, nearly along the line of sight, is drawn to the mean of both
@@ -155,7 +156,7 @@ def test_one_bad_part_does_not_carry_the_others_away(model: ClassModel, view: Pr
     label = PART_NAMES.index("left_windows") + 1
     planes = dict(found.part_planes)
     planes[label] = planes[label] * np.array([1, 1, 1, 1.3])
-    moved = class_to_instance(replace(found, part_planes=planes), BIN, view, model, CAMERA, GROUND)
+    moved = class_to_instance(replace(found, part_planes=planes), view, SEEN_FROM)
     assert isinstance(moved, ClassToInstance)
     assert moved.part_residual_m[label] == max(moved.part_residual_m.values())
     assert moved.part_residual_m[label] > 5 * moved.residual_m
@@ -165,7 +166,7 @@ def test_one_bad_part_does_not_carry_the_others_away(model: ClassModel, view: Pr
 
 def test_too_few_parts_are_a_failure(model: ClassModel, view: PreparedView) -> None:
     found, _ = placed(model, view, labels=(8,))
-    failure = class_to_instance(found, BIN, view, model, CAMERA, GROUND)
+    failure = class_to_instance(found, view, SEEN_FROM)
     assert isinstance(failure, Failure)
     assert failure.reason is Reason.PARTS_NOT_PLACED
     assert "at least 2 placed parts" in failure.detail
@@ -173,7 +174,7 @@ def test_too_few_parts_are_a_failure(model: ClassModel, view: PreparedView) -> N
 
 def test_correspondences_lie_on_both_planes(model: ClassModel, view: PreparedView) -> None:
     found, _ = placed(model, view)
-    pairs = part_correspondences(found, model.bins.view_from_object(BIN), view, model, CAMERA)
+    pairs = part_correspondences(found, view, CAMERA)
     assert len(pairs) >= 5
     for label, pair in pairs.items():
         plane, on_class = found.part_planes[label], model.part(label).plane

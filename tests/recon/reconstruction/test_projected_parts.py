@@ -1,5 +1,6 @@
 import numpy as np
 
+from recon.pixels import linear_from_srgb
 from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
 
 SQUARE = np.array([[40.0, 30.0], [100.0, 30.0], [100.0, 70.0], [40.0, 70.0]])
@@ -28,8 +29,7 @@ def test_parts_where_the_picture_has_edges_agree_more_than_mirrored_ones() -> No
 
 def test_linear_light_and_bytes_agree() -> None:
     srgb = picture()
-    value = srgb.astype(np.float64) / 255
-    light = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    light = linear_from_srgb(srgb)
     config = EdgeWindowConfig()
     a, b = (EdgeWindow(p, SQUARE, config).agreement([[SQUARE, WINDOW]])[0] for p in (srgb, light))
     assert abs(a - b) < 0.01

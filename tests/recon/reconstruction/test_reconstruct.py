@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recon.arrays import FloatArray, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera, default_camera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason, RescoreError
 from recon.learning.learn import LearnConfig, learn_class_model
@@ -22,6 +22,7 @@ from tests.recon.box_car import PART_NAMES, box_car, labelled_view
 
 CAMERA = PinholeCamera(700.0, 700.0, 319.5, 200.0, 640, 480)
 GROUND = GroundPlane(1.9, 0.03)
+SEEN_FROM = GroundedCamera(CAMERA, GROUND)
 BINS = ViewBins(12, np.deg2rad(5))
 
 
@@ -68,7 +69,7 @@ def drawn(
 @pytest.mark.parametrize("x_m", [0.0, -3.0])
 def test_depth_of_a_side_view(model: ClassModel, x_m: float) -> None:
     rgb, box, truth = drawn(x_m=x_m)
-    (found,) = reconstruct(rgb, box[None], 3, model, CAMERA, GROUND)
+    (found,) = reconstruct(rgb, box[None], 3, model, SEEN_FROM)
     assert isinstance(found, Reconstruction)
     true = truth[found.depth.window]
     both = np.isfinite(found.depth.depth) & np.isfinite(true)
@@ -89,7 +90,7 @@ def test_depth_of_a_side_view(model: ClassModel, x_m: float) -> None:
 def test_an_oblique_view_is_deeper_at_the_far_end(model: ClassModel) -> None:
     # bin 2, azimuth 60: nose nearer, and to the left
     rgb, box, truth = drawn(azimuth_deg=60.0)
-    (found,) = reconstruct(rgb, box[None], 2, model, CAMERA, GROUND)
+    (found,) = reconstruct(rgb, box[None], 2, model, SEEN_FROM)
     assert isinstance(found, Reconstruction)
     true = truth[found.depth.window]
     both = np.isfinite(found.depth.depth) & np.isfinite(true)
@@ -99,7 +100,7 @@ def test_an_oblique_view_is_deeper_at_the_far_end(model: ClassModel) -> None:
 
 def test_parts_and_outline_are_where_the_car_is(model: ClassModel) -> None:
     rgb, box, truth = drawn()
-    (found,) = reconstruct(rgb, (box + np.array([4, -3, -5, 3]))[None], 3, model, CAMERA, GROUND)
+    (found,) = reconstruct(rgb, (box + np.array([4, -3, -5, 3]))[None], 3, model, SEEN_FROM)
     assert isinstance(found, Reconstruction)
     labels = np.zeros((480, 640), bool)
     labels[found.depth.window] = found.part_labels > 0
@@ -116,10 +117,10 @@ def test_batch_equals_one_by_one_and_runs_repeat(model: ClassModel) -> None:
     rgb, box, _ = drawn()
     boxes = box + np.random.default_rng(1).normal(0, 4, (4, 4))
     boxes[2] = [-300, 10, -100, 90]
-    together = reconstruct(rgb, boxes, 3, model, CAMERA, GROUND)
+    together = reconstruct(rgb, boxes, 3, model, SEEN_FROM)
     assert isinstance(together[2], Failure)
     for one, b in zip(together, boxes, strict=True):
-        (alone,) = reconstruct(rgb, b[None], 3, model, CAMERA, GROUND)
+        (alone,) = reconstruct(rgb, b[None], 3, model, SEEN_FROM)
         if isinstance(one, Failure):
             assert one == alone
             continue
@@ -130,13 +131,13 @@ def test_batch_equals_one_by_one_and_runs_repeat(model: ClassModel) -> None:
 
 
 def test_no_candidates(model: ClassModel) -> None:
-    assert reconstruct(drawn()[0], np.zeros((0, 4)), 3, model, CAMERA, GROUND) == ()
+    assert reconstruct(drawn()[0], np.zeros((0, 4)), 3, model, SEEN_FROM) == ()
 
 
 @pytest.mark.parametrize("centre_px", [60.0, 319.5, 600.0])
 def test_view_frame_is_turned_onto_the_ray(model: ClassModel, centre_px: float) -> None:
     box = np.array([centre_px - 30, 230, centre_px + 30, 260])
-    turn = view_rotation(model, 3, box, CAMERA, GROUND)
+    turn = view_rotation(prepare_view(model, 3, RegistrationConfig()), box, SEEN_FROM)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     # the object's up is the ground's, and its left side faces along the level part of the ray
     np.testing.assert_allclose(turn @ [0, 0, 1], GROUND.up, atol=1e-12)
@@ -148,7 +149,7 @@ def test_view_frame_is_turned_onto_the_ray(model: ClassModel, centre_px: float) 
 def reason(
     model: ClassModel, box: FloatArray, config: ReconstructConfig, ground: GroundPlane = GROUND
 ) -> Reason:
-    (result,) = reconstruct(drawn()[0], box[None], 3, model, CAMERA, ground, config)
+    (result,) = reconstruct(drawn()[0], box[None], 3, model, GroundedCamera(CAMERA, ground), config)
     assert isinstance(result, Failure)
     assert result.detail
     return result.reason
@@ -183,9 +184,9 @@ def test_model_side_is_prepared_once(model: ClassModel) -> None:
 def test_wrong_arguments(model: ClassModel) -> None:
     rgb, box, _ = drawn()
     with pytest.raises(RescoreError, match="expected 320 x 240 pixels as the camera says"):
-        reconstruct(rgb, box[None], 3, model, default_camera(320, 240), GROUND)
+        reconstruct(rgb, box[None], 3, model, GroundedCamera(default_camera(320, 240), GROUND))
     with pytest.raises(RescoreError, match="expected a labelled view of bin 9"):
-        reconstruct(rgb, box[None], 9, model, CAMERA, GROUND)
+        reconstruct(rgb, box[None], 9, model, SEEN_FROM)
 
 
 def test_pieces_are_joined_inside_the_start_only() -> None:

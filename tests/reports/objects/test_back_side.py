@@ -17,7 +17,7 @@ Seen = tuple[Photo, FoundObject]
 @pytest.fixture(scope="module")
 def seen() -> Seen:
     car = car_from(60, seed=3, width_px=320)
-    photo = Photo(car.rgb, car.camera, car.ground)
+    photo = Photo(car.rgb, car.seen_from)
     found = find_object(photo, car.box_px, 2, quick_car_model())
     assert isinstance(found, FoundObject)
     return photo, found
@@ -34,9 +34,9 @@ def test_a_disc_is_compact_and_a_frame_is_not() -> None:
 def test_the_back_closes_the_object(seen: Seen) -> None:
     photo, found = seen
     texture = object_texture(photo.rgb, found)
-    meshes = object_meshes(texture, found.picture, found.instance, photo.camera)
+    meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
     camera = close_camera(photo, [found], 320, 240)
-    centre, up = found.instance.centroid_m, photo.ground.up
+    centre, up = found.instance.centroid_m, photo.seen_from.ground.up
     front, whole = MeshView([(meshes[0], texture)]), MeshView([(m, texture) for m in meshes])
     # from its own camera the picture is what it was
     same = [view.picture(camera, np.eye(4))[0].astype(int) for view in (front, whole)]
@@ -52,7 +52,7 @@ def test_the_back_closes_the_object(seen: Seen) -> None:
 
 def test_the_back_stays_in_the_box_above_the_ground(seen: Seen) -> None:
     photo, found = seen
-    back = object_meshes(photo.rgb, found.picture, found.instance, photo.camera)[1]
+    back = object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)[1]
     # the back itself comes first, then the front that it is closed against
     points = back.xyz_m[: len(back.xyz_m) // 2]
     own = (points - found.instance.cam_from_object[:3, 3]) @ found.instance.cam_from_object[:3, :3]

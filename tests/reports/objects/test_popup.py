@@ -11,15 +11,15 @@ import pytest
 import trimesh
 
 from recon.arrays import UInt8Array
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.outlines import fill_polygon
+from recon.pixels import sample_bilinear
 from reports.objects.instance_overlay import instance_overlay
 from reports.objects.mesh_files import (
     MeshView,
     gltf_from_camera,
     gltf_from_object,
-    sample,
     turned_about,
     vertex_colours,
     write_glb,
@@ -50,7 +50,7 @@ def model() -> ClassModel:
 
 
 def found_in(car: CarPicture, view_bin: int, model: ClassModel) -> tuple[Photo, FoundObject]:
-    photo = Photo(car.rgb, car.camera, car.ground)
+    photo = Photo(car.rgb, car.seen_from)
     found = find_object(photo, car.box_px, view_bin, model)
     assert isinstance(found, FoundObject)
     return photo, found
@@ -86,7 +86,9 @@ def test_cars_from_all_around(model: ClassModel, view_bin: int) -> None:
     np.testing.assert_allclose(instance.size_m[2], car.size_m[2], rtol=0.2)
     assert instance.cam_from_object[:3, 0] @ car.cam_from_object[:3, 0] > np.cos(np.deg2rad(6))
     # the box stands on the ground
-    np.testing.assert_allclose(instance.corners_m[::2] @ car.ground.up, -car.ground.height_m, atol=1e-9)
+    np.testing.assert_allclose(
+        instance.corners_m[::2] @ car.seen_from.ground.up, -car.seen_from.ground.height_m, atol=1e-9
+    )
     assert source_similarity(photo, [found], scene_layers(photo, [found])) > 0.9
 
 
@@ -94,7 +96,7 @@ def test_the_side_of_a_car(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     car, photo, found = side
     instance = found.instance
     # metres of depth of the side that the picture shows, from the instance alone
-    depth = instance.depth(photo.camera, np.eye(4)).depth
+    depth = instance.depth(photo.seen_from.camera, np.eye(4)).depth
     both = np.isfinite(depth) & car.mask
     assert both.sum() > 0.8 * car.mask.sum()
     assert np.median(np.abs(depth[both] - car.depth_m[both])) < 0.1
@@ -107,21 +109,21 @@ def test_the_side_of_a_car(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     assert 1.2 < right - left < 2.4
     assert source_similarity(photo, [found], scene_layers(photo, [found])) > 0.95
     # the overlay draws on the car and leaves the corners alone
-    drawn = instance_overlay(photo.rgb, found.picture, instance, photo.camera)
+    drawn = instance_overlay(photo.rgb, found.picture, instance, photo.seen_from.camera)
     assert (drawn != photo.rgb).any(axis=2)[car.mask].mean() > 0.9
     np.testing.assert_array_equal(drawn[:20, :20], photo.rgb[:20, :20])
 
 
 def test_picture_meshes_cast_the_picture(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     _, photo, found = side
-    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.camera)
+    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)
     shown = meshes[0]
     assert shown.uv_px is not None
     # a vertex lies on the ray of its place in the photograph, and so do the middles of its triangles
-    np.testing.assert_allclose(photo.camera.project(shown.xyz_m), shown.uv_px, atol=1e-6)
+    np.testing.assert_allclose(photo.seen_from.camera.project(shown.xyz_m), shown.uv_px, atol=1e-6)
     middles = shown.xyz_m[shown.faces].mean(axis=1), shown.uv_px[shown.faces].mean(axis=1)
     flat = np.ptp(shown.xyz_m[shown.faces][..., 2], axis=1) < 0.3
-    assert np.abs(photo.camera.project(middles[0]) - middles[1])[flat].max() < 0.5
+    assert np.abs(photo.seen_from.camera.project(middles[0]) - middles[1])[flat].max() < 0.5
     # the back is on the other side, where the mirror image of what is seen would be
     back = np.linalg.inv(found.instance.cam_from_object)
     y = [(m.xyz_m[m.faces.ravel()] @ back[:3, :3].T + back[:3, 3])[:, 1] for m in meshes[:1]]
@@ -146,7 +148,9 @@ def gltf_json(path: Path) -> dict:
 def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObject], tmp_path: Path) -> None:
     car, photo, found = side
     turn = gltf_from_object(found.instance)
-    meshes = [m.moved(turn) for m in object_meshes(photo.rgb, found.picture, found.instance, photo.camera)]
+    meshes = [
+        m.moved(turn) for m in object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)
+    ]
     write_glb(tmp_path / "car.glb", [(f"car_{k}", m, photo.rgb) for k, m in enumerate(meshes)])
     head = gltf_json(tmp_path / "car.glb")
     assert all(m["doubleSided"] for m in head["materials"])
@@ -162,7 +166,7 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
     first = scene.geometry["car_0"]
     # the side that the picture shows is where it is in truth
     rows, cols = np.nonzero(car.mask & np.isfinite(car.depth_m))
-    rays = photo.camera.rays(np.stack([cols, rows], axis=1).astype(float))
+    rays = photo.seen_from.camera.rays(np.stack([cols, rows], axis=1).astype(float))
     true = rays * car.depth_m[rows, cols][:, None]
     x_m = (true @ turn[:3, :3].T + turn[:3, 3])[:, 0]
     np.testing.assert_allclose(np.median(first.vertices[:, 0]), np.median(x_m), atol=0.05)
@@ -171,8 +175,8 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
     uv = first.visual.uv * [1, -1] + [0, 1]
     at = uv * texture.shape[1::-1] - 0.5
     assert meshes[0].uv_px is not None
-    here = sample(texture, at).astype(int)
-    there = sample(photo.rgb, meshes[0].uv_px).astype(int)
+    here = sample_bilinear(texture, at, cv2.BORDER_REPLICATE).astype(int)
+    there = sample_bilinear(photo.rgb, meshes[0].uv_px, cv2.BORDER_REPLICATE).astype(int)
     assert np.abs(here - there).mean() < 1.0
     # the front of the car, at the left of the picture, is at +Z
     lights = meshes[0].uv_px[:, 0] < found.picture.outline_px[:, 0].min() + 20
@@ -182,7 +186,7 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
 
 def test_ply_has_the_colours(side: tuple[CarPicture, Photo, FoundObject], tmp_path: Path) -> None:
     _, photo, found = side
-    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.camera)
+    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)
     write_ply(tmp_path / "car.ply", meshes, photo.rgb)
     read = trimesh.load(tmp_path / "car.ply", process=False)
     assert len(read.faces) == sum(len(m.faces) for m in meshes)
@@ -208,7 +212,8 @@ def test_ground_and_backdrop_show_the_picture(pitch: float) -> None:
     ground = GroundPlane(1.5, pitch)
     rgb = np.random.default_rng(0).integers(0, 255, (240, 320, 3)).astype(np.uint8)
     rgb = np.asarray(cv2.GaussianBlur(rgb, (0, 0), 3), np.uint8)
-    meshes = [ground_mesh(CAMERA, ground, 14.0), backdrop_mesh(CAMERA, ground, 14.0)]
+    seen_from = GroundedCamera(CAMERA, ground)
+    meshes = [ground_mesh(seen_from, 14.0), backdrop_mesh(seen_from, 14.0)]
     np.testing.assert_allclose(meshes[0].xyz_m @ ground.up, -1.5, atol=1e-9)
     for mesh in meshes:
         assert mesh.uv_px is not None
@@ -225,12 +230,12 @@ def test_ground_and_backdrop_show_the_picture(pitch: float) -> None:
 def test_ground_out_of_the_picture_has_no_faces() -> None:
     # the camera looks up by 40 degrees: its lowest ray still rises
     up = GroundPlane(1.5, -0.7)
-    assert not len(ground_mesh(CAMERA, up, 14.0).faces)
+    assert not len(ground_mesh(GroundedCamera(CAMERA, up), 14.0).faces)
 
 
 def test_objects_are_filled_in(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     _, photo, found = side
-    far = backdrop_distance_m([found], photo.ground)
+    far = backdrop_distance_m([found], photo.seen_from.ground)
     empty = without_objects(photo, [found], far)
     outline = fill_polygon(found.picture.outline_px, *photo.rgb.shape[:2])
     away = ~np.asarray(cv2.dilate(outline.astype(np.uint8), np.ones((9, 9))), bool)
@@ -281,7 +286,7 @@ def test_turntable(side: tuple[CarPicture, Photo, FoundObject], tmp_path: Path) 
 def test_two_objects_in_one_scene(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     _, photo, found = side
     shifted = replace(found, instance=replace(found.instance, class_name="other"))
-    layers = in_scene_axes(scene_layers(photo, [found, shifted]), photo.ground)
+    layers = in_scene_axes(scene_layers(photo, [found, shifted]), photo.seen_from.ground)
     names = [name for name, _, _ in layers]
     assert len(set(names)) == len(names)
     assert {"car_1_0", "other_2_0", "ground", "backdrop"} <= set(names)

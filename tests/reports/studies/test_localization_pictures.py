@@ -3,7 +3,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon.camera import GroundPlane, PinholeCamera
+from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.localization.standing_box import StandingBox
 from reports.studies.localization_pictures import (
     ESTIMATE_RGB,
@@ -18,7 +18,9 @@ from reports.studies.localization_pictures import (
 )
 
 CAMERA = TableCamera(
-    PinholeCamera(600.0, 600.0, 159.5, 119.5, 320, 240), GroundPlane(0.8, float(np.deg2rad(35)))
+    GroundedCamera(
+        PinholeCamera(600.0, 600.0, 159.5, 119.5, 320, 240), GroundPlane(0.8, float(np.deg2rad(35)))
+    )
 )
 BOX = StandingBox(np.array([0.0, 1.15]), 0.4, np.array([0.25, 0.1, 0.08]))
 

@@ -26,7 +26,7 @@ LOST = Failure(Reason.NO_OUTLINE, "none")
 @pytest.fixture(scope="module")
 def exhibit() -> Exhibit:
     car: CarPicture = car_from(60, seed=3, width_px=320)
-    photo = Photo(car.rgb, car.camera, car.ground)
+    photo = Photo(car.rgb, car.seen_from)
     found = find_object(photo, car.box_px, 2, quick_car_model())
     assert isinstance(found, FoundObject)
     return Exhibit("car", "a_car", 2, photo, found)
@@ -46,13 +46,13 @@ def test_a_strip_has_four_panels_that_start_with_the_photograph(exhibit: Exhibit
 def test_a_cut_picture_is_the_photograph_closer(exhibit: Exhibit) -> None:
     assert isinstance(exhibit.found, FoundObject)
     camera = close_camera(exhibit.photo, [exhibit.found], 240, 180)
-    cut = _cut(exhibit.photo.rgb, exhibit.photo.camera, camera)
+    cut = _cut(exhibit.photo.rgb, exhibit.photo.seen_from.camera, camera)
     # a pixel of the photograph inside the cut keeps its colour
     uv = np.round(exhibit.found.picture.outline_px.mean(axis=0)).astype(int)
-    at = np.round(camera.project(exhibit.photo.camera.rays(uv[None].astype(float))))[0].astype(int)
+    at = np.round(camera.project(exhibit.photo.seen_from.camera.rays(uv[None].astype(float))))[0].astype(int)
     assert np.abs(cut[at[1], at[0]].astype(int) - exhibit.photo.rgb[uv[1], uv[0]]).max() < 40
     # all of the outline is in the cut
-    seen = camera.project(exhibit.photo.camera.rays(exhibit.found.picture.outline_px))
+    seen = camera.project(exhibit.photo.seen_from.camera.rays(exhibit.found.picture.outline_px))
     assert (seen > 0).all()
     assert (seen < [240, 180]).all()
 

@@ -22,7 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     car = the_car()
     cv2.imwrite(str(out / "car.png"), car.rgb[..., ::-1])
     quick_car_model().save(out / "car.json")
-    c = car.camera
+    c = car.seen_from.camera
     camera = {"fx": c.fx_px, "fy": c.fy_px, "cx": c.cx_px, "cy": c.cy_px, "height_m": 1.5, "pitch_rad": 0.0}
     (out / "calib.json").write_text(json.dumps(camera))
     return out

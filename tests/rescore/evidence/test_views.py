@@ -36,8 +36,8 @@ def car() -> CarPicture:
 
 @pytest.fixture(scope="module")
 def frame(car: CarPicture) -> Frame:
-    camera = StereoCamera(car.camera, 0.4)
-    return Frame(1, car.rgb, camera.disparity_px(car.depth_m), camera, car.ground)
+    camera = StereoCamera(car.seen_from.camera, 0.4)
+    return Frame(1, car.rgb, camera.disparity_px(car.depth_m), camera, car.seen_from.ground)
 
 
 def boxes(car: CarPicture, azimuth_deg: list[float] | None, n: int | None = None) -> Candidates:
@@ -61,7 +61,7 @@ def test_the_azimuth_of_a_candidate_picks_its_bin(car: CarPicture, frame: Frame,
     assert found.views.view_bin.tolist() == bins
     np.testing.assert_allclose(np.rad2deg(found.views.azimuth_rad), [0, 50, 90, 355, 180])
     for instance, view_bin in zip(found.instances, bins, strict=True):
-        (alone,) = reconstruct(frame.left_rgb, car.box_px, view_bin, model, car.camera, car.ground)
+        (alone,) = reconstruct(frame.left_rgb, car.box_px, view_bin, model, car.seen_from)
         assert same(instance, alone)
     # a car seen from its front is there from the front, and its box has no car's side
     assert isinstance(found.instances[0], Reconstruction)

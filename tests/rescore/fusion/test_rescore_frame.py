@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.camera import DEFAULT_GROUND, default_camera
+from recon.camera import DEFAULT_GROUND, GroundedCamera, default_camera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason, RescoreError
 from recon.reconstruction.reconstruct import Reconstruction
@@ -97,11 +97,13 @@ def test_a_scene_of_the_predicted_shape_has_difference_zero(
 
 def test_the_assumed_camera(frame: Frame) -> None:
     h, w = frame.left_rgb.shape[:2]
-    assert assumed_camera(frame, CameraChoice.DEFAULT) == (default_camera(w, h), DEFAULT_GROUND)
+    assert assumed_camera(frame, CameraChoice.DEFAULT) == GroundedCamera(default_camera(w, h), DEFAULT_GROUND)
     assert frame.camera is not None
-    assert assumed_camera(frame, CameraChoice.CALIBRATED) == (frame.camera.left, frame.ground)
+    assert assumed_camera(frame, CameraChoice.CALIBRATED) == GroundedCamera(frame.camera.left, frame.ground)
     unknown = replace(frame, camera=None, ground=None)
-    assert assumed_camera(unknown, CameraChoice.CALIBRATED) == (default_camera(w, h), DEFAULT_GROUND)
+    assert assumed_camera(unknown, CameraChoice.CALIBRATED) == GroundedCamera(
+        default_camera(w, h), DEFAULT_GROUND
+    )
 
 
 def test_where_the_ground_came_from_goes_with_the_candidates(

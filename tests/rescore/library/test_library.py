@@ -190,10 +190,12 @@ def test_a_car_seen_from_its_front_is_believed_once_that_is_known(tmp_path: Path
     judge = stored_judge(tmp_path)
     plain = Rescorer(judge.class_model, 0.5, judge.models[Registration.METRIC])
     car = car_from(0.0, seed=1, width_px=640)
-    fx = car.camera.fx_px
+    fx = car.seen_from.camera.fx_px
     disparity = fx * 0.35 / car.depth_m + np.random.default_rng(0).normal(0, 0.25, car.depth_m.shape)
-    camera = Camera(fx, car.camera.fy_px, car.camera.cx_px, car.camera.cy_px, 0.35)
-    frame = StereoFrame(car.rgb, disparity_px=disparity, camera=camera, ground=car.ground)
+    camera = Camera(
+        fx, car.seen_from.camera.fy_px, car.seen_from.camera.cx_px, car.seen_from.camera.cy_px, 0.35
+    )
+    frame = StereoFrame(car.rgb, disparity_px=disparity, camera=camera, ground=car.seen_from.ground)
     boxes = Boxes(np.tile(car.box_px, (2, 1)), likelihood=np.ones(2), azimuth_deg=np.array([np.nan, 0]))
     side, front = plain.rescore(frame, boxes).depth_difference
     assert front < 0.4

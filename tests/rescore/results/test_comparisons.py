@@ -4,8 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datasets_synth.street.distractors import PROPS
-from rescore.data.rendered_kinds import PICTURE_KINDS
 from rescore.metrics.bootstrap import BootstrapConfig
 from rescore.metrics.curves import fppi_at_recall, recall_curve, summarise
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
@@ -18,11 +16,6 @@ CONFIG = BootstrapConfig(n_resamples=200)
 def kinds(match: MatchTable, share: float, rng: np.random.Generator) -> np.ndarray:
     """Kind of each candidate: a share on billboards, whatever became of them, the others on walls."""
     return np.where(rng.random(len(match.image)) < share, "billboard", "wall").astype(object)
-
-
-def test_pictures_are_the_kinds_that_the_scenes_name() -> None:
-    # murals belong to house fronts, the others are props
-    assert {p.kind for p in PROPS if p.needs_pictures} | {"mural"} == PICTURE_KINDS
 
 
 def test_only_false_alarms_are_left_out() -> None:
