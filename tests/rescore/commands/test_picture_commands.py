@@ -150,20 +150,28 @@ def test_a_model_without_the_view_says_which_it_has(folder: Path, run: Run, tmp_
 def test_the_camera_comes_from_options_file_or_default(folder: Path, tmp_path: Path) -> None:
     picture = folder / "car.png"
     default = open_photo(picture, None, None, None, None)
-    assert default.camera.fx_px == pytest.approx(1.4 * 240)
-    assert default.ground == DEFAULT_GROUND
+    assert default.seen_from.camera.fx_px == pytest.approx(1.4 * 240)
+    assert default.seen_from.ground == DEFAULT_GROUND
     given = open_photo(picture, "300,310,150,120", None, 1.2, 10.0)
-    assert (given.camera.fx_px, given.camera.fy_px, given.camera.cx_px, given.camera.cy_px) == (
+    assert (
+        given.seen_from.camera.fx_px,
+        given.seen_from.camera.fy_px,
+        given.seen_from.camera.cx_px,
+        given.seen_from.camera.cy_px,
+    ) == (
         300,
         310,
         150,
         120,
     )
-    assert (given.ground.height_m, given.ground.pitch_rad) == (1.2, pytest.approx(np.deg2rad(10)))
+    assert (given.seen_from.ground.height_m, given.seen_from.ground.pitch_rad) == (
+        1.2,
+        pytest.approx(np.deg2rad(10)),
+    )
     filed = open_photo(picture, None, folder / "calib.json", None, 2.0)
-    assert filed.camera == the_car().camera
-    assert filed.ground.height_m == 1.5
-    assert filed.ground.pitch_rad == pytest.approx(np.deg2rad(2))
+    assert filed.seen_from.camera == the_car().seen_from.camera
+    assert filed.seen_from.ground.height_m == 1.5
+    assert filed.seen_from.ground.pitch_rad == pytest.approx(np.deg2rad(2))
     (tmp_path / "half.json").write_text('{"fx": 300}')
     with pytest.raises(RescoreError, match="fy is missing"):
         open_photo(picture, None, tmp_path / "half.json", None, None)
