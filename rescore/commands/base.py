@@ -30,6 +30,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+LEARNED_PANEL = "Modes guarded and metric"
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
@@ -47,13 +48,17 @@ RegistrationMode = Annotated[
     str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
 ]
 EvidenceModelFile = Annotated[
-    Path | None, typer.Option("--evidence-model", help="What `rescore fit-evidence` wrote; not for paper.")
+    Path | None,
+    typer.Option(
+        "--evidence-model", help="What `rescore fit-evidence` wrote.", rich_help_panel=LEARNED_PANEL
+    ),
 ]
 AdaptShare = Annotated[
     bool,
     typer.Option(
         "--adapt-share",
         help="Let D assume as many cars as the likelihoods say: for a detector that D was not fitted to.",
+        rich_help_panel=LEARNED_PANEL,
     ),
 ]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]

@@ -92,8 +92,10 @@ def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
 def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall: float) -> float:
     """How many times fewer of the others pass the threshold on D that lets a share of the cars pass.
 
-    Without evidence the same share of both passes. A candidate without evidence is judged like a car of
-    middling D, since it keeps its likelihood. Infinity where none of the others passes.
+    Without depth the same share of both passes. Infinity where none of the others passes. A candidate
+    without evidence takes the median D of the cars, so that a threshold exists for it in every mode. The
+    method itself does otherwise: in mode paper the candidate keeps its likelihood, in the others it gets
+    the D of silent cues.
 
     Args:
         d: shape (n,), NaN where there is no evidence.
