@@ -3,7 +3,6 @@
 # ruff: noqa: PLC0415 - imports inside functions keep `--help` quick
 
 import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.errors import RescoreError
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from rescore.data.frames import DataSet
@@ -24,7 +24,6 @@ app = typer.Typer(
     name="rescore",
     help="Rescore 2D object detections with stereo depth and a 3D class model, and show why.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -172,8 +171,3 @@ def configs_behind(results: Sequence[Path]) -> "list[tuple[Path, dict[str, Any]]
         if isinstance(config, dict):
             found.append((path, config))
     return found
-
-
-def say(text: str) -> None:
-    """Tell the user something on standard error; standard output holds results."""
-    print(text, file=sys.stderr)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import configs_behind, detections_of, say
+from rescore.commands.base import configs_behind, detections_of
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -25,7 +25,6 @@ from rescore.commands.base import (
     config_of,
     mode_of,
     read_split,
-    say,
     with_share,
 )
 from rescore.commands.depth_source import (
@@ -36,6 +35,7 @@ from rescore.commands.depth_source import (
     source_of,
 )
 from rescore.commands.results import print_results
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from rescore.experiment.stages import Done

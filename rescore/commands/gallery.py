@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rescore.commands.base import Seed, app, say
+from rescore.commands.base import Seed, app
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from datasets_synth.photos.single_object import ObjectPhoto

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
+from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

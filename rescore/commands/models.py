@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Changes, Jobs, Preset, Seed, app, config_of, say
+from rescore.commands.base import ALL_PROCESSORS, Changes, Jobs, Preset, Seed, app, config_of
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from recon.part_views import PartViews

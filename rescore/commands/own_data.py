@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import Dataset, app, detections_of, read_data, say
+from rescore.commands.base import Dataset, app, detections_of, read_data
+from rescore.speech import say
 
 Maps = Annotated[
     list[str] | None, typer.Option("--map", help="Take a class for another, as van=car; may be repeated.")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import app, say
+from rescore.commands.base import app
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from recon.arrays import FloatArray

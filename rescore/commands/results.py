@@ -17,9 +17,9 @@ from rescore.commands.base import (
     configs_behind,
     detections_of,
     read_split,
-    say,
 )
 from rescore.commands.depth_source import predictions_behind
+from rescore.speech import say
 
 
 @app.command()

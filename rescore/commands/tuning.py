@@ -23,7 +23,6 @@ from rescore.commands.base import (
     detections_of,
     mode_of,
     read_data,
-    say,
     with_share,
 )
 from rescore.commands.depth_source import (
@@ -34,6 +33,7 @@ from rescore.commands.depth_source import (
     source_of,
     tell_doubts,
 )
+from rescore.speech import say
 
 
 @app.command(name="fit-evidence")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, read_data, say
+from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, read_data
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from rescore.data.frames import DataSet
