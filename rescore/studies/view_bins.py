@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.objects.object_classes import ObjectClass, labelled_views
+from datasets_synth.objects.object_classes import ObjectClass, labelled_views, object_class
 from datasets_synth.photos.single_object import Viewpoint, photograph
 from recon.arrays import IntArray
 from recon.camera import PinholeCamera
@@ -18,8 +18,11 @@ from recon.outlines import largest_outline
 from recon.reconstruction.view_selection import best_view_bin
 from recon.view_bins import ViewBins
 from rescore.files import read_json, write_json
+from rescore.speech import say
 
 FORMAT = "view-confusion 1"
+VIEW_STUDIES = {"car": ("car", 20), "car_5_degrees": ("car", 5), "chair": ("chair", 20)}
+"""Class and elevation in degrees of each table of ``study-views``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +154,17 @@ def view_confusion(
             choice = best_view_bin(photo.rgb, photo.xyxy_px, model, outline_px=outline)
             chosen[name].append(choice if isinstance(choice, Failure) else choice.view_bin)
     return {name: count_choices(true, found, model.bins.count) for name, found in chosen.items()}
+
+
+def study_views(out: Path, photos: int, seed: int) -> None:
+    """Write the tables of ``VIEW_STUDIES`` to a folder, each of so many photographs of test shapes."""
+    for name, (class_name, elevation_deg) in VIEW_STUDIES.items():
+        title = f"{class_name}, {elevation_deg} degrees"
+        say(f"{title}: learning the class model, {photos} photographs")
+        shown = object_class(class_name)
+        model = learned_for_views(shown, float(np.deg2rad(elevation_deg)))
+        tables = view_confusion(shown, model, photos, np.random.default_rng(seed))
+        save_confusions(out / f"{name}.json", tables, title)
 
 
 def learned_for_views(object_class: ObjectClass, elevation_rad: float) -> ClassModel:

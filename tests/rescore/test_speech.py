@@ -34,9 +34,7 @@ def slow(clock: Clock, count: int, seconds: float) -> Iterator[int]:
         yield i
 
 
-def test_a_line_a_minute_where_there_is_no_terminal(
-    clock: Clock, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_line_a_minute_where_there_is_no_terminal(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
     assert list(track(slow(clock, 20, 10), "depth evidence hog", 25, done=5)) == list(range(20))
     # 10 s an item: lines at 60, 120 and 180 s, with what was done before counted
     assert capsys.readouterr().err.splitlines() == [

@@ -9,7 +9,6 @@ import pytest
 from recon.errors import Failure, Reason
 from reports.objects.popup import close_camera
 from reports.studies.reconstructions import (
-    Exhibit,
     _cut,
     accuracy_table,
     popup_sheet,
@@ -18,6 +17,7 @@ from reports.studies.reconstructions import (
 )
 from rescore.library.single_picture import FoundObject, Photo, find_object
 from rescore.studies.instance_accuracy import InstanceErrors
+from rescore.studies.reconstructions import Exhibit
 from tests.single_car import CarPicture, car_from, quick_car_model
 
 LOST = Failure(Reason.NO_OUTLINE, "none")
