@@ -61,6 +61,9 @@ AdaptShare = Annotated[
     ),
 ]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print JSON on standard output in place of text.", show_default=False)
+]
 
 ALL_PROCESSORS = os.cpu_count() or 1
 
@@ -171,3 +174,12 @@ def configs_behind(results: Sequence[Path]) -> "list[tuple[Path, dict[str, Any]]
         if isinstance(config, dict):
             found.append((path, config))
     return found
+
+
+def print_json(value: Any) -> None:
+    """Print JSON values on standard output; numbers that JSON cannot hold become null."""
+    import json
+
+    from rescore.files import json_values
+
+    print(json.dumps(json_values(value), indent=1, ensure_ascii=False))

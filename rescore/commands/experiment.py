@@ -11,6 +11,7 @@ from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
     AdaptShare,
+    AsJson,
     Changes,
     Dataset,
     EvidenceModelFile,
@@ -153,6 +154,7 @@ def reproduce(
     jobs: Jobs = ALL_PROCESSORS,
     train_meshes: TrainMeshes = None,
     test_meshes: TestMeshes = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run the whole experiment; stages that are done and whose inputs are unchanged are reused.
 
@@ -164,7 +166,7 @@ def reproduce(
     folder = RunFolder(out)
     settings = config_of(preset, config)
     metrics = Run(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
-    print_results(metrics, {"report": folder.html, "recording": folder.recording})
+    print_results(metrics, {"report": folder.html, "recording": folder.recording}, as_json)
 
 
 def _reasons(status: list[str]) -> str:

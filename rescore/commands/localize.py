@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, print_json
 from rescore.speech import say
 
 
@@ -22,6 +22,7 @@ def localize(
     ] = None,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    as_json: AsJson = False,
 ) -> None:
     """Localise model cars on a black table, as in section 5.1 of the report: boxes, centroids, orientations.
 
@@ -38,5 +39,8 @@ def localize(
     study = learned_study(cars, placements, meshes, seed, jobs)
     tally = write_localization(study, out, jobs)
     tally.save(out, study, meshes)
-    print(markdown_table(tally.by_car))
+    if as_json:
+        print_json(tally.as_json())
+    else:
+        print(markdown_table(tally.by_car))
     say(f"localization: {out / 'localization.json'}")

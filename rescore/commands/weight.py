@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, print_json
 from rescore.speech import say
 
 
@@ -30,6 +30,7 @@ def study_weight(
     draws: Annotated[int, typer.Option(min=20, help="Subsets of each size.")] = 400,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    as_json: AsJson = False,
 ) -> None:
     """How wide w is: tune it on many subsets of a large validation set, for each detector and mode.
 
@@ -40,13 +41,18 @@ def study_weight(
     from rich.console import Console
 
     from reports.studies.weight import width_table, write_weight_study
+    from rescore.files import read_json
     from rescore.studies.weight import study_weights_of_run
 
     studies = study_weights_of_run(run, dataset, _numbers(sizes), draws, keep=keep, seed=seed, jobs=jobs)
-    Console().print(width_table(studies, short=True).rich())
     of_data = "" if dataset is None else f" --dataset {dataset}"
     command = f"rescore study-weight {run}{of_data} --out {out} --sizes {sizes} --draws {draws} --seed {seed}"
-    say(f"width of w: {write_weight_study(studies, out, command)}")
+    page = write_weight_study(studies, out, command)
+    if as_json:
+        print_json(read_json(out / "weight.json", "the numbers of the study"))
+    else:
+        Console().print(width_table(studies, short=True).rich())
+    say(f"width of w: {page}")
 
 
 def _numbers(text: str) -> list[int]:
