@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -10,10 +10,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from datasets_synth.cars.models import TRAINING_CARS, ImportedModel, cars_of_splits, part_labelled_cars
 from datasets_synth.cars.shapes import CarModel
@@ -36,7 +34,8 @@ from recon.stereo.sgbm import compute_disparity, read_disparity, write_disparity
 from recon.view_bins import ViewBins
 from rescore.data.frames import SPLITS
 from rescore.files import read_json, write_json
-from rescore.parallel import one_thread
+from rescore.parallel import in_order, one_thread, track
+from rescore.speech import say
 
 RECORDS = "records"
 PICTURES = "pictures"
@@ -76,7 +75,6 @@ def build_dataset(
     *,
     train_meshes: Path | None = None,
     test_meshes: Path | None = None,
-    console: Console | None = None,
 ) -> Path:
     """Write a rendered data set; returns the path of its ``annotations.json``, which is written last.
 
@@ -90,45 +88,31 @@ def build_dataset(
         jobs: Frames at a time.
         train_meshes: Folder of a user's own cars for the split "train".
         test_meshes: The same for the split "test".
-        console: Where the progress bar is drawn; standard error where it is not given.
 
     Raises:
         RescoreError: A mesh cannot be used, the folder cannot be written, or a street cannot be found.
     """
     cars = {s: tuple(m) for s, m in cars_of_splits(train_meshes, test_meshes).items()}
     key = _key(config, seed, cars)
-    console = console or Console(stderr=True)
     for folder in ("left", "right", "disparity", "truth", "instance", RECORDS, PICTURES):
         _make_folder(out / folder)
     (out / "annotations.json").unlink(missing_ok=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        paths = _write_pictures(config, out, seed, cars, key=key, progress=progress, jobs=jobs)
-        labelled, labels_from = part_labelled_cars(cars["train"])
-        if labels_from != TRAINING_CARS:
-            console.print(f"part-labelled views: of {labels_from}", highlight=False)
-        _write_part_views(config, out, labelled)
-        tasks = [
-            _Task(out, config, seed, split, index, n, cars[split], key, paths[split])
-            for split, size in config.splits.items()
-            for index, n in enumerate(car_schedule(size, seed, split))
-        ]
-        todo = [task for task in tasks if not _is_done(task)]
-        bar = progress.add_task("render frames", total=len(tasks), completed=len(tasks) - len(todo))
-        for _ in _run(_build_frame, [(task,) for task in todo], jobs):
-            progress.advance(bar)
+    paths = _write_pictures(config, out, seed, cars, key=key, jobs=jobs)
+    labelled, labels_from = part_labelled_cars(cars["train"])
+    if labels_from != TRAINING_CARS:
+        say(f"part-labelled views: of {labels_from}")
+    _write_part_views(config, out, labelled)
+    tasks = [
+        _Task(out, config, seed, split, index, n, cars[split], key, paths[split])
+        for split, size in config.splits.items()
+        for index, n in enumerate(car_schedule(size, seed, split))
+    ]
+    todo = [task for task in tasks if not _is_done(task)]
+    built = in_order((delayed(_build_frame)(task) for task in todo), jobs)
+    for _ in track(built, "render frames", len(tasks), done=len(tasks) - len(todo)):
+        pass
     records = [read_json(task.record_path, "a frame record") for task in tasks]
     return _finish(out, config, seed, records, labels_from)
-
-
-def _run(function: Any, arguments: Sequence[tuple[Any, ...]], jobs: int) -> Iterator[Any]:
-    """Results as they come, in order."""
-    if jobs == 1 or len(arguments) < 2:
-        return (function(*a) for a in arguments)
-    results: Iterator[Any] = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(function)(*a) for a in arguments
-    )
-    return results
 
 
 def _make_folder(folder: Path) -> None:
@@ -307,7 +291,6 @@ def _write_pictures(
     cars: dict[str, tuple[CarModel, ...]],
     *,
     key: str,
-    progress: Progress,
     jobs: int,
 ) -> dict[str, tuple[Path, ...]]:
     """Render the pictures of cars that posters show, each split its own cars."""
@@ -322,9 +305,9 @@ def _write_pictures(
         for s in paths
         for k, path in enumerate(paths[s])
     ]
-    bar = progress.add_task("render posters", total=len(tasks))
-    for _ in _run(_render_picture, tasks, jobs):
-        progress.advance(bar)
+    rendered = in_order((delayed(_render_picture)(*task) for task in tasks), jobs)
+    for _ in track(rendered, "render posters", len(tasks)):
+        pass
     write_json(stamp, key)
     return paths
 

@@ -2,7 +2,10 @@
 
 import sys
 import warnings
+from importlib import metadata
+from typing import Annotated
 
+import typer
 from typer.models import CommandInfo
 
 from recon.errors import RescoreError
@@ -23,6 +26,7 @@ from rescore.commands import (
     weight,
 )
 from rescore.commands.base import app
+from rescore.speech import doing, heartbeat, silence
 
 __all__ = [
     "app",
@@ -79,6 +83,28 @@ def _name(command: CommandInfo) -> str:
 
 
 _arrange()
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        print(f"rescore {metadata.version('rescore')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _before_the_command(
+    context: typer.Context,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="No notes and no progress; results and errors stay.")
+    ] = False,
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    silence(quiet)
+    context.with_resource(heartbeat())
+    context.with_resource(doing(str(context.invoked_subcommand)))
 
 
 def main() -> None:

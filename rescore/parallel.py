@@ -1,4 +1,4 @@
-"""Work on many frames: several at a time, one thread for each, in their order, with a bar of progress."""
+"""Work on many frames: several at a time, one thread for each, in their order, with progress shown."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -11,20 +11,42 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
+from rescore import speech
+
 T = TypeVar("T")
 
 
-def track(items: Iterable[T], description: str, total: int, show: bool = True) -> Iterator[T]:
-    """The items one after another, with a bar that counts them."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+def track(
+    items: Iterable[T], description: str, total: int, show: bool = True, *, done: int = 0
+) -> Iterator[T]:
+    """The items one after another, counted by a bar in a terminal and by a line a minute elsewhere.
+
+    ``done`` items of the total were there before.
+    """
+    if not show or speech.is_quiet():
+        return iter(items)
     console = Console(stderr=True)
-    # in a log file a bar is noise
-    hidden = not (show and console.is_terminal)
-    with Progress(*columns, console=console, transient=True, disable=hidden) as progress:
-        bar = progress.add_task(description, total=total)
+    if console.is_terminal:
+        return _with_bar(items, description, total, done, console)
+    return _with_lines(items, description, total, done)
+
+
+def _with_bar(items: Iterable[T], description: str, total: int, done: int, console: Console) -> Iterator[T]:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task(description, total=total, completed=done)
         for item in items:
             yield item
             progress.advance(bar)
+
+
+def _with_lines(items: Iterable[T], description: str, total: int, done: int) -> Iterator[T]:
+    told_s = speech.now_s()
+    for count, item in enumerate(items, start=done + 1):
+        yield item
+        if count < total and speech.now_s() - told_s >= speech.EVERY_S:
+            speech.say(f"{description}: {count} of {total}")
+            told_s = speech.now_s()
 
 
 def in_order(tasks: Iterable[Any], jobs: int) -> Iterator[Any]:

@@ -1,6 +1,6 @@
 """The object classes that can be rendered, each a family of part-labelled shapes; their labelled views."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Protocol
@@ -112,6 +112,19 @@ def labelled_views(
             labels = render_part_labels(mesh, bins.view_from_object(b), size_px)
             views.append(PartView(b, labels, shape.shape_id))
     return PartViews(object_class.part_names, bins, tuple(views))
+
+
+def training_views(
+    chosen: ObjectClass, instances: int, bins: ViewBins, wanted: Collection[int] | None = None
+) -> PartViews:
+    """Part-labelled views of the first ``instances`` shapes that a class trains on, in the bins ``wanted``.
+
+    None wants every bin.
+    """
+    views = labelled_views(chosen, chosen.train[:instances], bins, 256)
+    if wanted is None:
+        return views
+    return PartViews(views.part_names, bins, tuple(v for v in views.views if v.view_bin in wanted))
 
 
 def _with_hulls(mesh: Mesh, labels: Sequence[int]) -> Mesh:

@@ -128,7 +128,7 @@ def _picks(inspection: Inspection, per_pick: int) -> Iterator[tuple[bool, Sequen
     """
     changes = inspection.changes
     counts = np.isin(changes.group, CHANGED)
-    # a candidate without evidence keeps its score: others moved past it, depth did nothing to it
+    # in mode paper a candidate without evidence keeps its score: others moved past it, depth did nothing
     told = np.isfinite(difference(inspection.rows, inspection.mode))
     outcome = changes.after.match.outcome
     if not changes.after.match.n_cars:

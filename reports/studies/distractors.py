@@ -15,6 +15,7 @@ from recon.files import atomic_path
 from reports.palette import GREEN, GREY, VERMILION, mode_name, rgb
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table
+from rescore.studies.distractors import Judged
 
 _TILE = (250, 120)
 """Width and height in pixels of the picture and of the disparity of an example."""
@@ -32,6 +33,22 @@ class Example:
     left_rgb: UInt8Array
     disparity_px: Float32Array
     xyxy_px: FloatArray
+
+
+def draw_bank(folder: Path, value: Mapping[str, Any], first: Sequence[Judged]) -> None:
+    """Draw ``distractors.png`` and ``examples.png`` of what ``judge_bank_of_run`` found."""
+    draw_boxes(folder / "distractors.png", value)
+    draw_examples(folder / "examples.png", [example for one in first for example in _examples(one)])
+
+
+def _examples(judged: Judged) -> list[Example]:
+    """The thing to look at; none where its pictures are kept no longer."""
+    if judged.item is None:
+        return []
+    caption = ", ".join(f"{mode} {d:.2f}" for mode, d in judged.difference.items())
+    frame = judged.item.frame
+    title = judged.title
+    return [Example(title, caption, frame.left_rgb, frame.disparity_px, judged.item.xyxy_px)]
 
 
 def distractor_text(value: Mapping[str, Any]) -> str:

@@ -1,11 +1,27 @@
 """The page on the depth evidence: what it is worth, what it takes for a car, where it breaks."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from recon.files import atomic_path
 from reports.run.tables import Table, as_float, interval_text, number_text
 from reports.studies.distractors import distractor_text
 from reports.studies.sweep import losses_text
+
+
+def write_evidence_page(
+    folder: Path,
+    command: str,
+    distractors: Mapping[str, Any],
+    ablation: Sequence[Mapping[str, Any]],
+    sweep: Mapping[str, Any],
+) -> Path:
+    """Write README.md to a folder, arguments as for ``evidence_text``; returns the page."""
+    page = folder / "README.md"
+    with atomic_path(page) as beside:
+        beside.write_text(evidence_text(command, distractors, ablation, sweep))
+    return page
 
 
 def evidence_text(

@@ -16,8 +16,9 @@ from reports import palette
 from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about
 from reports.objects.object_mesh import object_meshes
 from reports.objects.popup import close_camera, object_texture, scene_layers, source_similarity
-from rescore.library.single_picture import FoundObject, Photo
+from rescore.library.single_picture import FoundObject
 from rescore.studies.instance_accuracy import InstanceErrors
+from rescore.studies.reconstructions import Exhibit, Measured, Reconstructions
 
 _PANEL_PX = (240, 180)
 """Width and height of one picture of a sheet."""
@@ -28,27 +29,67 @@ _OTHER_SIDE_RAD = float(np.deg2rad(40.0))
 _TURN_RAD = float(np.deg2rad(30.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Exhibit:
-    """One photograph and what was made of it."""
+@dataclass(frozen=True)
+class Shown:
+    """A picture that was written, for the page."""
 
-    class_name: str
-    shape_id: str
-    view_bin: int
-    photo: Photo
-    found: FoundObject | Failure
+    file: str
+    caption: str
 
-    @property
-    def title(self) -> str:
-        """Shape and view bin."""
-        return f"{self.shape_id}, bin {self.view_bin}"
 
-    @property
-    def similarity(self) -> float | None:
-        """Structural similarity of the pop-up seen from its own camera, inside the outline; None for none."""
-        if isinstance(self.found, Failure):
-            return None
-        return source_similarity(self.photo, [self.found], scene_layers(self.photo, [self.found]))
+STEPS = (("car", 2), ("car", 8), ("chair", 1), ("chair", 8), ("bicycle", 3), ("airplane", 8))
+"""Class and view bin of what is shown step by step."""
+SHEETS = {
+    "popup_cars_1": (("car", 1), ("car", 2), ("car", 4)),
+    "popup_cars_2": (("car", 7), ("car", 8), ("car", 10)),
+    "popup_chairs": (("chair", 1), ("chair", 4), ("chair", 11)),
+    "popup_others": (("chair", 8), ("bicycle", 4), ("airplane", 10)),
+}
+"""Class and view bin of each column of the sheets of pop-ups."""
+SHOWN_BINS = frozenset({*STEPS, *(column for sheet in SHEETS.values() for column in sheet)})
+"""Class and view bin of everything that is drawn."""
+_FAITHFUL = 0.9
+"""A pop-up less like its photograph is named among the failures."""
+
+
+def write_reconstructions(study: Reconstructions, out: Path, command: str) -> Path:
+    """Write the pictures and README.md of the study to a folder; returns the page."""
+    shown = []
+    for name, view_bin in STEPS:
+        one = study.exhibits[name, view_bin]
+        shown.append(_kept(out, f"steps_{name}_{view_bin:02d}", steps_strip(one), [one]))
+    for file, columns in SHEETS.items():
+        members = [study.exhibits[column] for column in columns]
+        shown.append(_kept(out, file, popup_sheet(members), members))
+    shown.append(_kept(out, "basket", popup_sheet([study.basket]), [study.basket], f". {study.handle}"))
+    page = out / "README.md"
+    with atomic_path(page) as beside:
+        beside.write_text(_page(command, [one for one in shown if one], study))
+    return page
+
+
+def _kept(
+    out: Path, name: str, picture: UInt8Array | None, exhibits: Sequence[Exhibit], more: str = ""
+) -> Shown | None:
+    """A picture, written with its caption; None where there is none."""
+    if picture is None:
+        return None
+    write_small_png(out / f"{name}.png", picture)
+    likeness = [(e.title, similarity(e)) for e in exhibits]
+    return Shown(
+        f"{name}.png", "; ".join(f"{title} (SSIM {s:.3f})" for title, s in likeness if s is not None) + more
+    )
+
+
+def similarity(exhibit: Exhibit) -> float | None:
+    """Structural similarity of the pop-up seen from its own camera, inside the outline.
+
+    None for a failure.
+    """
+    if isinstance(exhibit.found, Failure):
+        return None
+    layers = scene_layers(exhibit.photo, [exhibit.found])
+    return source_similarity(exhibit.photo, [exhibit.found], layers)
 
 
 def steps_strip(exhibit: Exhibit) -> UInt8Array | None:
@@ -182,3 +223,64 @@ def _sheet(rows: Sequence[Sequence[UInt8Array]]) -> UInt8Array:
             top, left = i * (height + _GAP_PX), j * (width + _GAP_PX)
             out[top : top + height, left : left + width] = panel
     return out
+
+
+def _page(command: str, shown: Sequence[Shown], study: Reconstructions) -> str:
+    """Pictures with captions, the table and the failures."""
+    lines = [
+        "# 3D from single photographs",
+        "",
+        f"Made by `{command}`.",
+        "",
+        "Photographs are rendered, of test shapes; the class models were learned from part-labelled views",
+        "of six other shapes. The box and the view bin are given from the truth, and so are camera and",
+        "ground. View bins count 30 degrees each, counter-clockwise: 0 shows the front, 3 the left side.",
+        "SSIM compares the pop-up, seen from the photograph's own camera, with the photograph inside the",
+        "outline that was found.",
+        "",
+        "`steps_*`: photograph, outline, parts, the object from another side (figure 5 of the report).",
+        "`popup_*` and `basket`: photograph, then the pop-up turned by 30 degrees to either side (figures 10",
+        "and 12).",
+        "",
+    ]
+    for one in shown:
+        lines += [f"![{one.caption}]({one.file})", "", f"`{one.file}`: {one.caption}", ""]
+    lines += [
+        "## Against the truth",
+        "",
+        "View bin given:",
+        "",
+        accuracy_table({name: [row.given for row in rows] for name, rows in study.known.items()}),
+        "View bin chosen by the class model:",
+        "",
+        accuracy_table({name: [row.chosen for row in rows] for name, rows in study.known.items()}),
+        "Right view bins: " + "; ".join(_right_bins(name, rows) for name, rows in study.known.items()) + ".",
+        "",
+        "Means over the photographs with a reconstruction. The centroid error is in per cent of the largest",
+        "true size, sizes are mean absolute errors. The single plane (Hoiem et al., the report's",
+        "baseline) has no box; its centroid is that of the surface, its direction is compared with the",
+        "object's length.",
+        "Orientation of the class model is that of the view bin: where the bin is given, its error is the",
+        "object's turn within the bin.",
+        "",
+        "## Failures",
+        "",
+    ]
+    lines += _failures(list(study.exhibits.values()))
+    return "\n".join(lines) + "\n"
+
+
+def _right_bins(name: str, rows: Sequence[Measured]) -> str:
+    return f"{name} {sum(row.right is True for row in rows)} of {len(rows)}"
+
+
+def _failures(exhibits: Sequence[Exhibit]) -> list[str]:
+    """Photographs without a reconstruction, and those that are poorly like their photograph."""
+    lines = [
+        f"- {e.class_name} {e.title}: {e.found.reason.value}: {e.found.detail}"
+        for e in exhibits
+        if isinstance(e.found, Failure)
+    ]
+    poor = [(e, s) for e in exhibits if (s := similarity(e)) is not None and s < _FAITHFUL]
+    lines += [f"- {e.class_name} {e.title}: SSIM only {s:.3f}" for e, s in poor]
+    return lines or [f"None: every photograph has a reconstruction of SSIM {_FAITHFUL:g} or more."]

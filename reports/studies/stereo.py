@@ -15,7 +15,7 @@ from recon.stereo.accuracy import DisparityError
 from reports.run.pictures import colourise
 from reports.run.tables import Table, number
 from rescore.files import json_values, versions, write_json
-from rescore.studies.stereo import MAX_ROW_PX, RULES, Accuracy, Consistency, Errors, Method
+from rescore.studies.stereo import MAX_ROW_PX, RULES, Accuracy, Consistency, Errors, Method, StereoStudy
 
 KITTI_REGIONS = ("background", "foreground")
 _ERROR_LIMIT_PX = 4.0
@@ -85,6 +85,13 @@ def write_stereo_study(
     with atomic_path(page) as beside:
         beside.write_text(_page(scenes, kitti, without_truth, command, nearest_m), encoding="utf-8")
     return page
+
+
+def short_tables(study: StereoStudy) -> list[Table]:
+    """What fits a terminal of 80 columns: pairs with truth, KITTI's beside public figures, pairs without."""
+    tables = [short_table(study.known)] if study.known else []
+    tables += [kitti_table(study.kitti)] if study.kitti else []
+    return tables + ([consistency_table(study.without_truth, short=True)] if study.without_truth else [])
 
 
 def accuracy_table(known: Sequence[Accuracy]) -> Table:

@@ -3,7 +3,6 @@
 # ruff: noqa: PLC0415 - imports inside functions keep `--help` quick
 
 import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.errors import RescoreError
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from rescore.data.frames import DataSet
@@ -24,12 +24,12 @@ app = typer.Typer(
     name="rescore",
     help="Rescore 2D object detections with stereo depth and a 3D class model, and show why.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+LEARNED_PANEL = "Modes guarded and metric"
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
@@ -47,16 +47,23 @@ RegistrationMode = Annotated[
     str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
 ]
 EvidenceModelFile = Annotated[
-    Path | None, typer.Option("--evidence-model", help="What `rescore fit-evidence` wrote; not for paper.")
+    Path | None,
+    typer.Option(
+        "--evidence-model", help="What `rescore fit-evidence` wrote.", rich_help_panel=LEARNED_PANEL
+    ),
 ]
 AdaptShare = Annotated[
     bool,
     typer.Option(
         "--adapt-share",
         help="Let D assume as many cars as the likelihoods say: for a detector that D was not fitted to.",
+        rich_help_panel=LEARNED_PANEL,
     ),
 ]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print JSON on standard output in place of text.", show_default=False)
+]
 
 ALL_PROCESSORS = os.cpu_count() or 1
 
@@ -169,6 +176,10 @@ def configs_behind(results: Sequence[Path]) -> "list[tuple[Path, dict[str, Any]]
     return found
 
 
-def say(text: str) -> None:
-    """Tell the user something on standard error; standard output holds results."""
-    print(text, file=sys.stderr)
+def print_json(value: Any) -> None:
+    """Print JSON values on standard output; numbers that JSON cannot hold become null."""
+    import json
+
+    from rescore.files import json_values
+
+    print(json.dumps(json_values(value), indent=1, ensure_ascii=False))

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import configs_behind, detections_of, say
+from rescore.commands.base import configs_behind, detections_of
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,48 +24,13 @@ if TYPE_CHECKING:
 
 Model = Annotated[
     Path | None,
-    typer.Option(help="Class model that `rescore learn` wrote; or --predicted-depth.", show_default=False),
+    typer.Option(help="Class model that `rescore learn` wrote; or --predicted.", show_default=False),
 ]
-PredictedDir = Annotated[
+Predicted = Annotated[
     Path | None,
     typer.Option(
-        "--predicted-depth",
-        help="In place of --model: folder of depth that another system predicts, a file a frame.",
-        rich_help_panel="Predictions of another system",
-    ),
-]
-As = Annotated[
-    str | None,
-    typer.Option(
-        "--predicted-as",
-        help="What the files hold: depth or inverse (as MiDaS gives it).",
-        rich_help_panel="Predictions of another system",
-    ),
-]
-Unit = Annotated[
-    str | None,
-    typer.Option(
-        "--predicted-unit",
-        help="relative (free scale and offset; registration paper alone) or metric.",
-        show_default="relative",
-        rich_help_panel="Predictions of another system",
-    ),
-]
-Factor = Annotated[
-    float | None,
-    typer.Option(
-        "--predicted-factor",
-        help="Value of metric files for one metre, such as 1000.",
-        show_default="1",
-        rich_help_panel="Predictions of another system",
-    ),
-]
-Masks = Annotated[
-    Path | None,
-    typer.Option(
-        "--predicted-masks",
-        help="Folder of grey PNG, not 0 on objects: nothing else in a box is compared.",
-        rich_help_panel="Predictions of another system",
+        help="In place of --model: JSON file that says where depth predicted by another system lies, and "
+        "what it holds.",
     ),
 ]
 
@@ -94,61 +60,23 @@ class Source:
         return Predictions.of(self.folder, data, [i for i, found in candidates.items() if len(found)])
 
 
-def source_of(
-    model: Path | None,
-    folder: Path | None,
-    predicted_as: str | None,
-    unit: str | None,
-    factor: float | None,
-    masks: Path | None,
-    modes: "tuple[Registration, ...]",
-) -> Source:
+def source_of(model: Path | None, predicted: Path | None, modes: "tuple[Registration, ...]") -> Source:
     """What predicts depth, from the options of a command that uses ``modes``."""
-    if (model is None) == (folder is None):
+    from rescore.evidence.predicted import check_mode
+    from rescore.evidence.predicted_files import read_prediction_folder
+
+    if (model is None) == (predicted is None):
         came = "neither" if model is None else "both"
         raise RescoreError(
-            f"--model, --predicted-depth: expected one of the two, got {came}; a class model or another "
+            f"--model, --predicted: expected one of the two, got {came}; a class model or another "
             "system predicts depth"
         )
-    if folder is not None:
-        return Source(None, _folder(folder, predicted_as, unit, factor, masks, modes))
-    given = {"as": predicted_as, "unit": unit, "factor": factor, "masks": masks}
-    idle = [f"--predicted-{name}" for name, value in given.items() if value is not None]
-    if idle:
-        raise RescoreError(f"{idle[0]}: expected --predicted-depth with it, got none; give the folder too")
-    return Source(model, None)
-
-
-def _folder(
-    folder: Path,
-    predicted_as: str | None,
-    unit: str | None,
-    factor: float | None,
-    masks: Path | None,
-    modes: "tuple[Registration, ...]",
-) -> "PredictionFolder":
-    from rescore.evidence.predicted import PredictedAs, PredictedUnit, check_mode
-    from rescore.evidence.predicted_files import PredictionFolder
-
-    if predicted_as not in list(PredictedAs):
-        raise RescoreError(
-            f"--predicted-as: expected {' or '.join(PredictedAs)}, got {predicted_as!r}; say what the files "
-            f"of {folder} hold"
-        )
-    unit = PredictedUnit.RELATIVE if unit is None else unit
-    if unit not in list(PredictedUnit):
-        raise RescoreError(
-            f"--predicted-unit: expected {' or '.join(PredictedUnit)}, got {unit!r}; choose one of these"
-        )
-    if factor is not None and unit != PredictedUnit.METRIC:
-        raise RescoreError(
-            "--predicted-factor: expected metric predictions, got relative ones, whose scale is free; "
-            "leave it out or give --predicted-unit metric"
-        )
+    if predicted is None:
+        return Source(model, None)
+    folder = read_prediction_folder(predicted)
     for mode in modes:
-        check_mode(unit, mode)
-    kind = PredictedAs(predicted_as), PredictedUnit(unit)
-    return PredictionFolder(folder, *kind, 1.0 if factor is None else factor, masks)
+        check_mode(folder.unit, mode)
+    return Source(None, folder)
 
 
 def evidence_of(

@@ -20,8 +20,8 @@ from rescore.commands.base import (
     config_of,
     read_data,
     read_split,
-    say,
 )
+from rescore.speech import say
 
 
 @app.command()

@@ -2,17 +2,12 @@
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rescore.studies.degrade import Dial
-    from rescore.studies.distractors import Judged
+from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app
+from rescore.speech import say
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
 DetectorName = Annotated[str, typer.Option(help="Detector of the run: hog or boosted.")]
@@ -39,11 +34,13 @@ def sweep(
 
     Example: [bold]rescore sweep runs/paper --out runs/sweep --dials noise,destroyed[/bold]
     """
+    from reports.studies.sweep import write_sweep_page
     from rescore.studies.degrade import dials_named
+    from rescore.studies.sweep import sweep_run
 
     chosen = dials_named(dials, levels)
-    page = _sweep(run, out, chosen, frames, detector=detector, seed=seed, jobs=jobs)
-    say(f"sweep: {page}")
+    value = sweep_run(run, out, chosen, frames, detector=detector, seed=seed, jobs=jobs)
+    say(f"sweep: {write_sweep_page(value, out)}")
 
 
 @app.command("study-evidence")
@@ -63,126 +60,20 @@ def study_evidence(
 
     Example: [bold]rescore study-evidence runs/paper --out reports/published/evidence[/bold]
     """
+    from reports.studies.distractors import draw_bank
+    from reports.studies.evidence import write_evidence_page
+    from reports.studies.sweep import write_sweep_page
+    from rescore.studies.ablation import ablate_run
     from rescore.studies.degrade import dials_named
+    from rescore.studies.distractors import judge_bank_of_run
+    from rescore.studies.sweep import sweep_run
 
-    distractors = _distractors(run, out, things, detector=detector, seed=seed, jobs=jobs)
-    ablation = _ablation(run, out, detector, seed)
-    _sweep(run, out / "sweep", dials_named(None, None), frames, detector=detector, seed=seed, jobs=jobs)
+    bank, first = judge_bank_of_run(run, out, things, detector=detector, seed=seed, jobs=jobs)
+    draw_bank(out, bank, first)
+    ablation = ablate_run(run, out, detector, seed)
+    dials = dials_named(None, None)
+    swept = sweep_run(run, out / "sweep", dials, frames, detector=detector, seed=seed, jobs=jobs)
+    write_sweep_page(swept, out / "sweep")
     shortened = "" if frames is None else f" --frames {frames}"
     command = f"rescore study-evidence {run} --out {out} --things {things} --detector {detector}{shortened}"
-    page = _write_page(out, command, distractors, ablation)
-    say(f"evidence: {page}")
-
-
-def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int, jobs: int) -> dict[str, Any]:
-    """Judge the bank of distractors; writes distractors.json and two pictures."""
-    from datasets_synth.photos.distractor_bank import BankConfig
-    from datasets_synth.photos.distractor_kinds import KIND
-    from reports.studies.distractors import Example, draw_boxes, draw_examples
-    from rescore.experiment.config import run_config
-    from rescore.files import write_json
-    from rescore.parallel import track
-    from rescore.studies.distractors import Judge, bank_as_json, judge_bank
-    from rescore.studies.finished_run import finished_run
-    from rescore.studies.sweep import RECALL
-
-    finished = finished_run(run, detector, None)
-    judge = Judge(finished.class_model, finished.config, finished.models)
-    config = BankConfig(synth=run_config(run).synth)
-    judged: list[Judged] = []
-    examples = []
-    bank = judge_bank(judge, tuple(KIND), things, config, seed, jobs)
-    for one in track(bank, "distractors", things * len(KIND)):
-        if one.item and one.kind not in {j.kind for j in judged}:
-            caption = ", ".join(f"{mode} {d:.2f}" for mode, d in one.difference.items())
-            left, disparity = one.item.frame.left_rgb, one.item.frame.disparity_px
-            examples.append(Example(KIND[one.kind].title, caption, left, disparity, one.item.xyxy_px))
-        judged.append(one.without_pictures())
-    value = bank_as_json(judged, RECALL)
-    write_json(out / "distractors.json", value)
-    draw_boxes(out / "distractors.png", value)
-    draw_examples(out / "examples.png", examples)
-    return value
-
-
-def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, Any]]:
-    """Fit the evidence again without each of its parts; writes ablation.json."""
-    from rescore.data.splits import Splits
-    from rescore.evidence.candidates import CandidateTable
-    from rescore.experiment.config import run_config
-    from rescore.experiment.reproduce import FITTED_ON
-    from rescore.files import write_json
-    from rescore.formats.coco import read_detections
-    from rescore.formats.coco_dataset import read_dataset
-    from rescore.results.run_folder import RunFolder
-    from rescore.studies.ablation import AblationInput, ablate
-    from rescore.studies.sweep import interval_as_json
-
-    folder, config = RunFolder(run), run_config(run)
-    data = read_dataset(folder.data, config.class_name)
-
-    def table(split: str) -> CandidateTable:
-        return read_detections(folder.evidence_table(detector, split), data.split(split)).table
-
-    fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
-    given = AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
-    rows = [
-        {
-            "without": row.without,
-            "n_cues": row.n_cues,
-            "w": row.w,
-            "fppi": interval_as_json(row.fppi),
-            "auc": interval_as_json(row.auc),
-            "factor": row.factor and interval_as_json(row.factor),
-        }
-        for row in ablate(given, config.evidence, config.tune, seed)
-    ]
-    write_json(out / "ablation.json", rows)
-    return rows
-
-
-def _write_page(
-    out: Path, command: str, distractors: dict[str, Any], ablation: "Sequence[dict[str, Any]]"
-) -> Path:
-    """README.md of the study."""
-    from recon.files import atomic_path
-    from reports.studies.evidence import evidence_text
-    from rescore.files import read_json
-
-    sweep_value = read_json(out / "sweep" / "sweep.json", "a sweep")
-    with atomic_path(out / "README.md") as beside:
-        beside.write_text(evidence_text(command, distractors, ablation, sweep_value))
-    return out / "README.md"
-
-
-def _sweep(
-    run: Path,
-    out: Path,
-    dials: "Sequence[Dial]",
-    frames: int | None,
-    *,
-    detector: str,
-    seed: int,
-    jobs: int,
-) -> Path:
-    """Sweep, write sweep.json and draw; returns the page."""
-    from reports.studies.sweep import write_sweep_page
-    from rescore.files import write_json, write_provenance
-    from rescore.studies.finished_run import finished_run
-    from rescore.studies.sweep import SweepConfig, by_visibility, sweep_as_json, tables_of_steps
-    from rescore.studies.sweep import sweep as sweep_dials
-
-    finished = finished_run(run, detector, frames)
-    config = SweepConfig(seed=seed, jobs=jobs)
-    points = sweep_dials(finished, dials, config)
-    as_is = tables_of_steps(finished, [(None, 0.0)], config)[0]
-    value = {
-        "detector": detector,
-        "n_images": len(finished.data.frames),
-        "dials": sweep_as_json(points, dials),
-        "visibility": by_visibility(finished, as_is, config),
-    }
-    write_json(out / "sweep.json", value)
-    settings = {"dials": {d.name: d.levels for d in dials}, "frames": frames, "detector": detector}
-    write_provenance(out / "sweep.json", "sweep", settings, seed)
-    return write_sweep_page(value, out)
+    say(f"evidence: {write_evidence_page(out, command, bank, ablation, swept)}")

@@ -11,6 +11,7 @@ from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
     AdaptShare,
+    AsJson,
     Changes,
     Dataset,
     EvidenceModelFile,
@@ -25,24 +26,22 @@ from rescore.commands.base import (
     config_of,
     mode_of,
     read_split,
-    say,
     with_share,
 )
 from rescore.commands.depth_source import (
-    As,
-    Factor,
-    Masks,
     Model,
-    PredictedDir,
-    Unit,
+    Predicted,
     evidence_of,
     source_as_json,
     source_of,
 )
 from rescore.commands.results import print_results
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from rescore.experiment.stages import Done
+
+STEREO_PANEL = "Camera and stereo matching"
 
 
 @app.command()
@@ -76,26 +75,29 @@ def apply(
     detections: Annotated[Path, typer.Argument(help="Detections to rescore, COCO results JSON.")],
     out: Annotated[Path, typer.Option(help="Rescored detections to write, COCO results JSON.")],
     model: Model = None,
+    predicted: Predicted = None,
     tuned: Annotated[Path | None, typer.Option(help="Weight that `rescore tune` wrote.")] = None,
     w: Annotated[float | None, typer.Option(min=0, max=1, help="The weight itself, in its place.")] = None,
     registration: RegistrationMode = "paper",
     evidence_model: EvidenceModelFile = None,
     adapt_share: AdaptShare = False,
     evidence: Annotated[
-        Path | None, typer.Option(help="Folder for what led to each score: <folder>/<detector>/<image>.npz.")
+        Path | None,
+        typer.Option(help="Folder for what led to each score, by detector, an NPZ file an image."),
     ] = None,
     camera: Annotated[
         str | None,
-        typer.Option(help="Camera that predicts depth: calibrated where known, or default (the report's)."),
+        typer.Option(
+            help="Camera that predicts depth: calibrated where known, or default (the report's).",
+            rich_help_panel=STEREO_PANEL,
+        ),
     ] = None,
     disparities: Annotated[
-        int | None, typer.Option(help="Disparities to search where there is no disparity file.")
+        int | None,
+        typer.Option(
+            help="Disparities to search where there is no disparity file.", rich_help_panel=STEREO_PANEL
+        ),
     ] = None,
-    predicted_depth: PredictedDir = None,
-    predicted_as: As = None,
-    predicted_unit: Unit = None,
-    predicted_factor: Factor = None,
-    predicted_masks: Masks = None,
     split: Split = "test",
     preset: Preset = "paper",
     config: Changes = None,
@@ -103,8 +105,8 @@ def apply(
 ) -> None:
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
-    A candidate that gets no depth evidence keeps its likelihood; its status says why. With --predicted-depth
-    the depth of another system is compared with stereo depth (docs/predicted-depth.md).
+    A candidate without depth evidence keeps its likelihood in mode paper.
+    In guarded and metric it gets the D of silent cues. Its status says why.
 
     Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
     """
@@ -120,9 +122,7 @@ def apply(
     if (tuned is None) == (w is None):
         raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
     mode, learned = mode_of(registration, evidence_model)
-    asked = source_of(
-        model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, (mode,)
-    )
+    asked = source_of(model, predicted, (mode,))
     weight = w if tuned is None else tuned_weight(tuned, mode, asked.depth_of)
     assert weight is not None
     if learned is not None:
@@ -154,6 +154,7 @@ def reproduce(
     jobs: Jobs = ALL_PROCESSORS,
     train_meshes: TrainMeshes = None,
     test_meshes: TestMeshes = None,
+    as_json: AsJson = False,
 ) -> None:
     """Run the whole experiment; stages that are done and whose inputs are unchanged are reused.
 
@@ -165,7 +166,7 @@ def reproduce(
     folder = RunFolder(out)
     settings = config_of(preset, config)
     metrics = Run(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
-    print_results(metrics, {"report": folder.html, "recording": folder.recording})
+    print_results(metrics, {"report": folder.html, "recording": folder.recording}, as_json)
 
 
 def _reasons(status: list[str]) -> str:

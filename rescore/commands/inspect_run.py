@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import app, say
+from rescore.commands.base import AsJson, app, print_json
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from recon.arrays import IntArray
@@ -68,6 +69,7 @@ def inspect(
             help="csv or parquet: also write all that is listed, with every column, to RUN/changes_*."
         ),
     ] = None,
+    as_json: AsJson = False,
     open_viewer: Annotated[
         bool, typer.Option("--open", help="Open the recording at --frame, or at the first frame listed.")
     ] = False,
@@ -89,7 +91,10 @@ def inspect(
     inspection = inspect_run(loaded, detector, mode, _point(recall, false_positives), evidence_model)
     chosen = _choice("--only", only, Only) if only else Only.CHANGED if frame is None else Only.ALL
     rows = inspection.listed(chosen, _choice("--sort", sort, Sort), frame)
-    _show(inspection, rows, top)
+    if as_json:
+        _print_json(inspection, rows[:top])
+    else:
+        _show(inspection, rows, top)
     if form is not None:
         _export(inspection, rows, run / f"changes_{inspection.detector}_{inspection.mode}.{form}")
     if open_viewer:
@@ -136,6 +141,16 @@ def _show(inspection: "Inspection", rows: "IntArray", top: int | None) -> None:
         console.print(f"{len(shown)} of {len(rows)} shown; --top {len(rows)} shows all", highlight=False)
     if not len(rows):
         console.print("none of these")
+
+
+def _print_json(inspection: "Inspection", rows: "IntArray") -> None:
+    """Print the summary, and of each candidate the columns of the plain table."""
+    from reports.run.inspection import PLAIN_COLUMNS, summary
+
+    columns = {name: inspection.columns()[name][rows].tolist() for name in PLAIN_COLUMNS}
+    listed = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    about = {"detector": inspection.detector, "mode": inspection.mode, "summary": summary(inspection)}
+    print_json(about | {"candidates": listed})
 
 
 def _export(inspection: "Inspection", rows: "IntArray", path: Path) -> None:

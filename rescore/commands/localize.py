@@ -2,24 +2,12 @@
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from datasets_synth.cars.shapes import CarModel
-    from recon.arrays import UInt8Array
-    from reports.studies.localization_pictures import Instance3DView
-    from rescore.studies.localization.learned import TableClass
-    from rescore.studies.localization.trials import Trial, TrialConfig
-
-_SHOWN, _WORST = 40, 12
-"""Placements in the pictures of the first and of the worst ones."""
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, print_json
+from rescore.speech import say
 
 
 @app.command()
@@ -34,6 +22,7 @@ def localize(
     ] = None,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    as_json: AsJson = False,
 ) -> None:
     """Localise model cars on a black table, as in section 5.1 of the report: boxes, centroids, orientations.
 
@@ -43,176 +32,15 @@ def localize(
 
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """
-    from datasets_synth.cars.models import cars_of_splits
-    from rescore.files import write_provenance
-    from rescore.parallel import track
-    from rescore.studies.localization.learned import TableClassConfig, learn_table_class
-    from rescore.studies.localization.trials import TrialConfig, run_trials
+    from reports.studies.localization_sheets import write_localization
+    from rescore.studies.localization.scores import markdown_table
+    from rescore.studies.localization.study import learned_study
 
-    split = cars_of_splits(test_meshes=meshes)
-    chosen = _spread(split["test"], cars)
-    if placements < len(chosen):
-        raise RescoreError(
-            f"--placements: expected at least one for each of {len(chosen)} cars, got {placements}; "
-            "ask for more placements or fewer --cars"
-        )
-    say(f"learning from {len(split['train'])} cars")
-    table_class = learn_table_class(split["train"], TableClassConfig(), jobs)
-    config = TrialConfig()
-    gallery = _Gallery(table_class)
-    trials = run_trials(chosen, placements, table_class, config, seed, jobs)
-    for trial in track(trials, "localise", placements):
-        gallery.add(trial)
-    gallery.write(out)
-    _write_table_picture(out, chosen, table_class, config, seed)
-    settings = {"cars": len(chosen), "placements": placements, "meshes": str(meshes) if meshes else None}
-    write_provenance(out / "localization.json", "localize", settings, seed)
+    study = learned_study(cars, placements, meshes, seed, jobs)
+    tally = write_localization(study, out, jobs)
+    tally.save(out, study, meshes)
+    if as_json:
+        print_json(tally.as_json())
+    else:
+        print(markdown_table(tally.by_car))
     say(f"localization: {out / 'localization.json'}")
-
-
-def _spread(cars: "Sequence[CarModel]", count: int) -> "list[CarModel]":
-    """``count`` of the cars evenly over their list, which goes by body type; all where there are fewer."""
-    if count >= len(cars):
-        return list(cars)
-    return [cars[i * len(cars) // count] for i in range(count)]
-
-
-class _Gallery:
-    """Gathers numbers and small pictures as trials are done; large pictures are not kept."""
-
-    def __init__(self, table_class: "TableClass") -> None:
-        from datasets_synth.photos.table_scene import SEEN_FROM
-        from reports.studies.localization_pictures import TableCamera
-
-        self.table_class = table_class
-        self.camera = TableCamera(SEEN_FROM)
-        self.rows: list[dict[str, Any]] = []
-        self.scores: dict[str, dict[str, list[Any]]] = {}
-        self.tiles: list[tuple[float, UInt8Array]] = []
-        self.typical: tuple[float, UInt8Array, Instance3DView] | None = None
-
-    def add(self, trial: "Trial") -> None:
-        """Take what is kept of a trial."""
-        from reports.studies.localization_pictures import draw, tile
-        from rescore.studies.localization.scores import METHODS, Score, as_row
-
-        scores = trial.scores
-        of_car = self.scores.setdefault(trial.shape_id, {m: [] for m in METHODS})
-        for method in METHODS:
-            of_car[method].append(scores[method])
-        self.rows.append(
-            {
-                "car": trial.shape_id,
-                "pose": _pose(trial),
-                "methods": {m: as_row(scores[m]) for m in METHODS},
-            }
-        )
-        view = _view(trial, self.table_class)
-        self.tiles.append((_badness(trial), tile(trial.crop_rgb, trial.crop_xy_px, view, self.camera)))
-        own = scores["3dp"]
-        if isinstance(own, Score) and own.overlap is not None:
-            # the typical one: nearest to an overlap of 0.88 among the first ones
-            off = abs(own.overlap - 0.88)
-            if self.typical is None or off < self.typical[0]:
-                self.typical = (off, draw(trial.crop_rgb, trial.crop_xy_px, [view], self.camera, 3.0), view)
-
-    def write(self, out: Path) -> None:
-        """Write numbers, table and pictures."""
-        from recon.files import atomic_path
-        from reports.studies.localization_pictures import save_png, save_reconstruction, sheet, titled
-        from rescore.files import write_json
-        from rescore.studies.localization.scores import METHODS, REPORTED, markdown_table, summary
-
-        everything = {m: [s for car in self.scores.values() for s in car[m]] for m in METHODS}
-        value = {
-            "methods": {m: summary(everything[m]) for m in METHODS},
-            "report": {
-                m: dict(zip(("overlap", "centroid_mm", "orientation_deg"), numbers, strict=True))
-                for m, numbers in REPORTED.items()
-            },
-            "orientation_period_deg": {"3dp": 360, "3dp_report": 360, "single_plane": 180},
-            "placements": self.rows,
-        }
-        write_json(out / "localization.json", value)
-        table = markdown_table(self.scores)
-        with atomic_path(out / "localization.md") as beside:
-            beside.write_text(table)
-        print(table)
-        first = sheet([picture for _, picture in self.tiles[:_SHOWN]], 5)
-        save_png(out / "placements.png", titled(first, f"First {min(len(self.tiles), _SHOWN)} placements"))
-        worst = sheet([t for _, t in sorted(self.tiles, key=lambda t: -t[0])[:_WORST]], 4)
-        save_png(out / "worst.png", titled(worst, f"The worst {min(len(self.tiles), _WORST)} placements"))
-        if self.typical is not None:
-            save_reconstruction(out / "reconstruction.png", self.typical[1], self.typical[2])
-
-
-def _pose(trial: "Trial") -> dict[str, float]:
-    x, y = trial.truth.xy_m
-    return {
-        "x_mm": 1000 * float(x),
-        "y_mm": 1000 * float(y),
-        "yaw_deg": float(trial.truth.yaw_rad * 57.29577951),
-    }
-
-
-def _badness(trial: "Trial") -> float:
-    """How bad the joint fit is: centroid error in mm, lost ones first."""
-    from rescore.studies.localization.scores import Score
-
-    own = trial.scores["3dp"]
-    return own.centroid_mm + 2 * own.orientation_deg if isinstance(own, Score) else float("inf")
-
-
-def _view(trial: "Trial", table_class: "TableClass") -> "Instance3DView":
-    import numpy as np
-
-    from datasets_synth.photos.table_scene import SCALE
-    from recon.localization.localize import FitLocalization
-    from reports.studies.localization_pictures import Instance3DView
-    from rescore.studies.localization.scores import Score
-
-    own = trial.scores["3dp"]
-    if not isinstance(trial.fit, FitLocalization) or not isinstance(own, Score):
-        reason = "lost" if isinstance(own, Score) else str(own.reason)
-        return Instance3DView(
-            trial.truth, None, (), np.zeros((0, 3, 3)), f"{trial.index} {trial.shape_id} {reason}"
-        )
-    parts = trial.fit.fit.parts_m(table_class.space, SCALE)
-    numbers = f"{100 * (own.overlap or 0):.0f}% {own.centroid_mm:.1f}mm {own.orientation_deg:.1f}deg"
-    caption = f"{trial.index} {trial.shape_id} {numbers}"
-    labels = table_class.space.part_labels
-    return Instance3DView(trial.truth, trial.fit.box, labels, parts, caption, trial.ring_px)
-
-
-def _write_table_picture(
-    out: Path, cars: "Sequence[CarModel]", table_class: "TableClass", config: "TrialConfig", seed: int
-) -> None:
-    """One photograph of several cars with the boxes that the joint fit finds."""
-    import numpy as np
-
-    from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, photograph
-    from recon.errors import Failure
-    from recon.localization.localize import FitLocalization
-    from recon.localization.standing_box import angle_between
-    from reports.studies.localization_pictures import Instance3DView, TableCamera, draw, save_png, titled
-    from rescore.studies.localization.segment import segment_table
-    from rescore.studies.localization.trials import empty_table, fit_region, several_at_once
-
-    rng = np.random.default_rng([seed, 1_000_000])
-    placed = several_at_once([cars[i] for i in rng.permutation(len(cars))][:9], rng)
-    rgb = photograph(placed, rng)
-    regions = segment_table(rgb, empty_table(config.segment))
-    camera = TableCamera(SEEN_FROM)
-    views = []
-    for region in [] if isinstance(regions, Failure) else regions:
-        found = fit_region(rgb, region, table_class, config)
-        if isinstance(found, FitLocalization):
-            nearest = min(placed, key=lambda p: float(np.linalg.norm(p.xy_m - found.box.xy_m)))
-            parts = found.fit.parts_m(table_class.space, SCALE)
-            labels = table_class.space.part_labels
-            views.append(Instance3DView(nearest.box, found.box, labels, parts, "", region.ring_px))
-    picture = draw(rgb, (0, 0), views, camera, 1.0)
-    turned = [angle_between(v.truth.yaw_rad, v.estimate.yaw_rad) for v in views if v.estimate is not None]
-    wrong = sum(angle > np.pi / 2 for angle in turned)
-    title = f"{len(placed)} cars, {len(views)} found, {wrong} turned the wrong way; thick: the front"
-    save_png(out / "table.png", titled(picture, title))

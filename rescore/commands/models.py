@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Changes, Jobs, Preset, Seed, app, config_of, say
+from rescore.commands.base import ALL_PROCESSORS, Changes, Jobs, Preset, Seed, app, config_of
+from rescore.speech import say
 
 if TYPE_CHECKING:
     from recon.part_views import PartViews
@@ -128,10 +129,6 @@ def study_models(
     say(f"class models: {page}")
 
 
-VIEW_STUDIES = {"car": ("car", 20), "car_5_degrees": ("car", 5), "chair": ("chair", 20)}
-"""Class and elevation in degrees of each table of ``study-views``."""
-
-
 @app.command("study-views")
 def study_views(
     out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.")],
@@ -144,19 +141,11 @@ def study_views(
 
     Example: [bold]rescore study-views --out runs/view_bins[/bold]
     """
-    import numpy as np
-
-    from datasets_synth.objects.object_classes import object_class
     from reports.studies.view_bins import write_view_study
-    from rescore.studies.view_bins import LEARNED_SHAPES, learned_for_views, save_confusions, view_confusion
+    from rescore.studies.view_bins import LEARNED_SHAPES, VIEW_STUDIES
+    from rescore.studies.view_bins import study_views as study
 
-    for name, (class_name, elevation_deg) in VIEW_STUDIES.items():
-        title = f"{class_name}, {elevation_deg} degrees"
-        say(f"{title}: learning the class model, {photos} photographs")
-        shown = object_class(class_name)
-        model = learned_for_views(shown, float(np.deg2rad(elevation_deg)))
-        tables = view_confusion(shown, model, photos, np.random.default_rng(seed))
-        save_confusions(out / f"{name}.json", tables, title)
+    study(out, photos, seed)
     command = f"rescore study-views --out {out} --photos {photos} --seed {seed}"
     say(f"view bins: {write_view_study(out, list(VIEW_STUDIES), LEARNED_SHAPES, command)}")
 
@@ -173,19 +162,20 @@ def _rendered_views(
     class_name: str, instances: int, view_bins: str | None, elevation_deg: float | None
 ) -> "PartViews":
     """Views of the shapes that a class trains on."""
-    from datasets_synth.objects.object_classes import labelled_views, object_class
-    from recon.part_views import PartViews
+    from datasets_synth.objects.object_classes import object_class, training_views
 
     chosen = object_class(class_name)
     bins = chosen.bins if elevation_deg is None else _bins(elevation_deg)
-    views = labelled_views(chosen, chosen.train[:instances], bins, 256)
-    if view_bins is None:
-        return views
-    numbers = view_bins.split(",")
-    if not all(n.strip().isdigit() and int(n) < bins.count for n in numbers):
+    return training_views(chosen, instances, bins, _bin_numbers(view_bins, bins.count))
+
+
+def _bin_numbers(text: str | None, count: int) -> "set[int] | None":
+    """The view bins of an option; None where it was left out."""
+    if text is None:
+        return None
+    numbers = text.split(",")
+    if not all(n.strip().isdigit() and int(n) < count for n in numbers):
         raise RescoreError(
-            f"--view-bins: expected numbers from 0 to {bins.count - 1} with commas between them, "
-            f"got {view_bins!r}"
+            f"--view-bins: expected numbers from 0 to {count - 1} with commas between them, got {text!r}"
         )
-    wanted = {int(n) for n in numbers}
-    return PartViews(views.part_names, bins, tuple(v for v in views.views if v.view_bin in wanted))
+    return {int(n) for n in numbers}

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import Dataset, app, detections_of, read_data, say
+from rescore.commands.base import AsJson, Dataset, app, detections_of, print_json, read_data
+from rescore.speech import say
 
 Maps = Annotated[
     list[str] | None, typer.Option("--map", help="Take a class for another, as van=car; may be repeated.")
@@ -76,18 +77,23 @@ def doctor(
     dataset: Annotated[Path | None, typer.Argument(help="Data set to examine too.")] = None,
     class_name: ClassName = "car",
     frames: Annotated[int, typer.Option(min=1, help="Frames whose pixels are examined, evenly spread.")] = 5,
+    as_json: AsJson = False,
 ) -> None:
     """Examine the installation and a data set; a line a finding, exit code 1 where something is wrong.
 
     Example: [bold]rescore doctor my_data[/bold]
     """
+    from dataclasses import asdict
+
     from rescore.doctor import examine_dataset, examine_installation
     from rescore.doctor.findings import Level
 
     findings = examine_installation()
     if dataset is not None:
         findings += examine_dataset(dataset, class_name, frames)
-    for finding in findings:
+    if as_json:
+        print_json([asdict(finding) for finding in findings])
+    for finding in () if as_json else findings:
         print(finding)
     wrong = sum(f.level is Level.ERROR for f in findings)
     doubtful = sum(f.level is Level.WARNING for f in findings)

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import app, say
+from rescore.commands.base import AsJson, app, print_json
+from rescore.speech import say
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from recon.arrays import FloatArray
     from recon.class_model import ClassModel
     from recon.reconstruction.instance import Instance3D
@@ -46,6 +49,7 @@ def reconstruct(
     calib: Calib = None,
     height: Height = None,
     pitch: Pitch = None,
+    as_json: AsJson = False,
 ) -> None:
     """Reconstruct the object in a box in 3D, with its hidden parts (section 4 of the report).
 
@@ -61,7 +65,7 @@ def reconstruct(
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
-    found = _found(photo, box, view_bin, classes)
+    found = _found(photo, box, view_bin, classes, say if as_json else typer.echo)
     texture = object_texture(photo.rgb, found)
     meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
     turn = gltf_from_object(found.instance)
@@ -73,7 +77,10 @@ def reconstruct(
         out / "overlay.png",
         instance_overlay(photo.rgb, found.picture, found.instance, photo.seen_from.camera),
     )
-    typer.echo(_table(found.instance))
+    if as_json:
+        print_json(instance_json(found.instance))
+    else:
+        typer.echo(_table(found.instance))
     say(f"3D object: {out / 'object.glb'}")
 
 
@@ -94,6 +101,7 @@ def popup(
     calib: Calib = None,
     height: Height = None,
     pitch: Pitch = None,
+    as_json: AsJson = False,
 ) -> None:
     """Make a 3D pop-up scene of a picture: objects, ground and what is behind them (section 7).
 
@@ -102,7 +110,7 @@ def popup(
     """
     from reports.objects.mesh_files import write_glb
     from reports.objects.popup import in_scene_axes, scene_layers, source_similarity, write_turntable
-    from rescore.library.single_picture import load_class, open_photo
+    from rescore.library.single_picture import instance_json, load_class, open_photo
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
@@ -111,32 +119,40 @@ def popup(
         raise RescoreError(
             f"--view-bin: expected one for all boxes or {len(box)}, one a box, got {len(bins)}; mend them"
         )
-    found = [_found(photo, text, bins[i % len(bins)], classes) for i, text in enumerate(box)]
+    tell = say if as_json else typer.echo
+    found = [_found(photo, text, bins[i % len(bins)], classes, tell) for i, text in enumerate(box)]
     layers = scene_layers(photo, found)
     write_glb(out / "scene.glb", in_scene_axes(layers, photo.seen_from.ground))
     write_turntable(out, photo, found, layers)
-    for one in found:
-        typer.echo(_table(one.instance))
     likeness = source_similarity(photo, found, layers)
-    typer.echo(f"seen from the picture's camera: structural similarity {likeness:.3f} inside the outline")
+    if as_json:
+        objects = [instance_json(one.instance) for one in found]
+        print_json({"objects": objects, "structural_similarity": likeness})
+    for one in () if as_json else found:
+        typer.echo(_table(one.instance))
+    tell(f"seen from the picture's camera: structural similarity {likeness:.3f} inside the outline")
     say(f"3D scene: {out / 'scene.glb'}, turntable: {out / 'turntable.gif'}")
 
 
-def _found(photo: "Photo", box: str, view_bin: int | None, model: "ClassModel") -> "FoundObject":
+def _found(
+    photo: "Photo", box: str, view_bin: int | None, model: "ClassModel", tell: "Callable[[str], None]"
+) -> "FoundObject":
     """The object in a box; a failure is an error with its reason."""
     from recon.errors import Failure
     from rescore.library.single_picture import find_object, parse_box
 
     xyxy = parse_box(box, photo.seen_from.camera.width_px, photo.seen_from.camera.height_px)
     if view_bin is None:
-        view_bin = _chosen_bin(photo, box, xyxy, model)
+        view_bin = _chosen_bin(photo, box, xyxy, model, tell)
     found = find_object(photo, xyxy, view_bin, model)
     if isinstance(found, Failure):
         raise RescoreError(f"box {box}: {found.reason.value}: {found.detail}")
     return found
 
 
-def _chosen_bin(photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel") -> int:
+def _chosen_bin(
+    photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel", tell: "Callable[[str], None]"
+) -> int:
     """The view bin that the class model chooses, said aloud; a failure is an error with its reason."""
     from recon.errors import Failure
     from recon.reconstruction.view_selection import best_view_bin
@@ -145,7 +161,7 @@ def _chosen_bin(photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassMo
     if isinstance(choice, Failure):
         raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; give --view-bin")
     others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[1:3])
-    typer.echo(
+    tell(
         f"view bin {choice.view_bin} chosen, probability {choice.probability[choice.view_bin]:.0%}"
         f" (next: {others or 'none'}); --view-bin sets another"
     )

@@ -8,16 +8,18 @@ from typing import Annotated, Any
 import typer
 
 from rescore.commands.base import (
+    AsJson,
     Dataset,
     Report,
     Split,
     app,
     configs_behind,
     detections_of,
+    print_json,
     read_split,
-    say,
 )
 from rescore.commands.depth_source import predictions_behind
+from rescore.speech import say
 
 
 @app.command()
@@ -37,6 +39,7 @@ def evaluate(
     ] = None,
     report: Report = True,
     split: Split = "test",
+    as_json: AsJson = False,
 ) -> None:
     """Match detections with the annotated cars: candidates.parquet, metrics.json, curves and report.
 
@@ -60,7 +63,8 @@ def evaluate(
         from reports.page.html import build_report
 
         build_report(out)
-    print_results(metrics, {"report": out / "report.html"} if report else {"figures": out / "metrics.json"})
+    shown = {"report": out / "report.html"} if report else {"figures": out / "metrics.json"}
+    print_results(metrics, shown, as_json)
 
 
 def _keep_evidence_models(out: Path, detector_of: dict[Path, str]) -> None:
@@ -135,8 +139,11 @@ def log(
     say(f"recording: {file} (open it with: rerun {file})")
 
 
-def print_results(metrics: dict[str, Any], paths: dict[str, Path]) -> None:
+def print_results(metrics: dict[str, Any], paths: dict[str, Path], as_json: bool) -> None:
     """Print the table of results, what rescoring changed, and where the files are."""
+    if as_json:
+        print_json(metrics | {"files": {name: str(path) for name, path in paths.items()}})
+        return
     from rich.console import Console
 
     from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table

@@ -3,16 +3,12 @@
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from recon.errors import RescoreError
-from rescore.commands.base import app, read_data, say
-
-if TYPE_CHECKING:
-    from rescore.data.frames import DataSet
-    from rescore.studies.stereo import Accuracy, Consistency
+from rescore.commands.base import AsJson, app, print_json
+from rescore.speech import say
 
 
 @app.command("study-stereo")
@@ -28,6 +24,7 @@ def study_stereo(
     nearest: Annotated[
         float, typer.Option(min=0.1, help="Depth in metres from which calibrated pairs are measured.")
     ] = 2.0,
+    as_json: AsJson = False,
 ) -> None:
     """How good measured disparity is: against the truth, OpenCV called directly, and public figures.
 
@@ -37,39 +34,15 @@ def study_stereo(
     """
     from rich.console import Console
 
-    from reports.studies.stereo import consistency_table, kitti_table, short_table, write_stereo_study
-    from rescore.formats.stereo_truth import find_true_scenes
-    from rescore.studies.stereo import accuracies, added, consistency_of
+    from reports.studies.stereo import short_tables, write_stereo_study
+    from rescore.files import read_json
+    from rescore.studies.stereo import study_folders
 
-    scenes: list[Accuracy] = []
-    kitti: Accuracy | None = None
-    without_truth: list[Consistency] = []
-    for folder in folders:
-        found = find_true_scenes(folder)
-        if found is None:
-            without_truth += consistency_of(_pairs_of(folder), nearest)
-        elif not found.kitti:
-            scenes += accuracies(found, nearest)
-        elif kitti is None:
-            say(f"{folder}: KITTI stereo 2015, {len(found.scenes)} pairs")
-            kitti = added("KITTI 2015", accuracies(found, nearest))
-        else:
-            raise RescoreError(f"{folder}: expected one folder of KITTI stereo 2015, got a second; give one")
+    study = study_folders(folders, nearest)
     command = f"rescore study-stereo {' '.join(map(str, folders))} --out {out} --nearest {nearest:g}"
-    page = write_stereo_study(scenes, kitti, without_truth, out, command, nearest)
-    console = Console()
-    if known := [*scenes, *([kitti] if kitti else [])]:
-        console.print(short_table(known).rich())
-    if kitti:
-        console.print(kitti_table(kitti).rich())
-    if without_truth:
-        console.print(consistency_table(without_truth, short=True).rich())
+    page = write_stereo_study(study.scenes, study.kitti, study.without_truth, out, command, nearest)
+    if as_json:
+        print_json(read_json(out / "stereo.json", "the numbers of the study"))
+    for table in () if as_json else short_tables(study):
+        Console().print(table.rich())
     say(f"measured disparity: {page}")
-
-
-def _pairs_of(folder: Path) -> "DataSet":
-    """A data set that has right pictures."""
-    data = read_data(folder)
-    if not any(frame.right_path for frame in data.frames):
-        raise RescoreError(f"{folder}: expected pairs of pictures, got frames without right ones; give pairs")
-    return data

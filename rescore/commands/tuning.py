@@ -23,21 +23,17 @@ from rescore.commands.base import (
     detections_of,
     mode_of,
     read_data,
-    say,
     with_share,
 )
 from rescore.commands.depth_source import (
-    As,
-    Factor,
-    Masks,
     Model,
-    PredictedDir,
-    Unit,
+    Predicted,
     evidence_of,
     source_as_json,
     source_of,
     tell_doubts,
 )
+from rescore.speech import say
 
 
 @app.command(name="fit-evidence")
@@ -48,11 +44,7 @@ def fit_evidence(
     ],
     out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
     model: Model = None,
-    predicted_depth: PredictedDir = None,
-    predicted_as: As = None,
-    predicted_unit: Unit = None,
-    predicted_factor: Factor = None,
-    predicted_masks: Masks = None,
+    predicted: Predicted = None,
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
@@ -73,9 +65,7 @@ def fit_evidence(
     from rescore.fusion.rescore_frames import rescore_frames
 
     settings = config_of(preset, config)
-    asked = source_of(
-        model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, LEARNED
-    )
+    asked = source_of(model, predicted, LEARNED)
     data = read_data(dataset, settings.class_name)
     splits = Splits.of(data)
     fitting = splits.fitting_set.data
@@ -105,14 +95,10 @@ def tune(
     detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
     out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
     model: Model = None,
+    predicted: Predicted = None,
     registration: RegistrationMode = "paper",
     evidence_model: EvidenceModelFile = None,
     adapt_share: AdaptShare = False,
-    predicted_depth: PredictedDir = None,
-    predicted_as: As = None,
-    predicted_unit: Unit = None,
-    predicted_factor: Factor = None,
-    predicted_masks: Masks = None,
     preset: Preset = "paper",
     config: Changes = None,
     seed: Seed = 0,
@@ -132,9 +118,7 @@ def tune(
     from rescore.fusion.tuning_file import tuning_as_json
 
     mode, learned = mode_of(registration, evidence_model)
-    asked = source_of(
-        model, predicted_depth, predicted_as, predicted_unit, predicted_factor, predicted_masks, (mode,)
-    )
+    asked = source_of(model, predicted, (mode,))
     if learned is not None:
         check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)

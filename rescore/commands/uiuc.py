@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Jobs, app
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, app, print_json
 
 
 @app.command()
@@ -16,20 +15,16 @@ def uiuc(
     folder: Annotated[Path, typer.Argument(help="Folder with TestImages and trueLocations.txt.")],
     detectors: Annotated[list[Path], typer.Argument(help="Detectors that `rescore train --crops` wrote.")],
     jobs: Jobs = ALL_PROCESSORS,
+    as_json: AsJson = False,
 ) -> None:
     """Recall and precision on the single-scale test pictures of the UIUC car set, by its own rule.
 
     Example: [bold]rescore uiuc CarData models/hog.npz models/boosted.npz[/bold]
     """
-    from rescore.detectors.crop_training import WindowDetector
-    from rescore.detectors.registry import load_detector
-    from rescore.formats.uiuc import read_uiuc
-    from rescore.studies.uiuc import evaluate_uiuc
+    from rescore.studies.uiuc import evaluate_files
 
-    pictures = read_uiuc(folder)
-    for path in detectors:
-        detector = load_detector(path)
-        if not isinstance(detector, WindowDetector):
-            raise RescoreError(f"{path}: expected a detector that scans for sizes, got {detector.name}")
-        curve = evaluate_uiuc(detector, pictures, jobs)
-        print(f"{detector.name}, {len(pictures)} pictures: {curve.summary()}")
+    found = evaluate_files(folder, detectors, jobs)
+    if as_json:
+        print_json([one.as_json() for one in found])
+    for one in () if as_json else found:
+        print(f"{one.detector}, {one.n_pictures} pictures: {one.curve.summary()}")

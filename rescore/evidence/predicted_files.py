@@ -1,4 +1,7 @@
-"""Folders of predicted depth and of masks: a file a frame, named as its left picture."""
+"""Folders of predicted depth and of masks: a file a frame, named as its left picture.
+
+A JSON file says where they lie and what they hold (``read_prediction_folder``).
+"""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -9,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from recon.errors import RescoreError
 from rescore.data.content import content_digest
@@ -16,6 +20,7 @@ from rescore.data.frames import DataSet, frame_names
 from rescore.data.measured import SUFFIXES, read_map
 from rescore.data.pictures import decode_picture
 from rescore.evidence.predicted import PredictedAs, PredictedDepth, PredictedUnit, another_system
+from rescore.files import read_json
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,64 @@ class PredictionFolder:
                 f"{self.folder}: expected a positive factor from metres to the values of the files, got "
                 f"{self.factor:g}; millimetres have 1000"
             )
+
+
+class _Description(BaseModel):
+    """The JSON file that describes a prediction folder. Paths are relative to its own folder."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    folder: Path
+    predicted_as: str | None = Field(default=None, alias="as")
+    unit: str = PredictedUnit.RELATIVE
+    factor: float | None = None
+    masks: Path | None = None
+
+
+def read_prediction_folder(path: Path) -> PredictionFolder:
+    """The prediction folder that a JSON file describes: ``folder`` and ``as``, and where needed ``unit``,
+    ``factor`` and ``masks``; its paths are relative to the file.
+
+    Raises:
+        RescoreError: no such file, an unknown key, no folder, or a value that is none of those allowed.
+    """
+    value = read_json(path, "a description of predicted depth")
+    try:
+        file = _Description.model_validate(value)
+    except ValidationError as error:
+        raise RescoreError(
+            f"{path}: expected a description of predicted depth, got {_first_problem(error)}; "
+            "keys are folder, as, unit, factor and masks (docs/predicted-depth.md)"
+        ) from error
+    folder = path.parent / file.folder
+    if file.predicted_as not in list(PredictedAs):
+        raise RescoreError(
+            f"{path}: as: expected {' or '.join(PredictedAs)}, got {file.predicted_as!r}; say what the files "
+            f"of {folder} hold"
+        )
+    if file.unit not in list(PredictedUnit):
+        raise RescoreError(
+            f"{path}: unit: expected {' or '.join(PredictedUnit)}, got {file.unit!r}; choose one of these"
+        )
+    if file.factor is not None and file.unit != PredictedUnit.METRIC:
+        raise RescoreError(
+            f"{path}: factor: expected metric predictions, got relative ones, whose scale is free; "
+            'leave it out or say "unit": "metric"'
+        )
+    return PredictionFolder(
+        folder,
+        PredictedAs(file.predicted_as),
+        PredictedUnit(file.unit),
+        1.0 if file.factor is None else file.factor,
+        None if file.masks is None else path.parent / file.masks,
+    )
+
+
+def _first_problem(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    place = ".".join(map(str, first["loc"]))
+    text = first["msg"][:1].lower() + first["msg"][1:]
+    return f"{place}: {text}" if place else text
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 from rescore.experiment.source_digest import source_digest
 from rescore.files import digest_of, read_json, remove, write_json
+from rescore.speech import doing
 
 RECORDS = ".stages"
 """Folder of a run folder that holds a record of each finished stage."""
@@ -98,7 +99,8 @@ def _run(root: Path, stage: Stage, key: str, build: Callable[[], None]) -> Done:
     # without its record, nothing under the final names is taken for the result of this key
     record_file.unlink(missing_ok=True)
     started = time.perf_counter()
-    build()
+    with doing(stage.name):
+        build()
     seconds = time.perf_counter() - started
     write_json(record_file, {"key": key, "outputs": _digests(stage), "seconds": seconds})
     return Done(stage.name, False, seconds)

@@ -19,8 +19,9 @@ SMALLEST = 1e-6
 def fuse(likelihood: FloatArray, depth_difference: FloatArray, w: float) -> FloatArray:
     """``exp(w log l + (1 - w) log(1 - D))``, shape (n,), in [0, 1].
 
-    A candidate without depth evidence (D is NaN) keeps its likelihood. The limits are exact: ``0^0 = 1``, so
-    w = 1 returns l itself and w = 0 returns 1 - D itself; for w between, l = 0 or D = 1 gives 0. Never NaN.
+    Where D is NaN the likelihood is kept: only mode paper leaves D so, for candidates without depth evidence.
+    The limits are exact: ``0^0 = 1``, so w = 1 returns l itself and w = 0 returns 1 - D itself; for w
+    between, l = 0 or D = 1 gives 0. Never NaN.
 
     Args:
         likelihood: l in [0, 1], shape (n,).

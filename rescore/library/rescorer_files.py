@@ -88,7 +88,7 @@ def _weight(path: Path, mode: Registration, class_model: str | None) -> float:
     if class_model is None and tuning.depth_of == CLASS_MODEL:
         raise RescoreError(
             f"{path}: expected a weight tuned with predictions, since there is no class_model, got one tuned "
-            "with depth of the class model; name the class model or run `rescore tune --predicted-depth`"
+            "with depth of the class model; name the class model or run `rescore tune --predicted`"
         )
     return tuned_weight(path, mode, CLASS_MODEL if class_model else tuning.depth_of)
 

@@ -6,6 +6,8 @@ figures on "test".
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +16,17 @@ from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.cues import CUES, cues_of
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
 from rescore.evidence.registration import Registration
+from rescore.experiment.config import run_config
+from rescore.experiment.reproduce import FITTED_ON
+from rescore.files import write_json
+from rescore.formats.coco import read_detections
+from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.tune import TuneConfig, match_at, tune_weight
 from rescore.metrics.bootstrap import BootstrapConfig, Interval, bootstrap
 from rescore.metrics.matching import TruthTable
-from rescore.studies.sweep import RECALL
+from rescore.results.run_folder import RunFolder
+from rescore.studies.sweep import RECALL, interval_as_json
 
 
 def groups() -> dict[str, tuple[str, ...]]:
@@ -87,6 +95,37 @@ def ablate(
         )
         for (name, without), w in zip(left_out, weights, strict=True)
     )
+
+
+def ablate_run(root: Path, out: Path, detector: str, seed: int) -> list[dict[str, Any]]:
+    """The worth of each part of a finished run's evidence; writes ``ablation.json`` to the folder ``out`` and
+    returns its content.
+
+    Raises:
+        RescoreError: the run is not finished, or has no such detector.
+    """
+    folder, config = RunFolder(root), run_config(root)
+    data = read_dataset(folder.data, config.class_name)
+
+    def table(split: str) -> CandidateTable:
+        return read_detections(folder.evidence_table(detector, split), data.split(split)).table
+
+    fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
+    given = AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
+    rows = [_row_as_json(row) for row in ablate(given, config.evidence, config.tune, seed)]
+    write_json(out / "ablation.json", rows)
+    return rows
+
+
+def _row_as_json(row: AblationRow) -> dict[str, Any]:
+    return {
+        "without": row.without,
+        "n_cues": row.n_cues,
+        "w": row.w,
+        "fppi": interval_as_json(row.fppi),
+        "auc": interval_as_json(row.auc),
+        "factor": row.factor and interval_as_json(row.factor),
+    }
 
 
 def _left_out() -> Iterator[tuple[str, Sequence[str]]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,12 @@ from rescore.evidence.candidates import OK, Candidates
 from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
+from rescore.experiment.config import run_config
+from rescore.files import write_json
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
-from rescore.parallel import in_order, one_thread
+from rescore.parallel import in_order, one_thread, track
+from rescore.studies.finished_run import finished_run
+from rescore.studies.sweep import RECALL
 
 _PICTURE_STREAM = 3_000_000
 """Beyond every number of a kind, so that prints draw from a stream of their own."""
@@ -45,6 +50,11 @@ class Judged:
     """None where its pictures are kept no longer."""
     difference: Mapping[Registration, float]
 
+    @property
+    def title(self) -> str:
+        """The kind in words."""
+        return KIND[self.kind].title
+
     def without_pictures(self) -> "Judged":
         """What is counted of it."""
         return replace(self, item=None)
@@ -63,6 +73,32 @@ def judge_bank(
         for index in range(count)
     )
     return in_order(tasks, jobs)
+
+
+def judge_bank_of_run(
+    root: Path, out: Path, count: int, *, detector: str, seed: int, jobs: int
+) -> tuple[dict[str, Any], list[Judged]]:
+    """Judge ``count`` things of every kind with the evidence of a finished run.
+
+    Writes ``distractors.json`` to the folder ``out``.
+
+    Returns:
+        The content of the file, and the first thing of each kind with its pictures.
+
+    Raises:
+        RescoreError: the run is not finished, or has no such detector.
+    """
+    run = finished_run(root, detector, None)
+    judge = Judge(run.class_model, run.config, run.models)
+    bank = judge_bank(judge, tuple(KIND), count, BankConfig(synth=run_config(root).synth), seed, jobs)
+    judged: list[Judged] = []
+    first: dict[str, Judged] = {}
+    for one in track(bank, "distractors", count * len(KIND)):
+        first.setdefault(one.kind, one)
+        judged.append(one.without_pictures())
+    value = bank_as_json(judged, RECALL)
+    write_json(out / "distractors.json", value)
+    return value, list(first.values())
 
 
 def _judged(
@@ -92,8 +128,10 @@ def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
 def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall: float) -> float:
     """How many times fewer of the others pass the threshold on D that lets a share of the cars pass.
 
-    Without evidence the same share of both passes. A candidate without evidence is judged like a car of
-    middling D, since it keeps its likelihood. Infinity where none of the others passes.
+    Without depth the same share of both passes. Infinity where none of the others passes. A candidate
+    without evidence takes the median D of the cars, so that a threshold exists for it in every mode. The
+    method itself does otherwise: in mode paper the candidate keeps its likelihood, in the others it gets
+    the D of silent cues.
 
     Args:
         d: shape (n,), NaN where there is no evidence.

@@ -1,24 +1,43 @@
 """A finished run, opened for a study."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
+from recon.stereo.sgbm import SgbmConfig
 from rescore.data.frames import DataSet
 from rescore.evidence.candidates import Candidates
-from rescore.evidence.model import load_models
-from rescore.evidence.registration import LEARNED
+from rescore.evidence.model import EvidenceModel, load_models
+from rescore.evidence.registration import LEARNED, Registration
+from rescore.evidence.settings import RescoreConfig
 from rescore.experiment.config import RunConfig, run_config
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.tuning_file import load_tuning
 from rescore.results.run_folder import RunFolder
-from rescore.studies.sweep import FinishedRun
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedRun:
+    """What a study needs of a run: nothing of it is fitted again."""
+
+    data: DataSet
+    """Its test frames."""
+    candidates: Mapping[int, Candidates]
+    """Of one detector, by image id."""
+    class_model: ClassModel
+    config: RescoreConfig
+    sgbm: SgbmConfig
+    """The matcher that made the disparity of the data set."""
+    models: Mapping[Registration, EvidenceModel]
+    weights: Mapping[Registration, float]
+    """w of each mode."""
 
 
 def finished_run(root: Path, detector: str, frames: int | None) -> FinishedRun:
-    """The parts of a finished run that a sweep needs, cut to evenly spread test frames.
+    """The parts of a finished run that a study needs, cut to evenly spread test frames.
 
     Raises:
         RescoreError: the run is not finished, or has no such detector.

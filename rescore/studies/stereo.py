@@ -4,21 +4,25 @@ The project's ``compute_disparity`` is OpenCV's StereoSGBM on a pair with a marg
 call is written out again, with the margin and without.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from recon.arrays import BoolArray, Float32Array, UInt8Array
+from recon.errors import RescoreError
 from recon.stereo.accuracy import BAD_1, BAD_2, D1, DisparityError, WrongRule, disparity_error, fill_holes
 from recon.stereo.features import match_pair
 from recon.stereo.sgbm import KITTI_SGBM, SgbmConfig, compute_disparity, disparities_beyond
 from rescore.data.frames import DataSet
 from rescore.data.pictures import read_rgb
 from rescore.evidence.settings import automatic_stereo, stereo_for
-from rescore.formats.stereo_truth import TruePair, TrueScenes
+from rescore.formats.open import read_dataset
+from rescore.formats.stereo_truth import TruePair, TrueScenes, find_true_scenes
+from rescore.speech import say
 
 RULES: Mapping[str, WrongRule] = {"D1": D1, "bad_2": BAD_2, "bad_1": BAD_1}
 """What is called wrong, by name."""
@@ -241,3 +245,51 @@ def consistency_of(data: DataSet, nearest_m: float) -> Iterator[Consistency]:
         )
         name = f"{data.root.resolve().name} {frame.left_path.stem}"
         yield consistency(name, left, right, config)
+
+
+@dataclass(frozen=True)
+class StereoStudy:
+    """What was measured on some folders of pairs."""
+
+    scenes: tuple[Accuracy, ...] = ()
+    """Pairs with truth, but for KITTI's."""
+    kitti: Accuracy | None = None
+    """All pairs of KITTI stereo 2015 together."""
+    without_truth: tuple[Consistency, ...] = ()
+
+    @property
+    def known(self) -> tuple[Accuracy, ...]:
+        """Everything with truth."""
+        return (*self.scenes, *([self.kitti] if self.kitti else []))
+
+
+def study_folders(folders: Sequence[Path], nearest_m: float) -> StereoStudy:
+    """Measure every folder of pairs.
+
+    Raises:
+        RescoreError: a folder holds no pairs, or KITTI stereo 2015 comes twice.
+    """
+    study = StereoStudy()
+    for folder in folders:
+        found = find_true_scenes(folder)
+        if found is None:
+            more = tuple(consistency_of(_pairs_of(folder), nearest_m))
+            study = replace(study, without_truth=study.without_truth + more)
+        elif not found.kitti:
+            study = replace(study, scenes=study.scenes + tuple(accuracies(found, nearest_m)))
+        elif study.kitti is None:
+            say(f"{folder}: KITTI stereo 2015, {len(found.scenes)} pairs")
+            study = replace(study, kitti=added("KITTI 2015", accuracies(found, nearest_m)))
+        else:
+            raise RescoreError(f"{folder}: expected one folder of KITTI stereo 2015, got a second; give one")
+    return study
+
+
+def _pairs_of(folder: Path) -> DataSet:
+    """A data set that has right pictures."""
+    data = read_dataset(folder)
+    for note in data.notes:
+        say(f"note: {note}")
+    if not any(frame.right_path for frame in data.frames):
+        raise RescoreError(f"{folder}: expected pairs of pictures, got frames without right ones; give pairs")
+    return data

@@ -3,27 +3,26 @@
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from joblib import delayed
 
-from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
-from rescore.evidence.candidates import OK, Candidates, CandidateTable
+from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.instances import predict_instances
-from rescore.evidence.model import EvidenceModel
-from rescore.evidence.registration import Registration
-from rescore.evidence.settings import RescoreConfig
+from rescore.files import write_json, write_provenance
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.fusion.tune import match_at
 from rescore.metrics.bootstrap import BootstrapConfig, Comparison, Interval, bootstrap
 from rescore.metrics.matching import TruthTable
 from rescore.parallel import in_order, one_thread, track
 from rescore.studies.degrade import Dial
+from rescore.studies.finished_run import FinishedRun, finished_run
 
 RECALL = 0.7
 """Share of all cars at which false positives are compared."""
@@ -31,23 +30,6 @@ ALONE = "detector"
 """Name of the detector without depth among the modes."""
 VISIBILITY = ((0.3, 0.6), (0.6, 0.85), (0.85, 1.001))
 """Groups of cars by their visible share: from, to below."""
-
-
-@dataclass(frozen=True, eq=False)
-class FinishedRun:
-    """What a sweep needs of a run: nothing of it is fitted again."""
-
-    data: DataSet
-    """Its test frames."""
-    candidates: Mapping[int, Candidates]
-    """Of one detector, by image id."""
-    class_model: ClassModel
-    config: RescoreConfig
-    sgbm: SgbmConfig
-    """The matcher that made the disparity of the data set."""
-    models: Mapping[Registration, EvidenceModel]
-    weights: Mapping[Registration, float]
-    """w of each mode."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +66,38 @@ class Point:
 
 Step = tuple[Dial | None, float]
 """A dial at a level; None leaves the frame as it is."""
+
+
+def sweep_run(
+    root: Path, out: Path, dials: Sequence[Dial], frames: int | None, *, detector: str, seed: int, jobs: int
+) -> dict[str, Any]:
+    """Sweep a finished run over dials; writes ``sweep.json`` to the folder ``out`` and returns its content.
+
+    Args:
+        root: The finished run.
+        out: Folder to write to.
+        dials: What is spoilt, each at all of its levels.
+        frames: Test frames to use, evenly spread; None for all.
+        detector: A detector of the run.
+        seed: Of every random choice.
+        jobs: Frames at a time.
+
+    Raises:
+        RescoreError: the run is not finished, or has no such detector.
+    """
+    run, config = finished_run(root, detector, frames), SweepConfig(seed=seed, jobs=jobs)
+    points = sweep(run, dials, config)
+    as_is = tables_of_steps(run, [(None, 0.0)], config)[0]
+    value = {
+        "detector": detector,
+        "n_images": len(run.data.frames),
+        "dials": sweep_as_json(points, dials),
+        "visibility": by_visibility(run, as_is, config),
+    }
+    write_json(out / "sweep.json", value)
+    settings = {"dials": {d.name: d.levels for d in dials}, "frames": frames, "detector": detector}
+    write_provenance(out / "sweep.json", "sweep", settings, seed)
+    return value
 
 
 def sweep(run: FinishedRun, dials: Sequence[Dial], config: SweepConfig) -> dict[str, tuple[Point, ...]]:

@@ -1,6 +1,9 @@
 """What a detector trained on crops finds in the test pictures of the UIUC car set."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,9 +12,45 @@ from joblib import Parallel, delayed
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import RescoreError
 from rescore.detectors.crop_training import WindowDetector, at_one_size
+from rescore.detectors.registry import load_detector
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
-from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture
+from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture, read_uiuc
 from rescore.parallel import one_thread
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What one detector finds in the test pictures."""
+
+    detector: str
+    n_pictures: int
+    curve: RecallPrecision
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures of the curve's summary, as JSON values."""
+        curve = self.curve
+        return {
+            "detector": self.detector,
+            "n_pictures": self.n_pictures,
+            "n_cars": curve.n_cars,
+            "equal_error_recall": curve.equal_error_recall,
+            "recall_at_precision": {str(p): curve.recall_at_precision(p) for p in (0.9, 0.99)},
+            "greatest_recall": float(curve.hit.sum() / curve.n_cars),
+        }
+
+
+def evaluate_files(folder: Path, detectors: Sequence[Path], jobs: int) -> Iterator[Found]:
+    """What each detector finds in the test pictures of a folder, as they are done.
+
+    Raises:
+        RescoreError: the folder is not the set, or a file holds no detector that was trained on its crops.
+    """
+    pictures = read_uiuc(folder)
+    for path in detectors:
+        detector = load_detector(path)
+        if not isinstance(detector, WindowDetector):
+            raise RescoreError(f"{path}: expected a detector that scans for sizes, got {detector.name}")
+        yield Found(detector.name, len(pictures), evaluate_uiuc(detector, pictures, jobs))
 
 
 def evaluate_uiuc(detector: WindowDetector, pictures: Sequence[TestPicture], jobs: int) -> RecallPrecision:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.objects.object_classes import ObjectClass, labelled_views
+from datasets_synth.objects.object_classes import ObjectClass, labelled_views, object_class
 from datasets_synth.photos.single_object import Viewpoint, photograph
 from recon.arrays import IntArray
 from recon.camera import PinholeCamera
@@ -18,8 +18,11 @@ from recon.outlines import largest_outline
 from recon.reconstruction.view_selection import best_view_bin
 from recon.view_bins import ViewBins
 from rescore.files import read_json, write_json
+from rescore.speech import say
 
 FORMAT = "view-confusion 1"
+VIEW_STUDIES = {"car": ("car", 20), "car_5_degrees": ("car", 5), "chair": ("chair", 20)}
+"""Class and elevation in degrees of each table of ``study-views``."""
 CAMERA = PinholeCamera(250.0, 250.0, 79.5, 59.5, 160, 120)
 """Objects fill most of its picture: a car of 4.4 m is 128 pixels long from the side, at 9 m."""
 LEARNED_SHAPES = 3
@@ -151,3 +154,14 @@ def load_confusions(path: Path) -> tuple[dict[str, Confusion], str]:
         raise RescoreError(
             f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write it again"
         ) from error
+
+
+def study_views(out: Path, photos: int, seed: int) -> None:
+    """Write the tables of ``VIEW_STUDIES`` to a folder, each of so many photographs of test shapes."""
+    for name, (class_name, elevation_deg) in VIEW_STUDIES.items():
+        title = f"{class_name}, {elevation_deg} degrees"
+        say(f"{title}: learning the class model, {photos} photographs")
+        shown = object_class(class_name)
+        model = learned_for_views(shown, float(np.deg2rad(elevation_deg)))
+        tables = view_confusion(shown, model, photos, np.random.default_rng(seed))
+        save_confusions(out / f"{name}.json", tables, title)

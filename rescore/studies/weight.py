@@ -2,17 +2,32 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from recon.arrays import FloatArray
+from recon.class_model import ClassModel
 from recon.errors import RescoreError
-from rescore.data.splits import ValidationSet
-from rescore.evidence.candidates import CandidateTable
+from rescore.data.frames import DataSet
+from rescore.data.splits import Splits, ValidationSet
+from rescore.detectors.detect import detect_candidates
+from rescore.detectors.platt import load_scaling
+from rescore.detectors.registry import load_detector
+from rescore.evidence.candidates import CandidateTable, RescoredTable
+from rescore.evidence.model import load_models
 from rescore.evidence.registration import Registration
+from rescore.experiment.config import RunConfig, part_as_json, run_config
+from rescore.experiment.stages import Stage, run_stage
+from rescore.formats import coco
+from rescore.formats.open import read_dataset
+from rescore.fusion import rescore_frames
+from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.tune import TuneConfig, objective_on_grid, tune_weight
 from rescore.fusion.weight_interval import choices
 from rescore.metrics.matching import TruthTable
+from rescore.results.run_folder import RunFolder
+from rescore.speech import say
 
 
 @dataclass(frozen=True)
@@ -121,3 +136,100 @@ def _width(size: int, grid: FloatArray, gain: FloatArray, chosen: FloatArray) ->
     at = np.argmin(np.abs(grid[:, None] - known), axis=0)
     loss = float((np.nanmax(gain) - gain[at]).mean())
     return WeightWidth(size, low, lower, median, upper, high, loss, len(chosen) - len(known))
+
+
+def study_weights_of_run(
+    root: Path,
+    dataset: Path | None,
+    sizes: Sequence[int],
+    draws: int,
+    *,
+    keep: Path | None,
+    seed: int,
+    jobs: int,
+) -> list[WeightStudy]:
+    """The study of every detector and mode of a finished run.
+
+    Args:
+        root: The finished run.
+        dataset: Data set whose split validation is drawn from; None for that of the run.
+        sizes: Numbers of images of a subset; those beyond the validation images are left out.
+        draws: Subsets of each size.
+        keep: Folder where candidates with their evidence are kept from one study to the next; None for none.
+        seed: Of every random choice.
+        jobs: Frames at a time.
+
+    Raises:
+        RescoreError: the run is not finished, or no size can be served.
+    """
+    folder, config = RunFolder(root), run_config(root)
+    data = read_dataset(dataset or folder.data, config.class_name)
+    for note in data.notes:
+        say(f"note: {note}")
+    validation = Splits.of(data).validation_set
+    served = _served(sizes, len(validation.data.frames))
+    studies = []
+    for kind in config.detectors:
+        table = _candidates(folder, kind, config, validation.data, keep, jobs)
+        models = load_models(folder.evidence_model(kind)) if folder.evidence_model(kind).is_file() else {}
+        for number, mode in enumerate(config.registrations):
+            rng = np.random.default_rng([seed, number])
+            rated = Rescoring(config.rescore, models.get(mode)).fuse(table).candidates
+            studies.append(study_weight(kind, mode, rated, validation, served, draws, config.tune, rng))
+    return studies
+
+
+def _served(sizes: Sequence[int], n_images: int) -> list[int]:
+    """The sizes that the set can serve."""
+    fit = [n for n in sizes if n <= n_images]
+    if not fit:
+        raise RescoreError(
+            f"--sizes: expected a number up to the {n_images} validation images, got "
+            f"{','.join(map(str, sizes))}; choose a smaller one or render more images"
+        )
+    if len(fit) < len(sizes):
+        left_out = ", ".join(str(n) for n in sizes if n > n_images)
+        say(f"left out {left_out}: there are {n_images} validation images")
+    return fit
+
+
+def _candidates(
+    folder: RunFolder,
+    kind: str,
+    config: RunConfig,
+    validation: DataSet,
+    keep: Path | None,
+    jobs: int,
+) -> CandidateTable:
+    """The candidates of a detector of the run on validation images, with depth evidence, before w."""
+    if validation.root.resolve() == folder.data.resolve():
+        return coco.read_detections(folder.evidence_table(kind, "validation"), validation).table
+    detector, scaling, model = folder.detector(kind), folder.scaling(kind), folder.class_model
+    rescoring = Rescoring(config.rescore)
+
+    def find() -> RescoredTable:
+        found = detect_candidates(load_detector(detector), load_scaling(scaling), validation, jobs)
+        candidates = found.by_image([f.image_id for f in validation.frames])
+        class_model = ClassModel.load(model)
+        return rescore_frames.rescore_frames(
+            validation, candidates, class_model, rescoring, jobs=jobs, progress=f"depth evidence {kind}"
+        )
+
+    if keep is None:
+        return find().candidates
+    stage = Stage(
+        f"evidence_{kind}",
+        part_as_json(config.rescore),
+        (detector, scaling, model, validation.root / "annotations.json"),
+        (keep / f"{kind}.json",),
+        (rescore_frames, coco),
+    )
+    if run_stage(
+        keep,
+        stage,
+        lambda out: coco.write_rescored(
+            out, kind, find(), validation, w=rescoring.w, registration=rescoring.mode
+        ),
+    ).reused:
+        say(f"{kind}: candidates of {keep}")
+    return coco.read_detections(keep / f"{kind}.json", validation).table

@@ -2,6 +2,7 @@
 
 import io
 import json
+from contextlib import redirect_stderr
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from rich.console import Console
 
 from datasets_synth.build import build_dataset
 from datasets_synth.cars.models import ImportedModel, cars_of_splits, part_labelled_cars
@@ -64,14 +64,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     write_car(root / "train", "block-a")
     write_car(root / "test", "block-b")
     said = io.StringIO()
-    build_dataset(
-        CONFIG,
-        root / "data",
-        seed=1,
-        train_meshes=root / "train",
-        test_meshes=root / "test",
-        console=Console(file=said, width=200),
-    )
+    with redirect_stderr(said):
+        build_dataset(CONFIG, root / "data", seed=1, train_meshes=root / "train", test_meshes=root / "test")
     return root / "data", said.getvalue()
 
 

@@ -1,7 +1,9 @@
 """Malformed predictions of depth beside our own layout, and what `rescore apply` must say of each."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,8 +11,9 @@ from tests.rescore import own_data as own
 
 MAP = np.linspace(5, 30, own.WIDTH * own.HEIGHT).reshape(own.HEIGHT, own.WIDTH)
 MASK = np.full((own.HEIGHT, own.WIDTH), 255, np.uint8)
-RELATIVE = ("--predicted-as", "inverse")
-METRIC = ("--predicted-as", "depth", "--predicted-unit", "metric")
+RELATIVE = {"folder": "net", "as": "inverse"}
+METRIC = {"folder": "net", "as": "depth", "unit": "metric"}
+MASKED = RELATIVE | {"masks": "masks"}
 
 
 def save(path: Path, value: np.ndarray) -> Path:
@@ -38,25 +41,34 @@ def file(name: str, write: Callable[[Path], object]) -> Callable[[Path], object]
 
 
 def as_is(_root: Path) -> None:
-    """Leave the folder good; the options are what is wrong."""
+    """Leave the folder good; the description is what is wrong."""
 
 
-PREDICTIONS: dict[str, tuple[Callable[[Path], object], tuple[str, ...], str]] = {
-    "no kind": (as_is, (), "--predicted-as: expected depth or inverse, got None; say what"),
-    "kind unknown": (as_is, ("--predicted-as", "disparity"), "--predicted-as: .*got 'disparity'"),
-    "unit unknown": (as_is, (*RELATIVE, "--predicted-unit", "cm"), "--predicted-unit: expected relative or"),
-    "factor of relative": (
+def described(path: Path, description: Any) -> Path:
+    """The file that `--predicted` names; written as it is where it is text."""
+    return own.write_text(path, description if isinstance(description, str) else json.dumps(description))
+
+
+PREDICTIONS: dict[str, tuple[Callable[[Path], object], Any, str]] = {
+    "no JSON": (as_is, "folder: net", "net.json: expected a description of predicted depth as JSON"),
+    "no object": (as_is, ["net"], "net.json: expected a description of predicted depth, got input should be"),
+    "no name of a folder": (
         as_is,
-        (*RELATIVE, "--predicted-factor", "256"),
-        "--predicted-factor: expected met",
+        {"as": "depth"},
+        "net.json: .*got folder: field required; keys are folder",
     ),
-    "factor 0": (as_is, (*METRIC, "--predicted-factor", "0"), "net: expected a positive factor .*got 0"),
-    "factor NaN": (
+    "unknown key": (as_is, METRIC | {"scale": 2}, "net.json: .*got scale: extra inputs are not permitted"),
+    "factor a word": (
         as_is,
-        (*METRIC, "--predicted-factor", "nan"),
-        "net: expected a positive factor .*got nan",
+        METRIC | {"factor": "mm"},
+        "net.json: .*got factor: input should be a valid num",
     ),
-    "class model too": (as_is, (*RELATIVE, "--model", "car.json"), "expected one of the two, got both"),
+    "no kind": (as_is, {"folder": "net"}, "net.json: as: expected depth or inverse, got None; say what"),
+    "kind unknown": (as_is, {"folder": "net", "as": "disparity"}, "net.json: as: .*got 'disparity'"),
+    "unit unknown": (as_is, RELATIVE | {"unit": "cm"}, "net.json: unit: expected relative or"),
+    "factor of relative": (as_is, RELATIVE | {"factor": 256}, "net.json: factor: expected met"),
+    "factor 0": (as_is, METRIC | {"factor": 0}, "net: expected a positive factor .*got 0"),
+    "factor NaN": (as_is, METRIC | {"factor": float("nan")}, "net: expected a positive factor .*got nan"),
     "no folder": (
         lambda root: (root / "net").rename(root / "gone"),
         RELATIVE,
@@ -104,22 +116,22 @@ PREDICTIONS: dict[str, tuple[Callable[[Path], object], tuple[str, ...], str]] = 
     ),
     "no masks": (
         as_is,
-        (*RELATIVE, "--predicted-masks", "nowhere"),
+        RELATIVE | {"masks": "nowhere"},
         "nowhere: expected a folder with a mask",
     ),
     "mask missing": (
         lambda root: (root / "masks/1.png").unlink(),
-        (*RELATIVE, "--predicted-masks", "MASKS"),
+        MASKED,
         "masks: expected a mask of every frame with detections, found none for 1 of 2, such as '1'",
     ),
     "mask in colour": (
         lambda root: own.write_png(root / "masks/1.png", np.dstack([MASK] * 3)),
-        (*RELATIVE, "--predicted-masks", "MASKS"),
+        MASKED,
         r"1.png: expected a mask with one channel of 96 x 64 pixels, got shape \(64, 96, 3\)",
     ),
     "mask cut off": (
         lambda root: (root / "masks/1.png").write_bytes((root / "masks/1.png").read_bytes()[:60]),
-        (*RELATIVE, "--predicted-masks", "MASKS"),
+        MASKED,
         "1.png: expected a mask .*got no whole picture",
     ),
 }

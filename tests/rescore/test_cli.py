@@ -1,12 +1,18 @@
 import json
+import os
+import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
+from typer.core import TyperOption
 from typer.testing import CliRunner
 
 from rescore.cli import PANELS, app
@@ -52,6 +58,85 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
 def test_every_command_shows_an_example(name: str) -> None:
     shown = CliRunner().invoke(app, [name, "--help"]).output
     assert f"Example: rescore {name}" in " ".join(shown.split())
+
+
+def test_version_says_what_is_installed() -> None:
+    shown = CliRunner().invoke(app, ["--version"])
+    assert (shown.exit_code, shown.output) == (0, f"rescore {metadata.version('rescore')}\n")
+
+
+def test_a_shell_completes_commands_and_options() -> None:
+    def completed(*words: str) -> list[str]:
+        """What bash is offered for the last of the words."""
+        asked = {
+            "_RESCORE_COMPLETE": "complete_bash",
+            "COMP_WORDS": " ".join(("rescore", *words)),
+            "COMP_CWORD": str(len(words)),
+        }
+        main = "import sys; sys.argv = ['rescore']; from rescore.cli import main; main()"
+        done = subprocess.run(
+            [sys.executable, "-c", main], capture_output=True, text=True, env=os.environ | asked, check=True
+        )
+        return done.stdout.split()
+
+    assert completed("stu") == [
+        "study-evidence",
+        "study-weight",
+        "study-stereo",
+        "study-models",
+        "study-views",
+    ]
+    assert completed("apply", "--pred") == ["--predicted"]
+    assert "--install-completion" in CliRunner().invoke(app, ["--help"], terminal_width=120).output
+
+
+def test_apply_shows_few_options_first() -> None:
+    context = typer.Context(typer.main.get_command(app))
+    command = typer.main.get_command(app).get_command(context, "apply")  # type: ignore[attr-defined]
+    options = [p for p in command.get_params(context) if isinstance(p, TyperOption)]
+    panels = Counter(p.rich_help_panel for p in options)
+    assert panels.pop(None) <= 12
+    assert set(panels) == {"Modes guarded and metric", "Camera and stereo matching"}
+
+
+def test_quiet_leaves_results_and_errors(rescore: Command, tiny_run: Path, tmp_path: Path) -> None:
+    loud, quiet = rescore("doctor", tiny_run / "data"), rescore("--quiet", "doctor", tiny_run / "data")
+    assert re.fullmatch(r"\d+ errors, \d+ warnings\n", loud.stderr)
+    assert quiet.stderr == ""
+    # what is measured in time differs; the findings are the same ones
+    assert [line.split(":")[0] for line in quiet.stdout.splitlines()] == [
+        line.split(":")[0] for line in loud.stdout.splitlines()
+    ]
+    assert "expected a run folder" in wrong(rescore("--quiet", "report", tmp_path))
+    # the next command speaks again
+    assert rescore("doctor", tiny_run / "data").stderr == loud.stderr
+
+
+def test_json_in_place_of_tables(rescore: Command, tiny_run: Path, tmp_path: Path) -> None:
+    run, data = tmp_path / "run", tiny_run / "data"
+    done = rescore(
+        *("evaluate", data, tiny_run / "rescored" / "hog_test.json", "--out", run, "--no-report", "--json")
+    )
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert json.loads(done.stdout) == metrics | {"files": {"figures": str(run / "metrics.json")}}
+
+    plain = rescore("inspect", run, "--only", "all", "--top", 7).stdout.splitlines()
+    found = json.loads(rescore("inspect", run, "--only", "all", "--top", 7, "--json").stdout)
+    assert plain[0] == f"# {found['summary']}"
+    assert (found["detector"], found["mode"], len(found["candidates"])) == ("hog", "paper", 7)
+    names = plain[1].split("\t")
+    for line, row in zip(plain[2:], found["candidates"], strict=True):
+        assert list(row) == names
+        told = dict(zip(names, line.split("\t"), strict=True))
+        assert {n: told[n] for n in ("image_id", "place_after", "reason")} == {
+            n: str(row[n]) for n in ("image_id", "place_after", "reason")
+        }
+        assert float(told["score_after"]) == pytest.approx(row["score_after"], rel=1e-5)
+
+    findings = json.loads(rescore("doctor", data, "--json").stdout)
+    lines = rescore("doctor", data).stdout.splitlines()
+    assert [f"{f['level']:<8}{f['where']}" for f in findings] == [line.split(":")[0] for line in lines]
 
 
 def wrong(done: Outcome) -> str:

@@ -9,15 +9,16 @@ import pytest
 from recon.errors import Failure, Reason
 from reports.objects.popup import close_camera
 from reports.studies.reconstructions import (
-    Exhibit,
     _cut,
     accuracy_table,
     popup_sheet,
+    similarity,
     steps_strip,
     write_small_png,
 )
 from rescore.library.single_picture import FoundObject, Photo, find_object
 from rescore.studies.instance_accuracy import InstanceErrors
+from rescore.studies.reconstructions import Exhibit
 from tests.single_car import CarPicture, car_from, quick_car_model
 
 LOST = Failure(Reason.NO_OUTLINE, "none")
@@ -64,9 +65,10 @@ def test_sheets_leave_out_failures(exhibit: Exhibit, tmp_path: Path) -> None:
     assert sheet.shape == (3 * 180 + 2 * 6, 240, 3)
     assert popup_sheet([failed]) is None
     assert steps_strip(failed) is None
-    assert failed.similarity is None
-    assert exhibit.similarity is not None
-    assert exhibit.similarity > 0.9
+    assert similarity(failed) is None
+    likeness = similarity(exhibit)
+    assert likeness is not None
+    assert likeness > 0.9
     write_small_png(tmp_path / "sheet.png", sheet)
     assert (tmp_path / "sheet.png").stat().st_size < 150_000
     back = cv2.imread(str(tmp_path / "sheet.png"))

@@ -72,6 +72,23 @@ def test_without_a_view_bin_the_class_model_chooses(run: Run, folder: Path, tmp_
     assert json.loads((tmp_path / "out" / "instance.json").read_text())["view_bin"] == 3
 
 
+def test_json_in_place_of_the_table(run: Run, folder: Path, tmp_path: Path) -> None:
+    box, out = box_of(the_car()), tmp_path / "out"
+    code, shown, error = run(
+        "reconstruct", folder / "car.png", "--box", box, *options(folder), "--out", out, "--json"
+    )
+    assert code == 0, error
+    assert json.loads(shown) == json.loads((out / "instance.json").read_text())
+    assert "view bin 3 chosen, probability" in error
+    code, shown, error = run(
+        "popup", folder / "car.png", "--box", box, *options(folder), "--view-bin", 3, "--out", out, "--json"
+    )
+    assert code == 0, error
+    found = json.loads(shown)
+    assert [one["view_bin"] for one in found["objects"]] == [3]
+    assert found["structural_similarity"] > 0.9
+
+
 def test_popup_of_two_boxes(run: Run, folder: Path, tmp_path: Path) -> None:
     box = box_of(the_car())
     code, shown, error = run(

@@ -10,7 +10,7 @@ import pytest
 from recon.errors import RescoreError
 from reports.run.frame_view import frame_views
 from rescore.evidence.predicted import PredictedAs, PredictedUnit
-from rescore.evidence.predicted_files import PredictionFolder, Predictions
+from rescore.evidence.predicted_files import PredictionFolder, Predictions, read_prediction_folder
 from rescore.formats.open import read_dataset
 from rescore.results.run_folder import load_run
 from tests.rescore import own_data as own
@@ -58,6 +58,12 @@ def folder_of(root: Path, write: Callable[[Path, np.ndarray], None], scale: floa
     return root
 
 
+def described(net: Path, predicted_as: str) -> Path:
+    """The file of `--predicted` beside a folder; its path of the folder is relative to it."""
+    text = json.dumps({"folder": net.name, "as": predicted_as})
+    return own.write_text(net.with_name(f"{net.name}_{predicted_as}.json"), text)
+
+
 def detections(path: Path) -> Path:
     rows = [
         {"image_id": 1, "category_id": 1, "bbox": BOX, "score": 0.6},
@@ -75,7 +81,7 @@ def test_from_a_folder_to_a_recording(
     data = data_folder(tmp_path / "data")
     net = folder_of(tmp_path / "net", write, scale, offset)
     found, out, mine = detections(tmp_path / "found.json"), tmp_path / "rescored.json", tmp_path / "run"
-    options = ("--predicted-depth", net, "--predicted-as", "inverse", "--w", 0.5, "--jobs", 1)
+    options = ("--predicted", described(net, "inverse"), "--w", 0.5, "--jobs", 1)
     code, _, err = run("apply", data, found, *options, "--out", out, "--evidence", mine / "evidence")
     assert code == 0, err
     assert "2 candidates, 1 with depth evidence (1 box_outside_image)" in err
@@ -155,7 +161,7 @@ def test_what_is_fitted_is_used_with_the_same_predictions(tmp_path: Path, run: R
     row = {"image_id": 1, "category_id": 1, "bbox": BOX, "score": 0.6}
     false = row | {"bbox": [60, 5, 30, 20], "score": 0.7}
     found = own.write_text(tmp_path / "found.json", json.dumps([row, false]))
-    inverse = ("--predicted-depth", net, "--predicted-as", "inverse", "--jobs", 1)
+    inverse = ("--predicted", described(net, "inverse"), "--jobs", 1)
     code, _, err = run("tune", data, found, *inverse, "--out", tmp_path / "w.json")
     assert code == 0, err
     assert (
@@ -168,10 +174,21 @@ def test_what_is_fitted_is_used_with_the_same_predictions(tmp_path: Path, run: R
     assert run("apply", data, found, *inverse, *rest)[0] == 0
     (tmp_path / "out.json").unlink()
     for options in (
-        ("--predicted-depth", net, "--predicted-as", "depth"),
+        ("--predicted", described(net, "depth")),
         ("--model", tmp_path / "car.json"),
     ):
         code, _, err = run("apply", data, found, *options, *rest)
         assert (code, len(err.splitlines())) == (1, 1)
         assert "w.json: expected what was fitted with depth of" in err
         assert not (tmp_path / "out.json").exists()
+
+
+def test_a_description_is_read_from_its_own_folder(tmp_path: Path) -> None:
+    short = own.write_text(tmp_path / "deep" / "net.json", '{"folder": "../net", "as": "inverse"}')
+    beside = tmp_path / "deep"
+    assert read_prediction_folder(short) == PredictionFolder(beside / "../net", PredictedAs.INVERSE)
+    value = {"folder": "/maps", "as": "depth", "unit": "metric", "factor": 1000, "masks": "masks"}
+    whole = own.write_text(tmp_path / "deep" / "metric.json", json.dumps(value))
+    assert read_prediction_folder(whole) == PredictionFolder(
+        Path("/maps"), PredictedAs.DEPTH, PredictedUnit.METRIC, 1000.0, beside / "masks"
+    )

@@ -15,7 +15,7 @@ import pytest
 from tests.rescore import own_data as own
 from tests.rescore.malformed_layouts import KITTI, OWN, PLAIN
 from tests.rescore.malformed_pixels import PIXELS
-from tests.rescore.malformed_predictions import PREDICTIONS, predictions
+from tests.rescore.malformed_predictions import PREDICTIONS, RELATIVE, described, predictions
 from tests.rescore.spoiling import INF, NAN, Done, Json, Run
 
 
@@ -130,35 +130,34 @@ def test_pixels(tmp_path: Path, run: Run, name: str) -> None:
 
 @pytest.mark.parametrize("name", PREDICTIONS)
 def test_predictions_of_depth(tmp_path: Path, run: Run, name: str) -> None:
-    spoil, options, message = PREDICTIONS[name]
+    spoil, description, message = PREDICTIONS[name]
     data = own.own_folder(tmp_path)
-    net = predictions(tmp_path)
+    predictions(tmp_path)
     spoil(tmp_path)
+    net = described(tmp_path / "net.json", description)
     file = own.write_text(tmp_path / "f.json", json.dumps([detection(), detection(image_id=2)]))
     out = tmp_path / "out.json"
-    masks = [str(tmp_path / "masks") if word == "MASKS" else word for word in options]
-    done = run("apply", data, file, "--predicted-depth", net, *masks, "--w", 0.5, "--jobs", 1, "--out", out)
-    refused(done, message)
+    refused(run("apply", data, file, "--predicted", net, "--w", 0.5, "--jobs", 1, "--out", out), message)
     assert not out.exists()
 
 
-def test_options_of_predictions_need_their_folder(tmp_path: Path, run: Run) -> None:
+def test_one_of_model_and_predictions(tmp_path: Path, run: Run) -> None:
     data = own.own_folder(tmp_path)
     file = own.write_text(tmp_path / "f.json", json.dumps([detection()]))
     rest = ("--w", 0.5, "--out", tmp_path / "out.json")
-    refused(
-        run("apply", data, file, *rest), "--model, --predicted-depth: expected one of the two, got neither"
-    )
-    rest = ("--model", tmp_path / "car.json", "--predicted-masks", tmp_path, *rest)
-    refused(
-        run("apply", data, file, *rest), "--predicted-masks: expected --predicted-depth with it, got none"
-    )
+    refused(run("apply", data, file, *rest), "--model, --predicted: expected one of the two, got neither")
+    both = ("--model", tmp_path / "car.json", "--predicted", tmp_path / "net.json")
+    refused(run("apply", data, file, *both, *rest), "--model, --predicted: expected one of the two, got both")
+    missing = ("--predicted", tmp_path / "net.json")
+    refused(run("apply", data, file, *missing, *rest), "net.json: expected a description .*, found no file")
 
 
 def test_relative_predictions_in_modes_that_bound_the_scale(tmp_path: Path, run: Run) -> None:
-    data, net = own.own_folder(tmp_path), predictions(tmp_path)
+    data = own.own_folder(tmp_path)
+    predictions(tmp_path)
+    net = described(tmp_path / "net.json", RELATIVE)
     file = own.write_text(tmp_path / "f.json", json.dumps([detection()]))
-    options = ("--predicted-depth", net, "--predicted-as", "inverse", "--out", tmp_path / "out.json")
+    options = ("--predicted", net, "--out", tmp_path / "out.json")
     refused(run("fit-evidence", data, file, *options), "registration guarded: expected metric predictions")
 
 

@@ -16,10 +16,10 @@ from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.metrics.bootstrap import BootstrapConfig, Interval
 from rescore.studies.degrade import dials_named
+from rescore.studies.finished_run import FinishedRun
 from rescore.studies.sweep import (
     ALONE,
     Figures,
-    FinishedRun,
     SweepConfig,
     by_visibility,
     interval_as_json,

@@ -98,9 +98,10 @@ def test_the_command_studies_a_run_and_keeps_candidates(tiny_run: Path, tmp_path
         common = ["study-weight", tiny_run, "--draws", 20, "--sizes", "2,500", "--jobs", 1]
         result = CliRunner().invoke(app, [str(a) for a in [*common, *arguments]], catch_exceptions=False)
         assert result.exit_code == 0
-        return result.output
+        return result.stdout if "--json" in arguments else result.output
 
-    run("--out", tmp_path / "own")
+    printed = run("--out", tmp_path / "own", "--json")
+    assert json.loads(printed) == json.loads((tmp_path / "own" / "weight.json").read_text())
     # the same frames as another data set: detected and rescored anew, to the same end
     copy = tmp_path / "copy"
     copy.mkdir()

@@ -1,7 +1,10 @@
 """Section 5.1 end to end, tiny: learn from a few cars, place one of another shape, localise it."""
 
+import json
 from functools import lru_cache
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,14 +18,16 @@ from datasets_synth.photos.table_scene import (
     photograph,
     place_at_random,
 )
-from recon.errors import Failure, Reason
+from recon.errors import Failure, Reason, RescoreError
 from recon.localization.localize import FitLocalization
 from recon.localization.shape_space import ShapeSpaceConfig
 from recon.localization.standing_box import cam_from_ground
 from recon.view_bins import ViewBins
+from reports.studies.localization_sheets import write_localization
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
-from rescore.studies.localization.scores import METHODS, Score
+from rescore.studies.localization.scores import METHODS, Score, from_row, markdown_table, summary
 from rescore.studies.localization.segment import segment_table
+from rescore.studies.localization.study import LocalizationStudy, learned_study
 from rescore.studies.localization.trials import TrialConfig, empty_table, localize_placement
 from tests.exact_primitives import exact_library
 
@@ -104,3 +109,26 @@ def test_an_empty_picture_is_lost_by_every_method_with_its_reason() -> None:
     for result in trial.scores.values():
         assert isinstance(result, Failure)
         assert result.reason is Reason.NO_OUTLINE
+
+
+def test_the_study_counts_what_its_trials_found_and_draws_it(tmp_path: Path) -> None:
+    cars = tuple(c for c in CARS["test"] if c.shape_id.startswith(("sedan", "estate")))[:2]
+    study = LocalizationStudy(cars, 2, small_class(), seed=0)
+    tally = write_localization(study, tmp_path, jobs=1)
+    tally.save(tmp_path, study, None)
+    value = json.loads((tmp_path / "localization.json").read_text())
+    assert value == tally.as_json()
+    assert [row["car"] for row in value["placements"]] == [car.shape_id for car in cars]
+    for method in METHODS:
+        rows = [from_row(row["methods"][method]) for row in value["placements"]]
+        assert value["methods"][method] == summary(rows)
+    assert (tmp_path / "localization.md").read_text() == markdown_table(tally.by_car)
+    for name in ("placements", "worst", "table"):
+        assert cv2.imread(str(tmp_path / f"{name}.png")).std() > 10
+    settings = json.loads((tmp_path / "localization.json.config.json").read_text())["config"]
+    assert settings == {"cars": 2, "placements": 2, "meshes": None}
+
+
+def test_fewer_placements_than_cars_are_refused() -> None:
+    with pytest.raises(RescoreError, match="--placements: expected at least one for each of 5 cars, got 4"):
+        learned_study(cars=5, placements=4, meshes=None, seed=0, jobs=1)
