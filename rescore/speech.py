@@ -45,7 +45,8 @@ def is_quiet() -> bool:
 def say(text: str) -> None:
     """Tell the user something on standard error, unless that is silenced."""
     if not _state.quiet:
-        print(text, file=sys.stderr, flush=True)
+        # in one piece, since two threads speak
+        print(f"{text}\n", end="", file=sys.stderr, flush=True)
         _state.last_said_s = now_s()
 
 
@@ -86,6 +87,8 @@ def heartbeat(poll_s: float = 1.0) -> Iterator[None]:
 
 def say_what_is_done() -> None:
     """Say what is being done and for how long, if nothing was said for ``SILENT_S``."""
-    if _state.doing and now_s() - _state.last_said_s >= SILENT_S:
-        what, since_s = _state.doing[-1]
+    # a copy: the work may end meanwhile
+    for what, since_s in _state.doing[-1:]:
+        if now_s() - _state.last_said_s < SILENT_S:
+            return
         say(f"{what}: {(now_s() - since_s) / 60:.0f} min so far")
