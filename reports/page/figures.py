@@ -1,6 +1,6 @@
 """The interactive curves of the HTML page, for ``reports.charts``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,8 +9,10 @@ from reports.charts import Axis, Chart, ChartGroup, Line, Look, Switch, mode_swi
 from reports.palette import detector_name, mode_name
 from reports.run.curve_pictures import left_edge
 from reports.run.curves import CurveSet
-from reports.run.tables import as_float, interval_text, number, number_text, weight_text
+from reports.run.tables import interval_text, number, number_text, weight_text
 from rescore.metrics.curve_bands import Band, CurveBands
+from rescore.results.metrics_file import DetectorTuning, Metrics, ReliabilityRow, TunedWeight
+from rescore.results.sweep_file import SweepFigures, SweepResult, SweptDial, SweptInterval
 
 SWEEP_FACTOR = (0.1, 30.0)
 """Factors beyond are drawn at the edge."""
@@ -19,18 +21,18 @@ SWEEP_FACTOR = (0.1, 30.0)
 SWEEP_FPPI = (0.03, 20.0)
 
 
-def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGroup | None:
+def weight_group(name: str, tuning: Mapping[str, DetectorTuning]) -> ChartGroup | None:
     """The objective over w of every detector and mode; None where no w was chosen."""
     charts: list[Chart] = []
     modes: list[str] = []
     n_images = 0
     for detector, tuned in tuning.items():
         # an older version knows no other mode
-        own = tuned.get("modes") or {"paper": tuned}
+        own: Mapping[str, TunedWeight] = tuned.modes or {"paper": tuned}
         modes += own
-        n_images = max([n_images, *(t.get("n_images") or 0 for t in own.values())])
+        n_images = max([n_images, *(t.n_images or 0 for t in own.values())])
         lines = tuple(_weight_line(mode, t) for mode, t in own.items())
-        objective = next(iter(own.values()))["objective_name"].replace("_", " ")
+        objective = next(iter(own.values())).objective_name.replace("_", " ")
         values = np.array([v for line in lines for v in np.asarray(line.y, float) if np.isfinite(v)])
         room = 0.06 * float(np.ptp(values)) + 1e-3
         y = Axis(
@@ -60,10 +62,10 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
     )
 
 
-def _weight_line(mode: str, tuned: Mapping[str, Any]) -> Line:
-    w, value = np.array(tuned["w_grid"], float), np.array(tuned["objective"], float)
-    u = tuned.get("uncertainty")
-    chosen = int(np.argmin(np.abs(w - tuned["w"])))
+def _weight_line(mode: str, tuned: TunedWeight) -> Line:
+    w, value = np.array(tuned.w_grid, float), np.array(tuned.objective, float)
+    u = tuned.uncertainty
+    chosen = int(np.argmin(np.abs(w - tuned.w)))
     return Line(
         mode_name(mode),
         f"w = {weight_text(tuned)}",
@@ -71,18 +73,18 @@ def _weight_line(mode: str, tuned: Mapping[str, Any]) -> Line:
         w,
         value,
         (mode,),
-        broad=(u["low"], u["high"]) if u else None,
+        broad=None if u is None else (u.low, u.high),
         mark=(float(w[chosen]), float(value[chosen])),
     )
 
 
-def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGroup | None:
+def reliability_group(name: str, shown: Sequence[ReliabilityRow]) -> ChartGroup | None:
     """Share of hits over score, in groups with intervals; None where scores are no likelihoods."""
     if not shown:
         return None
     charts = []
-    for detector in dict.fromkeys(r["detector"] for r in shown):
-        lines = tuple(_reliability_line(r) for r in shown if r["detector"] == detector)
+    for detector in dict.fromkeys(r.detector for r in shown):
+        lines = tuple(_reliability_line(r) for r in shown if r.detector == detector)
         alt = f"Share of hits over score, {detector_name(detector)}. " + "; ".join(
             f"{line.name}: {line.figure}" for line in lines
         )
@@ -91,8 +93,8 @@ def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGro
             Axis("hits in the group", 0.0, 1.0, percent=True),
         )
         charts.append(Chart(detector_name(detector), alt, *axes, lines, diagonal=True))
-    modes = list(dict.fromkeys(str(r["mode"]) for r in shown))
-    n = max(len(r["count"]) for r in shown)
+    modes = list(dict.fromkeys(r.mode for r in shown))
+    n = max(len(r.count) for r in shown)
     note = (
         f"Up to {n} groups of equally many candidates, by score; bars: intervals of 95 %. On the dotted line "
         "a score is a probability. Most candidates have low scores, so most groups lie at the left."
@@ -102,31 +104,34 @@ def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGro
     return ChartGroup(name, {"Reliability": tuple(charts)}, {"Reliability": note}, switches)
 
 
-def _reliability_line(r: Mapping[str, Any]) -> Line:
-    rate = np.array(r["hit_rate"], float)
+def _reliability_line(r: ReliabilityRow) -> Line:
+    rate = np.array(r.hit_rate, float)
     return Line(
-        mode_name(r["mode"]),
-        f"Brier {number(r['brier_score'])}",
-        Look.of_mode(r["mode"]),
-        np.array(r["likelihood"], float),
+        mode_name(r.mode),
+        f"Brier {number(r.brier_score)}",
+        Look.of_mode(r.mode),
+        np.array(r.likelihood, float),
         rate,
-        (r["mode"],),
-        text=tuple(f"{v:.1%} of {n} are hits" for v, n in zip(rate, r["count"], strict=True)),
+        (r.mode,),
+        text=tuple(f"{v:.1%} of {n} are hits" for v, n in zip(rate, r.count, strict=True)),
         markers=True,
-        bars={"low": np.array(r["low"], float), "high": np.array(r["high"], float)},
+        bars={"low": np.array(r.low, float), "high": np.array(r.high, float)},
     )
 
 
-def sweep_group(name: str, sweep: Mapping[str, Any]) -> ChartGroup:
-    """What is left of the gain while the input is spoilt (content of sweep.json), a chart a dial."""
-    dials = sweep["dials"]
+def sweep_group(name: str, sweep: SweepResult) -> ChartGroup:
+    """What is left of the gain while the input is spoilt, a chart a dial."""
+    dials = sweep.dials
     factors = [
-        _sweep_chart(dial, "reduction", "times fewer false positives", SWEEP_FACTOR, level=1.0)
+        _sweep_chart(dial, lambda f: f.reduction, "times fewer false positives", SWEEP_FACTOR, level=1.0)
         for dial in dials.values()
     ]
-    alarms = [_sweep_chart(dial, "fppi", "false positives per image", SWEEP_FPPI) for dial in dials.values()]
+    alarms = [
+        _sweep_chart(dial, lambda f: f.fppi, "false positives per image", SWEEP_FPPI)
+        for dial in dials.values()
+    ]
     notes = {
-        "Times fewer": f"{detector_name(sweep['detector'])}, {sweep['n_images']} test images: how many times "
+        "Times fewer": f"{detector_name(sweep.detector)}, {sweep.n_images} test images: how many times "
         "fewer false positives per image than the detector alone where 70 % of the cars are found, with "
         "intervals of 95 %. Above the line at 1 depth helps. Level 0 is the input as it is.",
         "False positives": "False positives per image where 70 % of the cars are found.",
@@ -138,28 +143,30 @@ def sweep_group(name: str, sweep: Mapping[str, Any]) -> ChartGroup:
 
 
 def _sweep_chart(
-    dial: Mapping[str, Any], figure: str, what: str, limits: tuple[float, float], level: float | None = None
+    dial: SweptDial,
+    figure: Callable[[SweepFigures], SweptInterval | None],
+    what: str,
+    limits: tuple[float, float],
+    level: float | None = None,
 ) -> Chart:
-    points = dial["points"]
-    at = np.array([p["level"] for p in points], float)
+    points = dial.points
+    at = np.array([p.level for p in points], float)
     lines = []
-    for mode in points[0]["figures"]:
-        read = [p["figures"][mode][figure] for p in points]
-        if any(f is None for f in read):
+    for mode in points[0].figures:
+        read = [f for p in points if (f := figure(p.figures[mode])) is not None]
+        if len(read) < len(points):
             continue
-        value, low, high = (
-            np.clip(np.array([as_float(f[end]) for f in read]), *limits) for end in ("value", "low", "high")
-        )
+        value, low, high = np.clip(np.array([(f.value, f.low, f.high) for f in read]).T, *limits)
         text = tuple(interval_text(f) for f in read)
-        last = f"at the end {number_text(read[-1]['value'], 2)}"
+        last = f"at the end {number_text(read[-1].value, 2)}"
         band = {"x": at, "low": low, "high": high} if level is not None else None
         look = Look.of_mode(mode)
         lines.append(
             Line(mode_name(mode), last, look, at, value, (mode,), text=text, markers=True, band=band)
         )
-    alt = f"{what} over {dial['what']}. " + "; ".join(f"{line.name}: {line.figure}" for line in lines)
-    x = Axis(dial["what"], float(at.min()), float(at.max()))
-    return Chart(dial["what"], alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)
+    alt = f"{what} over {dial.what}. " + "; ".join(f"{line.name}: {line.figure}" for line in lines)
+    x = Axis(dial.what, float(at.min()), float(at.max()))
+    return Chart(dial.what, alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)
 
 
 CARS, CANDIDATES, PRECISION = "Cars found", "Candidate ROC", "Precision and recall"
@@ -169,9 +176,7 @@ Bands = Mapping[tuple[str, str], CurveBands | None]
 """By detector and mode."""
 
 
-def curve_group(
-    name: str, curves: Sequence[CurveSet], metrics: Mapping[str, Any], bands: Bands
-) -> ChartGroup:
+def curve_group(name: str, curves: Sequence[CurveSet], metrics: Metrics, bands: Bands) -> ChartGroup:
     """The three curves of every detector, a line a mode; the detector alone and the last mode are on."""
     modes = list(dict.fromkeys(c.mode for c in curves))
     lines = [_Lines(c, mode_name(c.mode), Look.of_mode(c.mode), (c.mode,), bands) for c in curves]
@@ -183,7 +188,7 @@ def runs_group(
     name: str,
     runs: Mapping[str, Sequence[CurveSet]],
     colours: Mapping[str, str],
-    metrics: Sequence[Mapping[str, Any]],
+    metrics: Sequence[Metrics],
 ) -> ChartGroup:
     """The curves of several runs in the same charts: a colour a run, dashes by mode.
 
@@ -218,13 +223,13 @@ class _Lines:
         """Share of all cars over false positives an image."""
         c, b = self.curves.cars, self._bands
         band = None if b is None else _band(Band(np.maximum(b.cars.x, left), b.cars.low, b.cars.high))
-        figure = f"AP {number(self.curves.row['average_precision'])}"
+        figure = f"AP {number(self.curves.row.average_precision)}"
         return self._line(c.x, c.y, c.threshold, figure, band, read="last", step=True)
 
     def candidates(self) -> Line:
         """The ROC over candidates."""
         c, b = self.curves.candidate, self._bands
-        figure = f"area {number(self.curves.row['auc'])}"
+        figure = f"area {number(self.curves.row.auc)}"
         return self._line(
             c.x, c.y, c.threshold, figure, None if b is None else _band(b.candidate), read="last"
         )
@@ -232,7 +237,7 @@ class _Lines:
     def precision(self) -> Line:
         """Precision over recall."""
         c, b = self.curves.precision, self._bands
-        figure = f"AP {number(self.curves.row['average_precision'])}"
+        figure = f"AP {number(self.curves.row.average_precision)}"
         band = None if b is None else _band(b.precision)
         return self._line(c.recall, c.precision, c.threshold, figure, band, read="first")
 
@@ -245,11 +250,11 @@ def _band(band: Band) -> dict[str, Any]:
 
 
 def _group(
-    name: str, lines: Sequence[_Lines], metrics: Sequence[Mapping[str, Any]], switches: tuple[Switch, ...]
+    name: str, lines: Sequence[_Lines], metrics: Sequence[Metrics], switches: tuple[Switch, ...]
 ) -> ChartGroup:
     left = min(left_edge(m) for m in metrics)
     shares: dict[str, Any] = {"low": 0.0, "high": 1.0, "percent": True}
-    cars = f"share of all {_count(metrics, 'n_cars')}cars"
+    cars = f"share of all {_count([m.n_cars for m in metrics])}cars"
     alarms = Axis(
         "false positives per image", left, RIGHT_EDGE_FPPI, log=True, linear_high=RIGHT_EDGE_LINEAR_FPPI
     )
@@ -278,8 +283,9 @@ def _group(
     return ChartGroup(name, {k: tuple(c) for k, c in kinds.items()}, _notes(metrics), switches)
 
 
-def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    cars, images, candidates = (_count(metrics, key) for key in ("n_cars", "n_images", "n_candidates"))
+def _notes(metrics: Sequence[Metrics]) -> dict[str, str]:
+    cars, images = _count([m.n_cars for m in metrics]), _count([m.n_images for m in metrics])
+    candidates = _count([m.n_candidates for m in metrics])
     return {
         CARS: f"Counts all {cars}annotated cars, missed ones too, and all {images}images, also those without "
         "a car. A second candidate on the same car is a false positive. On the log axis the left edge is no "
@@ -291,7 +297,7 @@ def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     }
 
 
-def _count(metrics: Sequence[Mapping[str, Any]], key: str) -> str:
+def _count(of_runs: Sequence[int]) -> str:
     """A number and a space where all runs have the same one, else nothing."""
-    values = {m[key] for m in metrics}
+    values = set(of_runs)
     return f"{values.pop()} " if len(values) == 1 else ""

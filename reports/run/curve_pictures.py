@@ -14,6 +14,8 @@ from reports.palette import detector_colour, detector_name, mode_colour, mode_da
 from reports.run.curves import CurveSet, curve_sets
 from reports.run.tables import in_interval, number, weight_text
 from rescore.files import atomic_path
+from rescore.results.candidate_file import ALONE
+from rescore.results.metrics_file import Metrics, ReliabilityRow, TunedWeight
 from rescore.results.run_folder import Run
 
 STYLE: Any = {
@@ -41,7 +43,7 @@ def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:
 
     Nothing is drawn where no car is annotated: there is nothing to find.
     """
-    if not run.metrics["n_cars"]:
+    if not run.metrics.n_cars:
         return ()
     curves = curve_sets(run)
     by_detector = [[c for c in curves if c.detector == d] for d in run.detectors]
@@ -61,65 +63,63 @@ def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:
     shown = run.reliability()
     if shown:
         paths.append(folder / "reliability.png")
-        groups = [[r for r in shown if r["detector"] == d] for d in run.detectors]
+        groups = [[r for r in shown if r.detector == d] for d in run.detectors]
         _save(paths[-1], [partial(draw_reliability, shown=group) for group in groups if group])
     return tuple(paths)
 
 
-def draw_candidate_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> None:
+def draw_candidate_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Metrics) -> None:
     """The ROC over candidates of one detector: hits kept against false candidates kept."""
     for curve in curves:
-        label = f"{mode_name(curve.mode)}: area {number(curve.row['auc'])}"
+        label = f"{mode_name(curve.mode)}: area {number(curve.row.auc)}"
         ax.plot(curve.candidate.x, curve.candidate.y, label=label, **style(curve))
     ax.plot([0, 1], [0, 1], color="#999999", lw=1, ls=":", label="chance")
     ax.set(xlim=(-0.01, 1.01), ylim=(0, 1.02), title=_title(curves))
     ax.set_xlabel("false-positive rate: share of the false candidates that are accepted")
     ax.set_ylabel("true-positive rate: share of the hits that are accepted")
-    ax.legend(
-        loc="lower right", title=f"{metrics['n_candidates']} candidates of {metrics['n_images']} images"
-    )
+    ax.legend(loc="lower right", title=f"{metrics.n_candidates} candidates of {metrics.n_images} images")
 
 
-def draw_car_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> None:
+def draw_car_roc(ax: Axes, curves: Sequence[CurveSet], metrics: Metrics) -> None:
     """The rate of all annotated cars that one detector finds against false positives an image, log axis."""
     left = left_edge(metrics)
     for curve in curves:
-        ceiling = curve.row["recall_ceiling"]
+        ceiling = curve.row.recall_ceiling
         x = np.maximum(curve.cars.x, left)
         ax.plot(
             x,
             curve.cars.y,
             drawstyle="steps-post",
-            label=f"{mode_name(curve.mode)}: AP {number(curve.row['average_precision'])}",
+            label=f"{mode_name(curve.mode)}: AP {number(curve.row.average_precision)}",
             **style(curve),
         )
-        if curve.mode == "detector":
+        if curve.mode == ALONE and ceiling is not None:
             ax.axhline(ceiling, color=style(curve)["color"], lw=0.8, ls=":")
     ax.set_xscale("log")
     ax.xaxis.set_major_formatter("{x:g}")
     ax.set(xlim=(left, 20), ylim=(0, 1.02), title=_title(curves))
     ax.set_xlabel("false positives per image (log; the left edge is none)")
-    ax.set_ylabel(f"true-positive rate: share of all {metrics['n_cars']} annotated cars")
+    ax.set_ylabel(f"true-positive rate: share of all {metrics.n_cars} annotated cars")
     # the curves rise from the left below to the right above
     ax.legend(loc="upper left", title="dotted: all candidates accepted")
 
 
-def draw_precision_recall(ax: Axes, curves: Sequence[CurveSet], metrics: Mapping[str, Any]) -> None:
+def draw_precision_recall(ax: Axes, curves: Sequence[CurveSet], metrics: Metrics) -> None:
     """Precision of one detector against the rate of all annotated cars found."""
     for curve in curves:
-        label = f"{mode_name(curve.mode)}: AP {number(curve.row['average_precision'])}"
+        label = f"{mode_name(curve.mode)}: AP {number(curve.row.average_precision)}"
         ax.plot(curve.precision.recall, curve.precision.precision, label=label, **style(curve))
     ax.set(xlim=(0, 1.01), ylim=(0, 1.02), title=_title(curves))
-    ax.set_xlabel(f"recall: share of all {metrics['n_cars']} annotated cars found")
+    ax.set_xlabel(f"recall: share of all {metrics.n_cars} annotated cars found")
     ax.set_ylabel("precision: share of accepted candidates that are hits")
     ax.legend(loc="best")
 
 
-def draw_weight(ax: Axes, tuning: Mapping[str, Mapping[str, Any]]) -> None:
+def draw_weight(ax: Axes, tuning: Mapping[str, TunedWeight]) -> None:
     """The objective on the validation set over w, with the chosen w marked."""
     for detector, tuned in tuning.items():
         colour = detector_colour(detector, tuple(tuning))
-        w, value = np.array(tuned["w_grid"]), np.array(tuned["objective"], float)
+        w, value = np.array(tuned.w_grid), np.array(tuned.objective, float)
         ax.plot(
             w,
             value,
@@ -127,38 +127,38 @@ def draw_weight(ax: Axes, tuning: Mapping[str, Mapping[str, Any]]) -> None:
             lw=2,
             label=f"{detector_name(detector, short=True)}: w = {weight_text(tuned)}",
         )
-        if tuned.get("uncertainty"):
+        if tuned.uncertainty is not None:
             inside = in_interval(tuned)
             ax.plot(w[inside], value[inside], color=colour, alpha=0.25, lw=10, solid_capstyle="butt")
-        ax.plot([tuned["w"]], [np.interp(tuned["w"], w, value)], _MARKER, color=colour, ms=9)
+        ax.plot([tuned.w], [np.interp(tuned.w, w, value)], _MARKER, color=colour, ms=9)
     ax.set(xlim=(-0.02, 1.02), title="Choice of w on the validation set")
     ax.set_xlabel("w: 0 trusts the depth alone, 1 the detector alone")
-    ax.set_ylabel(f"objective: {next(iter(tuning.values()))['objective_name'].replace('_', ' ')}")
+    ax.set_ylabel(f"objective: {next(iter(tuning.values())).objective_name.replace('_', ' ')}")
     ax.legend(loc="best", title="broad line: interval of 95 % of w" if _has_bands(tuning) else None)
 
 
-def _has_bands(tuning: Mapping[str, Mapping[str, Any]]) -> bool:
-    return any(t.get("uncertainty") for t in tuning.values())
+def _has_bands(tuning: Mapping[str, TunedWeight]) -> bool:
+    return any(t.uncertainty is not None for t in tuning.values())
 
 
-def draw_reliability(ax: Axes, shown: Sequence[Mapping[str, Any]]) -> None:
+def draw_reliability(ax: Axes, shown: Sequence[ReliabilityRow]) -> None:
     """Share of hits over score in groups of candidates of one detector, with intervals of 95 %."""
     for r in shown:
-        rate, low, high = (np.array(r[k], float) for k in ("hit_rate", "low", "high"))
+        rate, low, high = (np.array(v, float) for v in (r.hit_rate, r.low, r.high))
         ax.errorbar(
-            r["likelihood"],
+            r.likelihood,
             rate,
             np.stack([rate - low, high - rate]),
-            color=mode_colour(r["mode"]),
-            ls=mode_dash(r["mode"]),
+            color=mode_colour(r.mode),
+            ls=mode_dash(r.mode),
             marker=_MARKER,
             ms=4,
             elinewidth=1,
             capsize=2,
-            label=f"{mode_name(r['mode'])}: Brier {number(r['brier_score'])}",
+            label=f"{mode_name(r.mode)}: Brier {number(r.brier_score)}",
         )
     ax.plot([0, 1], [0, 1], color="#999999", lw=1, ls=":", label="as it should be")
-    ax.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), title=detector_name(shown[0]["detector"]))
+    ax.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), title=detector_name(shown[0].detector))
     ax.set_xlabel("mean score of a group of candidates")
     ax.set_ylabel("share of hits in the group")
     ax.legend(loc="best")
@@ -166,7 +166,7 @@ def draw_reliability(ax: Axes, shown: Sequence[Mapping[str, Any]]) -> None:
 
 def style(curve: CurveSet) -> dict[str, Any]:
     """Line style of a curve by mode, the same for all detectors."""
-    alone = curve.mode == "detector"
+    alone = curve.mode == ALONE
     return {"color": mode_colour(curve.mode), "lw": 1.6 if alone else 2.2, "ls": mode_dash(curve.mode)}
 
 
@@ -174,9 +174,9 @@ def _title(curves: Sequence[CurveSet]) -> str:
     return detector_name(curves[0].detector)
 
 
-def left_edge(metrics: Mapping[str, Any]) -> float:
+def left_edge(metrics: Metrics) -> float:
     """Left end of the log axis of false positives per image: half of one false positive in all images."""
-    return 0.5 / max(int(metrics["n_images"]), 1)
+    return 0.5 / max(metrics.n_images, 1)
 
 
 def _save(path: Path, panels: Sequence[Callable[[Axes], None]]) -> None:

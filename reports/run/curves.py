@@ -1,7 +1,6 @@
 """The curves of a run, as arrays that every picture draws: rescore.metrics on the run's match table."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -9,8 +8,9 @@ from recon.arrays import FloatArray
 from reports.palette import detector_name, mode_name
 from rescore.metrics.curves import Curve, candidate_roc, recall_curve
 from rescore.metrics.matching import MatchTable
-from rescore.results import candidate_file as candidate_columns
+from rescore.results import candidate_file
 from rescore.results.candidate_file import score_column
+from rescore.results.metrics_file import Row
 from rescore.results.run_folder import Run
 
 
@@ -36,7 +36,7 @@ class CurveSet:
     cars: Curve
     """x: false positives an image; y: share of all annotated cars found."""
     precision: PrecisionRecall
-    row: dict[str, Any]
+    row: Row
     """The row of metrics.json."""
 
     @property
@@ -47,8 +47,7 @@ class CurveSet:
 
 def match_table(run: Run, detector: str, mode: str) -> MatchTable:
     """The match table of one detector and mode, from candidates.parquet."""
-    n_images, n_cars = int(run.metrics["n_images"]), int(run.metrics["n_cars"])
-    return candidate_columns.match_table(run.of(detector), mode, n_images, n_cars)
+    return candidate_file.match_table(run.of(detector), mode, run.metrics.n_images, run.metrics.n_cars)
 
 
 def scores(run: Run, detector: str, mode: str) -> FloatArray:
@@ -58,10 +57,11 @@ def scores(run: Run, detector: str, mode: str) -> FloatArray:
 
 def curve_sets(run: Run) -> tuple[CurveSet, ...]:
     """The curves of every row of metrics.json, in its order."""
-    return tuple(_curve_set(run, str(row["detector"]), str(row["mode"])) for row in run.metrics["rows"])
+    return tuple(_curve_set(run, row) for row in run.metrics.rows)
 
 
-def _curve_set(run: Run, detector: str, mode: str) -> CurveSet:
+def _curve_set(run: Run, row: Row) -> CurveSet:
+    detector, mode = row.detector, row.mode
     match = match_table(run, detector, mode)
     score_of = dict(zip(match.ranking.tolist(), scores(run, detector, mode).tolist(), strict=True))
 
@@ -72,5 +72,4 @@ def _curve_set(run: Run, detector: str, mode: str) -> CurveSet:
     cars = named(recall_curve(match))
     hits, false = cars.y[1:] * match.n_cars, cars.x[1:] * match.n_images
     precision = PrecisionRecall(cars.y[1:], hits / (hits + false), cars.threshold[1:])
-    row = dict(run.row(detector, mode))
-    return CurveSet(detector, mode, row["w"], named(candidate_roc(match)), cars, precision, row)
+    return CurveSet(detector, mode, row.w, named(candidate_roc(match)), cars, precision, row)

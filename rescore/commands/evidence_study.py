@@ -2,7 +2,7 @@
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,8 +11,9 @@ from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app, say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rescore.studies.ablation import AblationRow
     from rescore.studies.degrade import Dial
-    from rescore.studies.distractors import Judged
+    from rescore.studies.distractors import BankResult, Judged
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
 DetectorName = Annotated[str, typer.Option(help="Detector of the run: hog or boosted.")]
@@ -74,15 +75,14 @@ def study_evidence(
     say(f"evidence: {page}")
 
 
-def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int, jobs: int) -> dict[str, Any]:
+def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int, jobs: int) -> "BankResult":
     """Judge the bank of distractors; writes distractors.json and two pictures."""
     from datasets_synth.photos.distractor_bank import BankConfig
     from datasets_synth.photos.distractor_kinds import KIND
     from reports.studies.distractors import Example, draw_boxes, draw_examples
     from rescore.experiment.config import run_config
-    from rescore.files import write_json
     from rescore.parallel import track
-    from rescore.studies.distractors import Judge, bank_as_json, judge_bank
+    from rescore.studies.distractors import Judge, bank_result, judge_bank, write_bank
     from rescore.studies.finished_run import finished_run
     from rescore.studies.sweep import RECALL
 
@@ -98,25 +98,23 @@ def _distractors(run: Path, out: Path, things: int, *, detector: str, seed: int,
             left, disparity = one.item.frame.left_rgb, one.item.frame.disparity_px
             examples.append(Example(KIND[one.kind].title, caption, left, disparity, one.item.xyxy_px))
         judged.append(one.without_pictures())
-    value = bank_as_json(judged, RECALL)
-    write_json(out / "distractors.json", value)
-    draw_boxes(out / "distractors.png", value)
+    bank_of_all = bank_result(judged, RECALL)
+    write_bank(out / "distractors.json", bank_of_all)
+    draw_boxes(out / "distractors.png", bank_of_all)
     draw_examples(out / "examples.png", examples)
-    return value
+    return bank_of_all
 
 
-def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, Any]]:
+def _ablation(run: Path, out: Path, detector: str, seed: int) -> "tuple[AblationRow, ...]":
     """Fit the evidence again without each of its parts; writes ablation.json."""
     from rescore.data.splits import Splits
     from rescore.evidence.candidates import CandidateTable
     from rescore.experiment.config import run_config
     from rescore.experiment.reproduce import FITTED_ON
-    from rescore.files import write_json
     from rescore.formats.coco import read_detections
     from rescore.formats.coco_dataset import read_dataset
     from rescore.results.run_folder import RunFolder
-    from rescore.studies.ablation import AblationInput, ablate
-    from rescore.studies.sweep import interval_as_json
+    from rescore.studies.ablation import AblationInput, ablate, write_ablation
 
     folder, config = RunFolder(run), run_config(run)
     data = read_dataset(folder.data, config.class_name)
@@ -126,29 +124,20 @@ def _ablation(run: Path, out: Path, detector: str, seed: int) -> list[dict[str, 
 
     fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
     given = AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
-    rows = [
-        {
-            "without": row.without,
-            "n_cues": row.n_cues,
-            "w": row.w,
-            "fppi": interval_as_json(row.fppi),
-            "auc": interval_as_json(row.auc),
-            "factor": row.factor and interval_as_json(row.factor),
-        }
-        for row in ablate(given, config.evidence, config.tune, seed)
-    ]
-    write_json(out / "ablation.json", rows)
+    rows = ablate(given, config.evidence, config.tune, seed)
+    write_ablation(out / "ablation.json", rows)
     return rows
 
 
 def _write_page(
-    out: Path, command: str, distractors: dict[str, Any], ablation: "Sequence[dict[str, Any]]"
+    out: Path, command: str, distractors: "BankResult", ablation: "Sequence[AblationRow]"
 ) -> Path:
     """README.md of the study."""
     from reports.studies.evidence import evidence_text
-    from rescore.files import atomic_path, read_json
+    from rescore.files import atomic_path
+    from rescore.results.sweep_file import read_sweep
 
-    sweep_value = read_json(out / "sweep" / "sweep.json", "a sweep")
+    sweep_value = read_sweep(out / "sweep" / "sweep.json")
     with atomic_path(out / "README.md") as beside:
         beside.write_text(evidence_text(command, distractors, ablation, sweep_value))
     return out / "README.md"
@@ -166,22 +155,23 @@ def _sweep(
 ) -> Path:
     """Sweep, write sweep.json and draw; returns the page."""
     from reports.studies.sweep import write_sweep_page
-    from rescore.files import write_json, write_provenance
+    from rescore.files import write_provenance
+    from rescore.results.sweep_file import SweepResult, write_sweep
     from rescore.studies.finished_run import finished_run
-    from rescore.studies.sweep import SweepConfig, by_visibility, sweep_as_json, tables_of_steps
+    from rescore.studies.sweep import SweepConfig, by_visibility, swept_dials, tables_of_steps
     from rescore.studies.sweep import sweep as sweep_dials
 
     finished = finished_run(run, detector, frames)
     config = SweepConfig(seed=seed, jobs=jobs)
     points = sweep_dials(finished, dials, config)
     as_is = tables_of_steps(finished, [(None, 0.0)], config)[0]
-    value = {
-        "detector": detector,
-        "n_images": len(finished.data.frames),
-        "dials": sweep_as_json(points, dials),
-        "visibility": by_visibility(finished, as_is, config),
-    }
-    write_json(out / "sweep.json", value)
+    result = SweepResult(
+        detector=detector,
+        n_images=len(finished.data.frames),
+        dials=swept_dials(points, dials),
+        visibility=by_visibility(finished, as_is, config),
+    )
+    write_sweep(out / "sweep.json", result)
     settings = {"dials": {d.name: d.levels for d in dials}, "frames": frames, "detector": detector}
     write_provenance(out / "sweep.json", "sweep", settings, seed)
-    return write_sweep_page(value, out)
+    return write_sweep_page(result, out)

@@ -2,7 +2,7 @@
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from recon.arrays import UInt8Array
     from reports.studies.localization_pictures import Instance3DView
     from rescore.studies.localization.learned import TableClass
+    from rescore.studies.localization.result_file import Placement, TablePose
     from rescore.studies.localization.trials import Trial, TrialConfig
 
 _SHOWN, _WORST = 40, 12
@@ -86,27 +87,19 @@ class _Gallery:
 
         self.table_class = table_class
         self.camera = TableCamera(CAMERA, GROUND)
-        self.rows: list[dict[str, Any]] = []
-        self.scores: dict[str, dict[str, list[Any]]] = {}
+        self.placements: list[Placement] = []
         self.tiles: list[tuple[float, UInt8Array]] = []
         self.typical: tuple[float, UInt8Array, Instance3DView] | None = None
 
     def add(self, trial: "Trial") -> None:
         """Take what is kept of a trial."""
         from reports.studies.localization_pictures import draw, tile
-        from rescore.studies.localization.scores import METHODS, Score, as_row
+        from rescore.studies.localization.result_file import Placement
+        from rescore.studies.localization.scores import METHODS, Score
 
         scores = trial.scores
-        of_car = self.scores.setdefault(trial.shape_id, {m: [] for m in METHODS})
-        for method in METHODS:
-            of_car[method].append(scores[method])
-        self.rows.append(
-            {
-                "car": trial.shape_id,
-                "pose": _pose(trial),
-                "methods": {m: as_row(scores[m]) for m in METHODS},
-            }
-        )
+        methods = {m: scores[m] for m in METHODS}
+        self.placements.append(Placement(car=trial.shape_id, pose=_pose(trial), methods=methods))
         view = _view(trial, self.table_class)
         self.tiles.append((_badness(trial), tile(trial.crop_rgb, trial.crop_xy_px, view, self.camera)))
         own = scores["3dp"]
@@ -119,21 +112,16 @@ class _Gallery:
     def write(self, out: Path) -> None:
         """Write numbers, table and pictures."""
         from reports.studies.localization_pictures import save_png, save_reconstruction, sheet, titled
-        from rescore.files import atomic_path, write_json
-        from rescore.studies.localization.scores import METHODS, REPORTED, markdown_table, summary
+        from rescore.files import atomic_path
+        from rescore.studies.localization.result_file import (
+            localization_result,
+            scores_by_car,
+            write_localization,
+        )
+        from rescore.studies.localization.scores import markdown_table
 
-        everything = {m: [s for car in self.scores.values() for s in car[m]] for m in METHODS}
-        value = {
-            "methods": {m: summary(everything[m]) for m in METHODS},
-            "report": {
-                m: dict(zip(("overlap", "centroid_mm", "orientation_deg"), numbers, strict=True))
-                for m, numbers in REPORTED.items()
-            },
-            "orientation_period_deg": {"3dp": 360, "3dp_report": 360, "single_plane": 180},
-            "placements": self.rows,
-        }
-        write_json(out / "localization.json", value)
-        table = markdown_table(self.scores)
+        write_localization(out / "localization.json", localization_result(self.placements))
+        table = markdown_table(scores_by_car(self.placements))
         with atomic_path(out / "localization.md") as beside:
             beside.write_text(table)
         print(table)
@@ -145,13 +133,12 @@ class _Gallery:
             save_reconstruction(out / "reconstruction.png", self.typical[1], self.typical[2])
 
 
-def _pose(trial: "Trial") -> dict[str, float]:
+def _pose(trial: "Trial") -> "TablePose":
+    from rescore.studies.localization.result_file import TablePose
+
     x, y = trial.truth.xy_m
-    return {
-        "x_mm": 1000 * float(x),
-        "y_mm": 1000 * float(y),
-        "yaw_deg": float(trial.truth.yaw_rad * 57.29577951),
-    }
+    yaw_deg = float(trial.truth.yaw_rad * 57.29577951)
+    return TablePose(x_mm=1000 * float(x), y_mm=1000 * float(y), yaw_deg=yaw_deg)
 
 
 def _badness(trial: "Trial") -> float:

@@ -6,6 +6,7 @@ figures on "test".
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,10 +14,12 @@ from rescore.data.splits import Splits
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
 from rescore.evidence.registration import Registration
+from rescore.files import write_json
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.tune import TuneConfig, match_at, tune_weight
-from rescore.metrics.bootstrap import BootstrapConfig, Interval, bootstrap
+from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
 from rescore.metrics.matching import TruthTable
+from rescore.results.sweep_file import StudyPart, SweptInterval
 from rescore.studies.sweep import RECALL
 
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -44,18 +47,17 @@ class AblationInput:
     test: CandidateTable
 
 
-@dataclass(frozen=True)
-class AblationRow:
-    """The metric mode without some cues."""
+class AblationRow(StudyPart):
+    """The metric mode without some cues; a row of ablation.json."""
 
     without: str
     n_cues: int
     """Cues that are left out."""
     w: float
-    fppi: Interval
+    fppi: SweptInterval
     """False positives an image at ``sweep.RECALL``."""
-    auc: Interval
-    factor: Interval | None
+    auc: SweptInterval
+    factor: SweptInterval | None
     """Paired: false positives without the cues over those with all of them; None for all of them."""
 
 
@@ -81,12 +83,14 @@ def ablate(
     intervals = bootstrap(matches, truth.cars_of_image, pairs, rng, BootstrapConfig(n_resamples=1000))
     return tuple(
         AblationRow(
-            name,
-            len(without),
-            w,
-            intervals.tables[name].fppi_at_recall[RECALL],
-            intervals.tables[name].auc,
-            intervals.comparisons[name, whole].reduction[RECALL] if name != whole else None,
+            without=name,
+            n_cues=len(without),
+            w=w,
+            fppi=SweptInterval.of(intervals.tables[name].fppi_at_recall[RECALL]),
+            auc=SweptInterval.of(intervals.tables[name].auc),
+            factor=None
+            if name == whole
+            else SweptInterval.of(intervals.comparisons[name, whole].reduction[RECALL]),
         )
         for (name, without), w in zip(left_out, weights, strict=True)
     )
@@ -96,3 +100,8 @@ def _left_out() -> Iterator[tuple[str, Sequence[str]]]:
     yield from GROUPS.items()
     alone = {cues[0] for cues in GROUPS.values() if len(cues) == 1}
     yield from ((name, (name,)) for name in Registration.METRIC.cues if name not in alone)
+
+
+def write_ablation(path: Path, rows: Sequence[AblationRow]) -> None:
+    """Write ablation.json."""
+    write_json(path, [row.model_dump() for row in rows])

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -10,9 +12,11 @@ from recon.errors import RescoreError
 from rescore.data.splits import ValidationSet
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import Registration
-from rescore.fusion.tune import TuneConfig, objective_on_grid, tune_weight
+from rescore.files import json_values, write_json
+from rescore.fusion.tune import OBJECTIVE, TuneConfig, objective_on_grid, tune_weight
 from rescore.fusion.weight_interval import choices
 from rescore.metrics.matching import TruthTable
+from rescore.results.sweep_file import StudyPart
 
 
 @dataclass(frozen=True)
@@ -118,3 +122,39 @@ def _width(size: int, grid: FloatArray, gain: FloatArray, chosen: FloatArray) ->
     at = np.argmin(np.abs(grid[:, None] - known), axis=0)
     loss = float((np.nanmax(gain) - gain[at]).mean())
     return WeightWidth(size, low, lower, median, upper, high, loss, len(chosen) - len(known))
+
+
+class WeightRecord(StudyPart):
+    """The choice of w for one detector in one mode, as weight.json holds it."""
+
+    detector: str
+    registration: Registration
+    objective_name: str = OBJECTIVE
+    n_images: int
+    n_cars: int
+    n_draws: int
+    w: float
+    w_grid: tuple[float, ...]
+    objective: tuple[float | None, ...]
+    """The objective at each w; None where it is undefined or infinite."""
+    widths: tuple[WeightWidth, ...]
+
+    @classmethod
+    def of(cls, study: WeightStudy) -> Self:
+        """What the file holds of a study."""
+        return cls(
+            detector=study.detector,
+            registration=study.registration,
+            n_images=study.n_images,
+            n_cars=study.n_cars,
+            n_draws=study.n_draws,
+            w=study.w,
+            w_grid=tuple(study.grid.tolist()),
+            objective=tuple(v if np.isfinite(v) else None for v in study.value.tolist()),
+            widths=study.widths,
+        )
+
+
+def write_weights(path: Path, studies: Sequence[WeightStudy]) -> None:
+    """Write weight.json; a number that JSON cannot hold is null."""
+    write_json(path, json_values([WeightRecord.of(s).model_dump(mode="json") for s in studies]))
