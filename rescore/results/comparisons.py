@@ -18,7 +18,7 @@ from rescore.metrics.bootstrap import (
 )
 from rescore.metrics.delong import compare_areas
 from rescore.metrics.matching import FALSE_ALARM, MatchTable
-from rescore.results.metrics_file import Ends, Estimate, Intervals, ModeComparison
+from rescore.results.metrics_file import Ends, Estimate, Intervals, ModeComparison, finite
 
 Kinds = NDArray[np.object_]
 
@@ -136,13 +136,9 @@ def _by_level(figures: Mapping[float, Interval]) -> dict[str, Estimate]:
 def estimate(i: Interval) -> Estimate:
     """A figure with its interval as files hold it: infinite ends are None."""
     return Estimate(
-        value=_finite(i.value), interval=_ends(i), n_undefined=i.n_undefined, n_infinite=i.n_infinite
+        value=finite(i.value), interval=_ends(i), n_undefined=i.n_undefined, n_infinite=i.n_infinite
     )
 
 
 def _ends(i: Interval) -> Ends | None:
-    return None if np.isnan(i.value) else (_finite(i.low), _finite(i.high))
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    return None if np.isnan(i.value) else (finite(i.low), finite(i.high))

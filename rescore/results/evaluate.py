@@ -19,7 +19,7 @@ from rescore.fusion.fuse import posteriors
 from rescore.fusion.tune import OBJECTIVE, Tuning
 from rescore.fusion.weight_interval import WeightInterval
 from rescore.metrics.bootstrap import BootstrapConfig
-from rescore.metrics.curves import Summary, summarise
+from rescore.metrics.curves import summarise
 from rescore.metrics.matching import HIT, IGNORED, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics.reliability import reliability
 from rescore.results.candidate_file import ALONE, Columns, detector_columns, joined, write_candidates
@@ -37,6 +37,7 @@ from rescore.results.metrics_file import (
     Row,
     StereoStatistics,
     TunedWeight,
+    finite,
     read_stereo_statistics,
     write_metrics,
 )
@@ -199,19 +200,7 @@ def _rows(
     """The rows of one detector: alone, then in each mode."""
     weights = {ALONE: 1.0, **{str(f.registration): f.w for f in own if f.registration in matched}}
     summaries = {ALONE: summarise(alone), **{str(m): summarise(match) for m, match in matched.items()}}
-    return [
-        Row(
-            detector=own[0].detector,
-            mode=mode,
-            w=weights[mode],
-            auc=_number(s.auc),
-            average_precision=_number(s.average_precision),
-            recall_ceiling=_number(s.recall_ceiling),
-            fppi_at_recall=_by_level(s),
-            intervals=intervals[mode],
-        )
-        for mode, s in summaries.items()
-    ]
+    return [Row.of(own[0].detector, mode, weights[mode], s, intervals[mode]) for mode, s in summaries.items()]
 
 
 def _fusion(
@@ -229,18 +218,7 @@ def _fusion(
     for rule, score in posteriors(t, file.w, None if tuning is None else tuning.learned).items():
         ranking = ranking_of(score, t.score)
         summaries[rule] = summarise(greedy_match(t.image_id, t.xyxy_px, ranking, truth, min_iou))
-    return [
-        FusionRow(
-            detector=file.detector,
-            mode=file.registration.value,
-            rule=rule,
-            auc=_number(s.auc),
-            average_precision=_number(s.average_precision),
-            recall_ceiling=_number(s.recall_ceiling),
-            fppi_at_recall=_by_level(s),
-        )
-        for rule, s in summaries.items()
-    ]
+    return [FusionRow.of(file.detector, file.registration.value, rule, s) for rule, s in summaries.items()]
 
 
 def _reliabilities(
@@ -256,29 +234,8 @@ def _reliabilities(
         if score is None or not use.any() or np.isnan(score[use]).any():
             continue
         r = reliability(score[use], match.outcome[use] == HIT, RELIABILITY_BINS)
-        found.append(
-            ReliabilityRow(
-                detector=own[0].detector,
-                mode=mode,
-                brier_score=r.brier_score,
-                calibration_error=r.calibration_error,
-                likelihood=tuple(r.likelihood.tolist()),
-                hit_rate=tuple(r.hit_rate.tolist()),
-                low=tuple(r.low.tolist()),
-                high=tuple(r.high.tolist()),
-                count=tuple(r.count.tolist()),
-            )
-        )
+        found.append(ReliabilityRow.of(own[0].detector, mode, r))
     return found
-
-
-def _by_level(summary: Summary) -> dict[str, float | None]:
-    return {f"{level:g}": value for level, value in summary.fppi_at_recall.items()}
-
-
-def _number(value: float) -> float | None:
-    """JSON has neither NaN nor infinity: an undefined figure, or one that is never reached, is null."""
-    return value if np.isfinite(value) else None
 
 
 def _difficulty(data: DataSet, table: CandidateTable) -> DetectorDifficulty:
@@ -291,7 +248,7 @@ def _difficulty(data: DataSet, table: CandidateTable) -> DetectorDifficulty:
     hard = difficulty(data, found)
     return DetectorDifficulty(
         n_cars=hard.n_cars,
-        recall_ceiling=_number(hard.recall_ceiling),
+        recall_ceiling=finite(hard.recall_ceiling),
         fppi_at_70=hard.fppi_at_70,
         share_by_kind=dict(hard.share_by_kind),
     )
@@ -316,7 +273,7 @@ def _tuned_weight(t: Tuning) -> TunedWeight:
         w=t.w,
         objective_name=OBJECTIVE,
         w_grid=tuple(t.grid.tolist()),
-        objective=tuple(_number(v) for v in t.value.tolist()),
+        objective=tuple(finite(v) for v in t.value.tolist()),
         n_images=t.n_images,
         sentence=t.sentence,
         uncertainty=None if t.uncertainty is None else WeightInterval.of(t.uncertainty),

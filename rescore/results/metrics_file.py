@@ -7,6 +7,7 @@ of null with an interval.
 Keys that files of older versions lack have a default here; nobody else needs to ask for them.
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -18,9 +19,20 @@ from rescore.files import read_json_object, write_json
 from rescore.formats.checked_json import first_difference, read_checked
 from rescore.fusion.fuse import LearnedFusion
 from rescore.fusion.weight_interval import WeightInterval
+from rescore.metrics.curves import Summary
+from rescore.metrics.reliability import Reliability
 
 Ends = tuple[float | None, float | None]
 """Lower and upper end of an interval; None is infinity."""
+
+
+def finite(value: float) -> float | None:
+    """The figure as files hold it: None where it is undefined or never reached."""
+    return value if math.isfinite(value) else None
+
+
+def _by_level(summary: Summary) -> dict[str, float | None]:
+    return {f"{level:g}": value for level, value in summary.fppi_at_recall.items()}
 
 
 class Part(BaseModel):
@@ -71,6 +83,22 @@ class Row(Part):
     """False positives per image by recall, as "0.7"; None where it is never reached."""
     intervals: Intervals | None = None
 
+    @classmethod
+    def of(
+        cls, detector: str, mode: str, w: float | None, summary: Summary, intervals: Intervals | None
+    ) -> Self:
+        """The row of a match table's figures."""
+        return cls(
+            detector=detector,
+            mode=mode,
+            w=w,
+            auc=finite(summary.auc),
+            average_precision=finite(summary.average_precision),
+            recall_ceiling=finite(summary.recall_ceiling),
+            fppi_at_recall=_by_level(summary),
+            intervals=intervals,
+        )
+
 
 class ModeComparison(Part):
     """What one mode changes against another, the detector alone, paired over images."""
@@ -99,6 +127,19 @@ class FusionRow(Part):
     recall_ceiling: float | None
     fppi_at_recall: dict[str, float | None]
 
+    @classmethod
+    def of(cls, detector: str, mode: str, rule: str, summary: Summary) -> Self:
+        """The row of a match table's figures."""
+        return cls(
+            detector=detector,
+            mode=mode,
+            rule=rule,
+            auc=finite(summary.auc),
+            average_precision=finite(summary.average_precision),
+            recall_ceiling=finite(summary.recall_ceiling),
+            fppi_at_recall=_by_level(summary),
+        )
+
 
 class ReliabilityRow(Part):
     """Whether the scores of one detector in one mode are probabilities; a value a group of candidates."""
@@ -115,6 +156,21 @@ class ReliabilityRow(Part):
     high: tuple[float, ...]
     count: tuple[int, ...]
     """Candidates in each group."""
+
+    @classmethod
+    def of(cls, detector: str, mode: str, found: Reliability) -> Self:
+        """The row of one detector in one mode."""
+        return cls(
+            detector=detector,
+            mode=mode,
+            brier_score=found.brier_score,
+            calibration_error=found.calibration_error,
+            likelihood=tuple(found.likelihood.tolist()),
+            hit_rate=tuple(found.hit_rate.tolist()),
+            low=tuple(found.low.tolist()),
+            high=tuple(found.high.tolist()),
+            count=tuple(found.count.tolist()),
+        )
 
 
 class BootstrapSettings(Part):

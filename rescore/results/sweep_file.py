@@ -68,7 +68,8 @@ class SweepFigures(StudyPart):
 class SweepPoint(StudyPart):
     """One level of a dial."""
 
-    level: float
+    level: int | float
+    """As the dial has it: whole numbers stay whole in the file."""
     figures: dict[str, SweepFigures]
     """By mode."""
 

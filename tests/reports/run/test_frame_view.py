@@ -67,4 +67,4 @@ def test_the_evaluated_split_is_the_one_of_the_config(run: Run):
     other = replace(run, config={"config": {"split": "validation"}})
     assert len(run_data(other).frames) == 0
     everything = replace(run, config={"config": {"split": "all"}})
-    assert len(run_data(everything).frames) == run.metrics["n_images"]
+    assert len(run_data(everything).frames) == run.metrics.n_images

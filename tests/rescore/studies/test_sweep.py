@@ -14,14 +14,14 @@ from rescore.evidence.candidates import Candidates
 from rescore.evidence.registration import CUES, Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.metrics.bootstrap import BootstrapConfig, Interval
+from rescore.results.candidate_file import ALONE
+from rescore.results.sweep_file import SweptInterval
 from rescore.studies.degrade import dials_named
 from rescore.studies.sweep import (
-    ALONE,
     Figures,
     FinishedRun,
     SweepConfig,
     by_visibility,
-    interval_as_json,
     is_loss,
     sweep,
     tables_of_steps,
@@ -120,5 +120,5 @@ def test_a_loss_is_significant_where_the_whole_interval_is(high: float, loss: bo
 
 
 def test_numbers_that_json_lacks_have_names() -> None:
-    value = interval_as_json(Interval(np.inf, np.nan, 2.0, 1, 3))
+    value = SweptInterval.of(Interval(np.inf, np.nan, 2.0, 1, 3)).model_dump()
     assert value == {"value": "inf", "low": None, "high": 2.0, "n_undefined": 1, "n_infinite": 3}
