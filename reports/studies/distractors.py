@@ -155,5 +155,5 @@ def _coloured(disparity_px: Float32Array) -> UInt8Array:
     return np.where(known[..., None], colour, 40).astype(np.uint8)
 
 
-def _times(value: float | str) -> str:
-    return "no distractor passes" if value == "inf" else f"{float(value):.1f} times"
+def _times(value: float) -> str:
+    return "no distractor passes" if np.isinf(value) else f"{value:.1f} times"

@@ -42,7 +42,7 @@ def test_the_tally_is_that_of_the_curves_in_every_detector_and_mode(run: Run) ->
         for mode, false in (("detector", tally.false_before), ("paper", tally.false_after)):
             wanted = fppi_at_recall(recall_curve(match_table(run, detector, mode)), 0.5)
             assert false / n_images == pytest.approx(wanted)
-            assert wanted == pytest.approx(run.row(detector, mode)["fppi_at_recall"]["0.5"])
+            assert wanted == pytest.approx(run.row(detector, mode).fppi_at_recall["0.5"])
         assert f"{tally.newly_rejected} of {tally.false_before} false alarms rejected" in summary(inspection)
 
 

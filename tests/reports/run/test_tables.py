@@ -12,7 +12,7 @@ from reports.run.tables import (
     stereo_table,
     terminal_table,
 )
-from rescore.results.metrics_file import DetectorDifficulty, StereoStatistics
+from rescore.results.metrics_file import DetectorDifficulty, Metrics, Row, StereoStatistics
 from rescore.results.run_folder import Run
 
 
@@ -29,16 +29,15 @@ def test_the_result_table_shows_metrics_json(run: Run):
 
 
 def test_what_is_undefined_or_never_reached_is_a_dash():
-    row = {
-        "detector": "mine",
-        "mode": "detector",
-        "w": None,
-        "auc": None,
-        "average_precision": float("nan"),
-        "recall_ceiling": 0.25,
-        "fppi_at_recall": {"0.5": None, "0.6": None, "0.7": None, "0.8": None},
-    }
-    cells = result_table({"rows": [row]}).rows[0]
+    row = Row(
+        detector="mine",
+        mode="detector",
+        auc=None,
+        average_precision=float("nan"),
+        recall_ceiling=0.25,
+        fppi_at_recall=dict.fromkeys(("0.5", "0.6", "0.7", "0.8")),
+    )
+    cells = result_table(Metrics(n_images=1, n_cars=1, n_candidates=0, rows=(row,))).rows[0]
     assert cells == ("mine", "detector alone", *["–"] * 7, "0.250")
 
 

@@ -68,7 +68,7 @@ def test_figures_of_another_kind_are_named_with_their_place(tmp_path: Path) -> N
 def test_settings_of_another_kind_are_named_with_their_place(tmp_path: Path) -> None:
     path = tmp_path / "config.json"
     path.write_text(json.dumps({"seed": "many"}))
-    with pytest.raises(RescoreError, match="expected the settings of a run, got seed: .*'many'"):
+    with pytest.raises(RescoreError, match=r"expected the settings of a run, got seed: .*'many'"):
         read_run_config(path)
     path.write_text(json.dumps({"config": {"rescore": {"cues": {"guarded": {"scale_limits": 3}}}}}))
     with pytest.raises(ValueError, match=r"guarded\.scale_limits: .*\(3\)"):

@@ -109,7 +109,7 @@ def test_pictures_need_a_right_eye(run: FinishedRun) -> None:
 def test_cars_are_grouped_by_what_is_seen_of_them(run: FinishedRun) -> None:
     table = tables_of_steps(run, [(None, 0.0)], CONFIG)[0]
     groups = by_visibility(run, table, CONFIG)
-    assert [(g["visible"], g["n_cars"]) for g in groups] == [([0.3, 0.6], 1), ([0.85, 1.0], 1)]
+    assert [(g.visible, g.n_cars) for g in groups] == [((0.3, 0.6), 1), ((0.85, 1.0), 1)]
 
 
 @pytest.mark.parametrize(("high", "loss"), [(0.99, True), (1.0, False), (np.inf, False)])
