@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from reports.palette import mode_colour, mode_dash, on_dark
+from rescore.results.candidate_file import ALONE
 
 _DASH_PATTERN = {"-": "", "--": "7 4", "-.": "9 4 2 4", (0, (1, 1)): "2 3"}
 """Matplotlib's line styles as SVG's."""
@@ -43,8 +44,8 @@ class Look:
     def of_mode(mode: str) -> "Look":
         """The common look of a way of scoring."""
         colour, dash = mode_colour(mode), _DASH_PATTERN[mode_dash(mode)]
-        dark = "#B4BBC4" if mode == "detector" else on_dark(colour)
-        return Look(colour, dark, dash, 1.8 if mode == "detector" else 2.4)
+        dark = "#B4BBC4" if mode == ALONE else on_dark(colour)
+        return Look(colour, dark, dash, 1.8 if mode == ALONE else 2.4)
 
     @staticmethod
     def of_colour(colour: str, mode: str = "metric") -> "Look":

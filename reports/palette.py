@@ -7,6 +7,8 @@ Where two things could be mixed up, line style, marker or text tells them apart 
 from collections.abc import Sequence
 from typing import Any
 
+from rescore.results.candidate_file import ALONE
+
 BLUE = "#0072B2"
 VERMILION = "#D55E00"
 GREEN = "#009E73"
@@ -22,13 +24,13 @@ _DETECTOR_COLOUR = {"hog": BLUE, "boosted": VERMILION}
 _SPARE = (GREEN, PURPLE, ORANGE, SKY)
 
 MODE_NAME = {
-    "detector": "detector alone",
+    ALONE: "detector alone",
     "paper": "with depth (paper)",
     "guarded": "with depth (guarded)",
     "metric": "with depth (metric)",
 }
 _MODE_STYLE: dict[str, tuple[str, Any]] = {
-    "detector": ("#555555", "--"),
+    ALONE: ("#555555", "--"),
     "paper": (BLUE, "-."),
     "guarded": (ORANGE, (0, (1, 1))),
     "metric": (GREEN, "-"),

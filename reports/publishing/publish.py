@@ -46,14 +46,14 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
         RescoreError: the run has no curves yet.
     """
     run = load_run(run_dir)
-    if not (run_dir / "curves").is_dir():
+    if not run.folder.curves.is_dir():
         raise RescoreError(f"{run_dir}: expected curves, found none; call `rescore evaluate` first")
     (folder / "curves").mkdir(parents=True, exist_ok=True)
-    drawn = [name for name in CURVES if (run_dir / "curves" / name).is_file()]
+    drawn = [name for name in CURVES if (run.folder.curves / name).is_file()]
     for name in drawn:
-        shutil.copyfile(run_dir / "curves" / name, folder / "curves" / name)
-    for name in ("metrics.json", "config.json"):
-        shutil.copyfile(run_dir / name, folder / name)
+        shutil.copyfile(run.folder.curves / name, folder / "curves" / name)
+    for file in (run.folder.metrics, run.folder.config):
+        shutil.copyfile(file, folder / file.name)
     page = folder / "README.md"
     page.write_text(_page(run, command, drawn), encoding="utf-8")
     return page

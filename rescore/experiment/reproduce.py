@@ -295,11 +295,12 @@ class Run:
         self, name: str, module: ModuleType, outputs: tuple[Path, ...], work: Callable[[], None]
     ) -> None:
         """A stage that draws what the run folder holds; the words of its templates are part of its code."""
-        root = self.folder.root
-        names = ("config.json", "candidates.parquet", "metrics.json", "evidence", "data", "models", "sweep")
+        root, folder = self.folder.root, self.folder
+        shown = (folder.config, folder.candidates, folder.metrics)
+        folders = tuple(root / name for name in ("evidence", "data", "models", "sweep"))
         assert module.__file__ is not None
         words = {"templates": digest_of(Path(module.__file__).with_name("templates"))}
-        stage = Stage(name, words, tuple(root / n for n in names), outputs, (module,))
+        stage = Stage(name, words, (*shown, *folders), outputs, (module,))
         self.report(run_stage_in_place(root, stage, work))
 
     @property

@@ -41,6 +41,7 @@ from rescore.results.metrics_file import (
     read_stereo_statistics,
     write_metrics,
 )
+from rescore.results.run_folder import RunFolder
 
 RELIABILITY_BINS = 20
 """Fewer than one candidate in ten is a hit: with fewer bins nearly all hits would be in one."""
@@ -109,8 +110,9 @@ def evaluate(
         tuning=_tuning(tunings),
         difficulty={f.detector: _difficulty(data, f.table) for f in firsts},
     )
-    write_candidates(run_dir / "candidates.parquet", joined(parts))
-    write_metrics(run_dir / "metrics.json", metrics)
+    folder = RunFolder(run_dir)
+    write_candidates(folder.candidates, joined(parts))
+    write_metrics(folder.metrics, metrics)
     return metrics
 
 
