@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from recon.arrays import FloatArray
 from reports.palette import Dash, mode_colour, mode_dash, on_dark
+from rescore.results.candidate_file import ALONE
 
 _DIGITS = 5
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -79,7 +80,7 @@ class Look:
     @staticmethod
     def of_colour(colour: str, mode: str = "metric") -> "Look":
         """A colour with the dashes of a way of scoring."""
-        return Look(colour, on_dark(colour), mode_dash(mode), 1.8 if mode == "detector" else 2.4)
+        return Look(colour, on_dark(colour), mode_dash(mode), 1.8 if mode == ALONE else 2.4)
 
 
 @dataclass(frozen=True, eq=False)

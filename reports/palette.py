@@ -54,7 +54,7 @@ NIGHT_INK = "#E1E4E8"
 Dash = Literal["solid", "dashed", "dashdot", "dotted"]
 
 _MODE_STYLE: dict[str, tuple[str, Dash]] = {
-    "detector": (DARK_GREY, "dashed"),
+    ALONE: (DARK_GREY, "dashed"),
     "paper": (BLUE, "dashdot"),
     "guarded": (ORANGE, "dotted"),
     "metric": (GREEN, "solid"),

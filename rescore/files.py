@@ -51,6 +51,18 @@ def read_json(path: Path, what: str) -> Any:
         raise RescoreError(f"{path}: expected {what} as JSON, got {error}; write the file again") from error
 
 
+def read_json_object(path: Path, what: str) -> Mapping[str, Any]:
+    """The JSON object in a file of a run; ``what`` names it in the error.
+
+    Raises:
+        RescoreError: there is no such file, or it holds no JSON object.
+    """
+    value = read_json(path, what)
+    if not isinstance(value, dict):
+        raise RescoreError(f"{path}: expected a JSON object, got {type(value).__name__}; evaluate again")
+    return value
+
+
 def digest_of(path: Path) -> str:
     """Digest of a file, or of all files of a folder with their names; empty where there is nothing."""
     total = hashlib.sha256()

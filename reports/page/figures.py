@@ -1,7 +1,6 @@
 """The interactive charts of the HTML page: curves of a run or several, image weight, reliability, sweeps."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,8 +19,10 @@ from reports.run.curves import (
     weight_chart,
     weight_line,
 )
-from reports.run.tables import as_float, interval_text, number_text
+from reports.run.tables import interval_text, number_text
 from rescore.metrics.curve_bands import CurveBands
+from rescore.results.metrics_file import DetectorTuning, Metrics, ReliabilityRow, TunedWeight
+from rescore.results.sweep_file import SweepFigures, SweepResult, SweptDial, SweptInterval
 
 SWEEP_FACTOR = (0.1, 30.0)
 """Factors beyond are drawn at the edge."""
@@ -30,18 +31,18 @@ Bands = Mapping[tuple[str, str], CurveBands | None]
 """By detector and mode."""
 
 
-def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGroup | None:
+def weight_group(name: str, tuning: Mapping[str, DetectorTuning]) -> ChartGroup | None:
     """The objective over w of every detector and mode; None where no w was chosen."""
     charts: list[Chart] = []
     modes: list[str] = []
     n_images = 0
     for detector, tuned in tuning.items():
         # an older version knows no other mode
-        own = tuned.get("modes") or {"paper": tuned}
+        own: Mapping[str, TunedWeight] = tuned.modes or {"paper": tuned}
         modes += own
-        n_images = max([n_images, *(t.get("n_images") or 0 for t in own.values())])
+        n_images = max([n_images, *(t.n_images or 0 for t in own.values())])
         lines = [weight_line(mode_name(mode), Look.of_mode(mode), (mode,), t) for mode, t in own.items()]
-        objective = next(iter(own.values()))["objective_name"]
+        objective = next(iter(own.values())).objective_name
         title = detector_name(detector)
         alt = f"{objective.replace('_', ' ')} over w, {title}"
         charts.append(weight_chart(title, alt, lines, objective))
@@ -61,12 +62,12 @@ def weight_group(name: str, tuning: Mapping[str, Mapping[str, Any]]) -> ChartGro
     )
 
 
-def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGroup | None:
+def reliability_group(name: str, shown: Sequence[ReliabilityRow]) -> ChartGroup | None:
     """Share of hits over score, in groups with intervals; None where scores are no likelihoods."""
     if not shown:
         return None
-    modes = list(dict.fromkeys(str(r["mode"]) for r in shown))
-    n = max(len(r["count"]) for r in shown)
+    modes = list(dict.fromkeys(r.mode for r in shown))
+    n = max(len(r.count) for r in shown)
     note = (
         f"Up to {n} groups of equally many candidates, by score; bars: intervals of 95 %. On the dotted line "
         "a score is a probability. Most candidates have low scores, so most groups lie at the left."
@@ -77,16 +78,19 @@ def reliability_group(name: str, shown: Sequence[Mapping[str, Any]]) -> ChartGro
     return ChartGroup(name, {"Reliability": charts}, {"Reliability": note}, switches)
 
 
-def sweep_group(name: str, sweep: Mapping[str, Any]) -> ChartGroup:
-    """What is left of the gain while the input is spoilt (content of sweep.json), a chart a dial."""
-    dials = sweep["dials"]
+def sweep_group(name: str, sweep: SweepResult) -> ChartGroup:
+    """What is left of the gain while the input is spoilt, a chart a dial."""
+    dials = sweep.dials
     factors = [
-        _sweep_chart(dial, "reduction", "times fewer false positives", SWEEP_FACTOR, level=1.0)
+        _sweep_chart(dial, lambda f: f.reduction, "times fewer false positives", SWEEP_FACTOR, level=1.0)
         for dial in dials.values()
     ]
-    alarms = [_sweep_chart(dial, "fppi", "false positives per image", SWEEP_FPPI) for dial in dials.values()]
+    alarms = [
+        _sweep_chart(dial, lambda f: f.fppi, "false positives per image", SWEEP_FPPI)
+        for dial in dials.values()
+    ]
     notes = {
-        "Times fewer": f"{detector_name(sweep['detector'])}, {sweep['n_images']} test images: how many times "
+        "Times fewer": f"{detector_name(sweep.detector)}, {sweep.n_images} test images: how many times "
         "fewer false positives per image than the detector alone where 70 % of the cars are found, with "
         "intervals of 95 %. Above the line at 1 depth helps. Level 0 is the input as it is.",
         "False positives": "False positives per image where 70 % of the cars are found.",
@@ -98,33 +102,33 @@ def sweep_group(name: str, sweep: Mapping[str, Any]) -> ChartGroup:
 
 
 def _sweep_chart(
-    dial: Mapping[str, Any], figure: str, what: str, limits: tuple[float, float], level: float | None = None
+    dial: SweptDial,
+    figure: Callable[[SweepFigures], SweptInterval | None],
+    what: str,
+    limits: tuple[float, float],
+    level: float | None = None,
 ) -> Chart:
-    points = dial["points"]
-    at = np.array([p["level"] for p in points], float)
+    points = dial.points
+    at = np.array([p.level for p in points], float)
     lines = []
-    for mode in points[0]["figures"]:
-        read = [p["figures"][mode][figure] for p in points]
-        if any(f is None for f in read):
+    for mode in points[0].figures:
+        read = [f for p in points if (f := figure(p.figures[mode])) is not None]
+        if len(read) < len(points):
             continue
-        value, low, high = (
-            np.clip(np.array([as_float(f[end]) for f in read]), *limits) for end in ("value", "low", "high")
-        )
+        value, low, high = np.clip(np.array([(f.value, f.low, f.high) for f in read]).T, *limits)
         text = tuple(interval_text(f) for f in read)
-        last = f"at the end {number_text(read[-1]['value'], 2)}"
+        last = f"at the end {number_text(read[-1].value, 2)}"
         band = {"x": at, "low": low, "high": high} if level is not None else None
         look = Look.of_mode(mode)
         lines.append(
             Line(mode_name(mode), last, look, at, value, (mode,), text=text, markers=True, band=band)
         )
-    alt = alt_text(f"{what} over {dial['what']}", lines)
-    x = Axis(dial["what"], float(at.min()), float(at.max()))
-    return Chart(dial["what"], alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)
+    alt = alt_text(f"{what} over {dial.what}", lines)
+    x = Axis(dial.what, float(at.min()), float(at.max()))
+    return Chart(dial.what, alt, x, Axis(what, *limits, log=True), tuple(lines), level=level)
 
 
-def curve_group(
-    name: str, curves: Sequence[CurveSet], metrics: Mapping[str, Any], bands: Bands
-) -> ChartGroup:
+def curve_group(name: str, curves: Sequence[CurveSet], metrics: Metrics, bands: Bands) -> ChartGroup:
     """The three curves of every detector, a line a mode; the detector alone and the last mode are on."""
     modes = list(dict.fromkeys(c.mode for c in curves))
     drawn = [DrawnCurves.of_mode(c, bands.get((c.detector, c.mode))) for c in curves]
@@ -136,7 +140,7 @@ def runs_group(
     name: str,
     runs: Mapping[str, Sequence[CurveSet]],
     colours: Mapping[str, str],
-    metrics: Sequence[Mapping[str, Any]],
+    metrics: Sequence[Metrics],
 ) -> ChartGroup:
     """The curves of several runs in the same charts: a colour a run, dashes by mode.
 
@@ -160,17 +164,15 @@ def runs_group(
 
 
 def _group(
-    name: str,
-    drawn: Sequence[DrawnCurves],
-    metrics: Sequence[Mapping[str, Any]],
-    switches: tuple[Switch, ...],
+    name: str, drawn: Sequence[DrawnCurves], metrics: Sequence[Metrics], switches: tuple[Switch, ...]
 ) -> ChartGroup:
     kinds = {kind: tuple(charts.values()) for kind, charts in curve_charts(drawn, metrics).items()}
     return ChartGroup(name, kinds, _notes(metrics), switches)
 
 
-def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    cars, images, candidates = (count_text(metrics, key) for key in ("n_cars", "n_images", "n_candidates"))
+def _notes(metrics: Sequence[Metrics]) -> dict[str, str]:
+    cars, images = count_text(m.n_cars for m in metrics), count_text(m.n_images for m in metrics)
+    candidates = count_text(m.n_candidates for m in metrics)
     return {
         CARS: f"Counts all {cars}annotated cars, missed ones too, and all {images}images, also those without "
         "a car. A second candidate on the same car is a false positive. On the log axis the left edge is no "

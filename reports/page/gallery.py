@@ -99,9 +99,7 @@ def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
     Raises:
         RescoreError: the data set is not where the run says, or the model of the evidence is another.
     """
-    having = [
-        d for d in run.detectors if any((r["detector"], r["mode"]) == (d, mode) for r in run.metrics["rows"])
-    ]
+    having = [d for d in run.detectors if any((r.detector, r.mode) == (d, mode) for r in run.metrics.rows)]
     inspections = {d: inspect_run(run, d, mode) for d in having}
     per_pick = max(1, max_cards // (4 * len(inspections)))
     # frames are read one after another; only the small pictures stay

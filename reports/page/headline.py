@@ -1,11 +1,11 @@
 """The result of a run in a sentence, with its interval."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from reports.palette import detector_name
 from reports.run.tables import number, percent
+from rescore.results.metrics_file import Estimate, Metrics, ModeComparison, Row
 
 HEADLINE_RECALL = "0.7"
 """Recall at which false positives are compared."""
@@ -29,21 +29,21 @@ class Tile:
     """Whether there are more false positives after."""
 
 
-def headline(metrics: Mapping[str, Any]) -> str:
+def headline(metrics: Metrics) -> str:
     """The result in one sentence, with intervals of 95 %."""
-    if not metrics["n_cars"]:
+    if not metrics.n_cars:
         return "No car is annotated in these images, so that nothing can be said of what was found."
     clauses, subject = [], ""
-    for detector in _detectors(metrics):
-        mode = _ends(metrics, detector)[1]["mode"]
+    for detector in metrics.detectors:
+        mode = _ends(metrics, detector)[1].mode
         clauses.append(_clause(metrics, detector, named=mode == subject))
         subject = mode
-    return f"At {LEVEL_TEXT} of the {metrics['n_cars']} annotated cars found, {_joined(clauses)}."
+    return f"At {LEVEL_TEXT} of the {metrics.n_cars} annotated cars found, {_joined(clauses)}."
 
 
-def few_images(metrics: Mapping[str, Any]) -> str | None:
+def few_images(metrics: Metrics) -> str | None:
     """A warning where the images are so few that the figures prove little; else None."""
-    n = metrics["n_images"]
+    n = metrics.n_images
     if n >= FEW_IMAGES:
         return None
     images = "One image proves" if n == 1 else f"{n} images prove"
@@ -53,10 +53,10 @@ def few_images(metrics: Mapping[str, Any]) -> str | None:
     )
 
 
-def tiles(metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
+def tiles(metrics: Metrics) -> tuple[Tile, ...]:
     """False positives at a glance, a tile a detector."""
     shown = []
-    for detector in _detectors(metrics):
+    for detector in metrics.detectors:
         first, last = _ends(metrics, detector)
         values = [_false_positives(row) for row in (first, last)]
         before, after = (number(v, 2) for v in values)
@@ -67,20 +67,20 @@ def tiles(metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
                 before,
                 after if last is not first else None,
                 f"false positives per image at {LEVEL_TEXT} of the cars",
-                "" if found is None else _times(found["reduction"].get(HEADLINE_RECALL)),
+                "" if found is None else _times(found.reduction.get(HEADLINE_RECALL)),
                 worse=values[0] is not None and (values[1] is None or values[1] > values[0]),
             )
         )
     return tuple(shown)
 
 
-def _clause(metrics: Mapping[str, Any], detector: str, named: bool) -> str:
+def _clause(metrics: Metrics, detector: str, named: bool) -> str:
     """What became of one detector; ``named`` where the clause before has named what it was rescored with."""
     first, last = _ends(metrics, detector)
     name = detector_name(detector, short=True)
     before, after = _false_positives(first), _false_positives(last)
     if last is first and before is None:
-        return f"{name} never gets there: its candidates hold {percent(first['recall_ceiling'])} of them"
+        return f"{name} never gets there: its candidates hold {percent(first.recall_ceiling)} of them"
     if last is first:
         return f"{name} alone makes {number(before, 2)} false positives an image{_own_interval(first)}"
     if before is None or after is None:
@@ -88,18 +88,18 @@ def _clause(metrics: Mapping[str, Any], detector: str, named: bool) -> str:
         reached = when[before is None, after is None]
         return f"{name} never gets there {reached} rescoring{_precision(metrics, first, last)}"
     found = _comparison(metrics, last)
-    times = "" if found is None else _times(found["reduction"].get(HEADLINE_RECALL))
-    subject = "" if named else f"stereo depth ({last['mode']}) takes "
+    times = "" if found is None else _times(found.reduction.get(HEADLINE_RECALL))
+    subject = "" if named else f"stereo depth ({last.mode}) takes "
     values = f"from {number(before, 2)} to {number(after, 2)} false positives an image"
     return f"{subject}{name} {values}" + (f", {times}" if times else "")
 
 
-def _times(figure: Mapping[str, Any] | None) -> str:
+def _times(figure: Estimate | None) -> str:
     """A reduction factor in words with its interval; empty where it is undefined."""
-    if figure is None or figure["interval"] is None:
+    if figure is None or figure.interval is None:
         return ""
-    value = figure["value"]
-    low, high = figure["interval"]
+    value = figure.value
+    low, high = figure.interval
     fewer = value is None or value >= 1
     if fewer:
         ends, shown, what = (low, high), value, "times fewer"
@@ -125,44 +125,39 @@ def _end(value: float | None) -> str:
     return "infinity" if value is None else f"{value:.1f}"
 
 
-def _precision(metrics: Mapping[str, Any], first: Mapping[str, Any], last: Mapping[str, Any]) -> str:
+def _precision(metrics: Metrics, first: Row, last: Row) -> str:
     """The average precision in place of a rate that is never reached."""
-    values = (number(row["average_precision"]) for row in (first, last))
+    values = (number(row.average_precision) for row in (first, last))
     text = "average precision {} to {}".format(*values)
     found = _comparison(metrics, last)
-    interval = None if found is None else found["average_precision_difference"]["interval"]
+    interval = None if found is None else found.average_precision_difference.interval
     if interval is not None:
         text += f", 95 % interval of the difference {interval[0]:+.3f} to {interval[1]:+.3f}"
     return f" ({text})"
 
 
-def _own_interval(row: Mapping[str, Any]) -> str:
+def _own_interval(row: Row) -> str:
     """The interval of a row's false positives, where it is known."""
-    ends = ((row.get("intervals") or {}).get("fppi_at_recall") or {}).get(HEADLINE_RECALL)
+    ends = None if row.intervals is None else row.intervals.fppi_at_recall.get(HEADLINE_RECALL)
     if not ends:
         return ""
     return f" (95 % interval {number(ends[0], 2)} to {'infinity' if ends[1] is None else number(ends[1], 2)})"
 
 
-def _false_positives(row: Mapping[str, Any]) -> float | None:
-    value: float | None = row["fppi_at_recall"].get(HEADLINE_RECALL)
-    return value
+def _false_positives(row: Row) -> float | None:
+    return row.fppi_at_recall.get(HEADLINE_RECALL)
 
 
-def _detectors(metrics: Mapping[str, Any]) -> list[str]:
-    return list(dict.fromkeys(row["detector"] for row in metrics["rows"]))
-
-
-def _ends(metrics: Mapping[str, Any], detector: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+def _ends(metrics: Metrics, detector: str) -> tuple[Row, Row]:
     """The rows of a detector alone and of its last mode; one row twice where there is no other."""
-    rows = [row for row in metrics["rows"] if row["detector"] == detector]
+    rows = [row for row in metrics.rows if row.detector == detector]
     return rows[0], rows[-1]
 
 
-def _comparison(metrics: Mapping[str, Any], row: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    for c in metrics.get("comparisons", ()):
-        if (c["detector"], c["mode"]) == (row["detector"], row["mode"]):
-            return dict(c)
+def _comparison(metrics: Metrics, row: Row) -> ModeComparison | None:
+    for c in metrics.comparisons:
+        if (c.detector, c.mode) == (row.detector, row.mode):
+            return c
     return None
 
 

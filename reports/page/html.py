@@ -32,8 +32,9 @@ from reports.run.tables import (
     weight_table,
 )
 from reports.templating import asset, render
-from rescore.files import read_json
+from rescore.results.metrics_file import Metrics
 from rescore.results.run_folder import Run, load_run
+from rescore.results.sweep_file import read_sweep
 
 ONE_RUN, SEVERAL_RUNS = "report.html", "comparison.html"
 _ROOM = "reports.page"
@@ -46,7 +47,7 @@ class Section:
     name: str
     key: str
     """Prefix of the names of its elements."""
-    metrics: Mapping[str, Any]
+    metrics: Metrics
     headline: str
     warning: str | None
     tiles: tuple[Tile, ...]
@@ -124,7 +125,7 @@ def _section(one: Evaluated, key: str, max_cards: int) -> Section:
     mode = run.modes[-1]
     bands, band_note = _or_note(one.bands, {}, "No bands around the curves")
     gallery, gallery_note = _gallery(run, mode, max_cards)
-    sweep = run.root / "sweep" / "sweep.json"
+    sweep = run.folder.sweep
     return Section(
         name=one.name,
         key=key,
@@ -138,11 +139,11 @@ def _section(one: Evaluated, key: str, max_cards: int) -> Section:
         gallery=gallery,
         gallery_note=gallery_note,
         mode=mode_name(mode),
-        weight=weight_group(f"{key}-weight", run.metrics.get("tuning", {})),
-        reliability=reliability_group(f"{key}-reliability", run.metrics.get("reliability", ())),
-        sweep=sweep_group(f"{key}-sweep", read_json(sweep, "a sweep")) if sweep.is_file() else None,
+        weight=weight_group(f"{key}-weight", run.metrics.tuning),
+        reliability=reliability_group(f"{key}-reliability", run.metrics.reliability),
+        sweep=sweep_group(f"{key}-sweep", read_sweep(sweep)) if sweep.is_file() else None,
         facts=made_from(run),
-        config_text=json.dumps(run.config, indent=1, ensure_ascii=False),
+        config_text=json.dumps(run.config.as_json(), indent=1, ensure_ascii=False),
     )
 
 
@@ -193,8 +194,8 @@ def _tables(run: Run) -> dict[str, Table | None]:
         "reliability": reliability_table(run.metrics),
         "reasons": reason_table(run.candidates, run.detectors),
         "kinds": kind_table(run.candidates, run.detectors),
-        "difficulty": difficulty_table(run.metrics.get("difficulty", {})),
-        "stereo": stereo_table(run.metrics.get("stereo", {})),
+        "difficulty": difficulty_table(run.metrics.difficulty),
+        "stereo": stereo_table(run.metrics.stereo),
         "ids": ids,
     }
 

@@ -17,7 +17,7 @@ from rescore.data.frames import DataSet
 from rescore.metrics.bootstrap import BootstrapConfig, Comparison, bootstrap
 from rescore.metrics.curve_bands import CurveBands, curve_bands
 from rescore.metrics.matching import MatchTable, TruthTable
-from rescore.results.comparisons import figure_as_json
+from rescore.results.comparisons import estimate
 from rescore.results.run_folder import Run
 
 MIN_SHARED = 2
@@ -74,10 +74,9 @@ class Evaluated:
         Raises:
             RescoreError: the data set is not where the run says.
         """
-        seed = int(self.run.metrics.get("bootstrap", {}).get("seed", 0))
         cars = self.truth.cars_of_image
-        rows = [(row["detector"], row["mode"]) for row in self.run.metrics["rows"]]
-        return {key: curve_bands(self.match(*key), cars, seed) for key in rows}
+        rows = [(row.detector, row.mode) for row in self.run.metrics.rows]
+        return {key: curve_bands(self.match(*key), cars, self.run.metrics.seed) for key in rows}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,18 +100,18 @@ def side_by_side(runs: Sequence[Evaluated]) -> Table:
     rows = tuple(
         (
             one.name,
-            detector_name(row["detector"]),
-            mode_name(row["mode"]),
-            number(row["w"], 2),
-            number(row["auc"]),
-            number(row["average_precision"]),
-            number(row["fppi_at_recall"].get(f"{LEVEL:g}"), 2),
-            number(row["recall_ceiling"]),
+            detector_name(row.detector),
+            mode_name(row.mode),
+            number(row.w, 2),
+            number(row.auc),
+            number(row.average_precision),
+            number(row.fppi_at_recall.get(f"{LEVEL:g}"), 2),
+            number(row.recall_ceiling),
         )
         for detector in dict.fromkeys(d for one in runs for d in one.run.detectors)
         for one in runs
-        for row in one.run.metrics["rows"]
-        if row["detector"] == detector
+        for row in one.run.metrics.rows
+        if row.detector == detector
     )
     head = (
         "run",
@@ -141,11 +140,9 @@ def _compare(first: Evaluated, other: Evaluated) -> PairedRuns:
         )
         return PairedRuns(first.name, other.name, note, None)
     keys = [
-        (row["detector"], row["mode"])
-        for row in first.run.metrics["rows"]
-        if any(
-            (r["detector"], r["mode"]) == (row["detector"], row["mode"]) for r in other.run.metrics["rows"]
-        )
+        (row.detector, row.mode)
+        for row in first.run.metrics.rows
+        if any((r.detector, r.mode) == (row.detector, row.mode) for r in other.run.metrics.rows)
     ]
     if not keys:
         note = "The runs share no detector and mode of one name, so nothing can be paired."
@@ -199,9 +196,9 @@ def _table(changes: Mapping[tuple[str, str], Comparison]) -> Table:
         (
             detector_name(detector),
             mode_name(mode),
-            factor(figure_as_json(c.reduction[LEVEL])),
-            difference(figure_as_json(c.difference.auc)),
-            difference(figure_as_json(c.difference.average_precision)),
+            factor(estimate(c.reduction[LEVEL])),
+            difference(estimate(c.difference.auc)),
+            difference(estimate(c.difference.average_precision)),
         )
         for (detector, mode), c in changes.items()
     )

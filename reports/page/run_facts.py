@@ -8,6 +8,7 @@ from typing import Any
 from reports.run.frame_view import run_dataset
 from reports.run.tables import Table
 from rescore.data.frames import SPLITS, DataSet
+from rescore.results.run_config_file import RunConfigFile
 from rescore.results.run_folder import Run
 
 HASH_DIGITS = 16
@@ -77,14 +78,13 @@ def id_table(run: Run) -> Table:
 def made_from(run: Run) -> list[tuple[str, str]]:
     """What was run, as name and value."""
     config = run.config
-    settings = config.get("config", {})
     rows = [
         ("run folder", run.root.name),
-        ("command", config.get("command")),
-        ("preset", settings.get("preset") if isinstance(settings, dict) else None),
-        ("seed", config.get("seed")),
-        ("evaluated", f"{run.metrics['n_images']} images of split {run.split}"),
-        ("versions", ", ".join(f"{n} {v}" for n, v in config.get("versions", {}).items()) or None),
+        ("command", config.command),
+        ("preset", config.preset),
+        ("seed", config.seed),
+        ("evaluated", f"{run.metrics.n_images} images of split {run.split}"),
+        ("versions", ", ".join(f"{n} {v}" for n, v in config.versions.items()) or None),
     ]
     return [(name, str(value)) for name, value in rows if value is not None]
 
@@ -101,12 +101,12 @@ def differing_settings(runs: Mapping[str, Run]) -> Table | None:
     return Table("Settings that differ", ("setting", *runs), differing, text_columns=1 + len(runs))
 
 
-def _comparable(config: Mapping[str, Any]) -> dict[str, Any]:
-    settings = config.get("config")
+def _comparable(config: RunConfigFile) -> dict[str, Any]:
+    value = config.as_json()
     return {
-        **{name: config.get(name) for name in ("command", "seed", "stereo")},
-        **(settings if isinstance(settings, dict) else {}),
-        "versions": config.get("versions", {}),
+        **{name: value.get(name) for name in ("command", "seed", "stereo")},
+        **config.config,
+        "versions": config.versions,
     }
 
 

@@ -6,9 +6,7 @@ says can be made again with the command that the page names.
 
 import shutil
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from recon.errors import RescoreError
 from reports.run.tables import (
@@ -23,6 +21,7 @@ from reports.run.tables import (
     stereo_table,
     weight_table,
 )
+from rescore.results.metrics_file import Metrics
 from rescore.results.run_folder import Run, load_run
 
 CURVES = {
@@ -47,14 +46,14 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
         RescoreError: the run has no curves yet.
     """
     run = load_run(run_dir)
-    if not (run_dir / "curves").is_dir():
+    if not run.folder.curves.is_dir():
         raise RescoreError(f"{run_dir}: expected curves, found none; call `rescore evaluate` first")
     (folder / "curves").mkdir(parents=True, exist_ok=True)
-    drawn = [name for name in CURVES if (run_dir / "curves" / name).is_file()]
+    drawn = [name for name in CURVES if (run.folder.curves / name).is_file()]
     for name in drawn:
-        shutil.copyfile(run_dir / "curves" / name, folder / "curves" / name)
-    for name in ("metrics.json", "config.json"):
-        shutil.copyfile(run_dir / name, folder / name)
+        shutil.copyfile(run.folder.curves / name, folder / "curves" / name)
+    for file in (run.folder.metrics, run.folder.config):
+        shutil.copyfile(file, folder / file.name)
     page = folder / "README.md"
     page.write_text(_page(run, command, drawn), encoding="utf-8")
     return page
@@ -64,8 +63,8 @@ def _page(run: Run, command: str, drawn: list[str]) -> str:
     metrics = run.metrics
     parts = [
         "# The ROC experiment",
-        f"Made by `{command}`, seed {run.config.get('seed')}: {metrics['n_cars']} annotated cars in "
-        f"{metrics['n_images']} test images, {metrics['n_candidates']} candidates. `config.json` holds the "
+        f"Made by `{command}`, seed {run.config.seed}: {metrics.n_cars} annotated cars in "
+        f"{metrics.n_images} test images, {metrics.n_candidates} candidates. `config.json` holds the "
         "settings and versions, `metrics.json` the numbers.",
         *(_section(table) for table in _tables(run, metrics) if table is not None),
         *(f"![{CURVES[name]}](curves/{name})" for name in drawn),
@@ -73,17 +72,17 @@ def _page(run: Run, command: str, drawn: list[str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _tables(run: Run, metrics: Mapping[str, Any]) -> tuple[Table | None, ...]:
+def _tables(run: Run, metrics: Metrics) -> tuple[Table | None, ...]:
     return (
         result_table(metrics),
         comparison_table(metrics),
         fusion_table(metrics),
         weight_table(metrics),
         reliability_table(metrics),
-        difficulty_table(metrics.get("difficulty", {})),
+        difficulty_table(metrics.difficulty),
         reason_table(run.candidates, run.detectors),
         kind_table(run.candidates, run.detectors),
-        stereo_table(metrics.get("stereo", {})),
+        stereo_table(metrics.stereo),
     )
 
 

@@ -76,7 +76,7 @@ class Story:
         mode = mode or run.modes[-1]
         if mode not in run.modes:
             raise RescoreError(f"mode: expected one of {', '.join(run.modes)}, got {mode!r}; choose one")
-        keys = [(str(r["detector"]), str(r["mode"])) for r in run.metrics["rows"]]
+        keys = [(row.detector, row.mode) for row in run.metrics.rows]
         found = {key: match_table(run, *key) for key in keys}
         points = {d: default_point(*(t for (own, _), t in found.items() if own == d)) for d in run.detectors}
         changes = {

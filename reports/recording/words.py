@@ -8,6 +8,7 @@ from reports.palette import OUTCOME_NAME, detector_name, mode_name
 from reports.recording.story import Story
 from reports.run.frame_view import CandidateView, FrameView
 from reports.run.inspection import GROUP_TEXT
+from rescore.results.candidate_file import ALONE
 from rescore.results.words import status_text
 
 _MAX_BARS = 8
@@ -71,10 +72,10 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         f"{detector_name(detector, short=True)}, {mode_name(mode)}.",
         score,
     ]
-    if story.run.metrics["n_cars"]:
+    if story.run.metrics.n_cars:
         lines.append(
             f"{_verdict(was)} before, {_verdict(now).lower()} after, at {story.points[detector].text}: "
-            f"least *l* {_least(story, detector, 'detector')}, least score {_least(story, detector, mode)}."
+            f"least *l* {_least(story, detector, ALONE)}, least score {_least(story, detector, mode)}."
         )
     if told is not None:
         lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
@@ -101,7 +102,7 @@ def _sum(story: Story, detector: str, c: CandidateView) -> str:
 
 
 def _terms_of_eq_7(story: Story, detector: str, c: CandidateView) -> tuple[Bar, ...]:
-    w = story.run.row(detector, story.mode_of(detector))["w"]
+    w = story.run.row(detector, story.mode_of(detector)).w
     if w is None or not np.isfinite(c.depth_difference) or c.likelihood <= 0 or c.depth_difference >= 1:
         return ()
     return (

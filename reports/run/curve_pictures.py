@@ -23,6 +23,7 @@ from reports.run.curves import (
     weight_chart,
     weight_line,
 )
+from rescore.results.metrics_file import TunedWeight
 from rescore.results.run_folder import Run
 
 STYLE: Any = {
@@ -56,7 +57,7 @@ def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:
 
     Nothing is drawn where no car is annotated: there is nothing to find.
     """
-    if not run.metrics["n_cars"]:
+    if not run.metrics.n_cars:
         return ()
     charts = curve_charts([DrawnCurves.of_mode(c) for c in curve_sets(run)], (run.metrics,))
     pictures = {name: list(charts[kind].values()) for kind, name in _PICTURES.items()}
@@ -71,7 +72,7 @@ def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:
     return tuple(folder / name for name in pictures)
 
 
-def weights_of_detectors(tuning: Mapping[str, Mapping[str, Any]]) -> Chart:
+def weights_of_detectors(tuning: Mapping[str, TunedWeight]) -> Chart:
     """The objective over w, a line a detector in its colour."""
     lines = [
         weight_line(
@@ -80,7 +81,7 @@ def weights_of_detectors(tuning: Mapping[str, Mapping[str, Any]]) -> Chart:
         for d, tuned in tuning.items()
     ]
     title = "Choice of w on the validation set"
-    return weight_chart(title, title, lines, next(iter(tuning.values()))["objective_name"])
+    return weight_chart(title, title, lines, next(iter(tuning.values())).objective_name)
 
 
 def draw_chart(ax: Axes, chart: Chart, legend_at: Any = "best") -> None:

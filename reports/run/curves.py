@@ -3,7 +3,7 @@
 Titles, axes and lines are said here once; the painters that ``reports.charts`` names draw them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +16,9 @@ from reports.run.tables import number, weight_text
 from rescore.metrics.curve_bands import Band, CurveBands
 from rescore.metrics.curves import Curve, candidate_roc, recall_curve
 from rescore.metrics.matching import MatchTable
-from rescore.results import candidate_file as candidate_columns
+from rescore.results import candidate_file
 from rescore.results.candidate_file import ALONE, score_column
+from rescore.results.metrics_file import Metrics, ReliabilityRow, Row, TunedWeight
 from rescore.results.run_folder import Run
 
 
@@ -43,7 +44,7 @@ class CurveSet:
     cars: Curve
     """x: false positives an image; y: share of all annotated cars found."""
     precision: PrecisionRecall
-    row: dict[str, Any]
+    row: Row
     """The row of metrics.json."""
 
     @property
@@ -54,8 +55,7 @@ class CurveSet:
 
 def match_table(run: Run, detector: str, mode: str) -> MatchTable:
     """The match table of one detector and mode, from candidates.parquet."""
-    n_images, n_cars = int(run.metrics["n_images"]), int(run.metrics["n_cars"])
-    return candidate_columns.match_table(run.of(detector), mode, n_images, n_cars)
+    return candidate_file.match_table(run.of(detector), mode, run.metrics.n_images, run.metrics.n_cars)
 
 
 def scores(run: Run, detector: str, mode: str) -> FloatArray:
@@ -65,10 +65,11 @@ def scores(run: Run, detector: str, mode: str) -> FloatArray:
 
 def curve_sets(run: Run) -> tuple[CurveSet, ...]:
     """The curves of every row of metrics.json, in its order."""
-    return tuple(_curve_set(run, str(row["detector"]), str(row["mode"])) for row in run.metrics["rows"])
+    return tuple(_curve_set(run, row) for row in run.metrics.rows)
 
 
-def _curve_set(run: Run, detector: str, mode: str) -> CurveSet:
+def _curve_set(run: Run, row: Row) -> CurveSet:
+    detector, mode = row.detector, row.mode
     match = match_table(run, detector, mode)
     score_of = dict(zip(match.ranking.tolist(), scores(run, detector, mode).tolist(), strict=True))
 
@@ -79,8 +80,7 @@ def _curve_set(run: Run, detector: str, mode: str) -> CurveSet:
     cars = named(recall_curve(match))
     hits, false = cars.y[1:] * match.n_cars, cars.x[1:] * match.n_images
     precision = PrecisionRecall(cars.y[1:], hits / (hits + false), cars.threshold[1:])
-    row = dict(run.row(detector, mode))
-    return CurveSet(detector, mode, row["w"], named(candidate_roc(match)), cars, precision, row)
+    return CurveSet(detector, mode, row.w, named(candidate_roc(match)), cars, precision, row)
 
 
 CARS, CANDIDATES, PRECISION = "Cars found", "Candidate ROC", "Precision and recall"
@@ -108,7 +108,7 @@ class DrawnCurves:
     def line(self, kind: str, left_fppi: float) -> Line:
         """The line of a kind of chart; the axis of false positives per image begins at ``left_fppi``."""
         c, b, row = self.curves, self.bands, self.curves.row
-        area, precision = f"area {number(row['auc'])}", f"AP {number(row['average_precision'])}"
+        area, precision = f"area {number(row.auc)}", f"AP {number(row.average_precision)}"
         common: dict[str, Any] = {"name": self.name, "look": self.look, "tags": self.tags}
         if kind == CANDIDATES:
             roc = c.candidate
@@ -126,21 +126,20 @@ class DrawnCurves:
         return Line(
             **common, figure=precision, x=c.cars.x, y=c.cars.y, threshold=c.cars.threshold, read="last",
             band=None if band is None else _band(band), step=True,
-            ceiling=row["recall_ceiling"] if c.mode == ALONE else None,
+            ceiling=row.recall_ceiling if c.mode == ALONE else None,
         )  # fmt: skip
 
 
-def curve_charts(
-    drawn: Sequence[DrawnCurves], metrics: Sequence[Mapping[str, Any]]
-) -> dict[str, dict[str, Chart]]:
+def curve_charts(drawn: Sequence[DrawnCurves], metrics: Sequence[Metrics]) -> dict[str, dict[str, Chart]]:
     """The three kinds of charts of some curves, by kind and by detector.
 
     Args:
         drawn: the curves.
-        metrics: the metrics.json of every run they come from.
+        metrics: the figures of every run they come from.
     """
     left = min(left_edge(m) for m in metrics)
-    cars, candidates, images = (count_text(metrics, key) for key in ("n_cars", "n_candidates", "n_images"))
+    cars, images = count_text(m.n_cars for m in metrics), count_text(m.n_images for m in metrics)
+    candidates = count_text(m.n_candidates for m in metrics)
     found = f"share of all {cars}annotated cars found"
     axes = {
         CARS: (
@@ -179,11 +178,11 @@ def weight_chart(title: str, alt: str, lines: Sequence[Line], objective: str) ->
     )
 
 
-def weight_line(name: str, look: Look, tags: tuple[str, ...], tuned: Mapping[str, Any]) -> Line:
+def weight_line(name: str, look: Look, tags: tuple[str, ...], tuned: TunedWeight) -> Line:
     """The objective over w of one tuning, with the chosen w marked."""
-    w, value = np.array(tuned["w_grid"], float), np.array(tuned["objective"], float)
-    u = tuned.get("uncertainty")
-    chosen = int(np.argmin(np.abs(w - tuned["w"])))
+    w, value = np.array(tuned.w_grid, float), np.array(tuned.objective, float)
+    u = tuned.uncertainty
+    chosen = int(np.argmin(np.abs(w - tuned.w)))
     return Line(
         name,
         f"w = {weight_text(tuned)}",
@@ -191,17 +190,17 @@ def weight_line(name: str, look: Look, tags: tuple[str, ...], tuned: Mapping[str
         w,
         value,
         tags,
-        broad=(u["low"], u["high"]) if u else None,
+        broad=None if u is None else (u.low, u.high),
         mark=(float(w[chosen]), float(value[chosen])),
     )
 
 
-def reliability_charts(shown: Sequence[Mapping[str, Any]]) -> dict[str, Chart]:
+def reliability_charts(shown: Sequence[ReliabilityRow]) -> dict[str, Chart]:
     """The share of hits over score in groups of candidates, by detector."""
     charts = {}
-    for detector in dict.fromkeys(str(r["detector"]) for r in shown):
+    for detector in dict.fromkeys(r.detector for r in shown):
         title = detector_name(detector)
-        lines = tuple(_reliability_line(r) for r in shown if r["detector"] == detector)
+        lines = tuple(_reliability_line(r) for r in shown if r.detector == detector)
         charts[detector] = Chart(
             title,
             alt_text(f"Share of hits over score, {title}", lines),
@@ -213,29 +212,29 @@ def reliability_charts(shown: Sequence[Mapping[str, Any]]) -> dict[str, Chart]:
     return charts
 
 
-def _reliability_line(r: Mapping[str, Any]) -> Line:
-    rate = np.array(r["hit_rate"], float)
+def _reliability_line(r: ReliabilityRow) -> Line:
+    rate = np.array(r.hit_rate, float)
     return Line(
-        mode_name(r["mode"]),
-        f"Brier {number(r['brier_score'])}",
-        Look.of_mode(r["mode"]),
-        np.array(r["likelihood"], float),
+        mode_name(r.mode),
+        f"Brier {number(r.brier_score)}",
+        Look.of_mode(r.mode),
+        np.array(r.likelihood, float),
         rate,
-        (r["mode"],),
-        text=tuple(f"{v:.1%} of {n} are hits" for v, n in zip(rate, r["count"], strict=True)),
+        (r.mode,),
+        text=tuple(f"{v:.1%} of {n} are hits" for v, n in zip(rate, r.count, strict=True)),
         markers=True,
-        bars={"low": np.array(r["low"], float), "high": np.array(r["high"], float)},
+        bars={"low": np.array(r.low, float), "high": np.array(r.high, float)},
     )
 
 
-def left_edge(metrics: Mapping[str, Any]) -> float:
+def left_edge(metrics: Metrics) -> float:
     """Left end of the log axis of false positives per image: half of one false positive in all images."""
-    return 0.5 / max(int(metrics["n_images"]), 1)
+    return 0.5 / max(metrics.n_images, 1)
 
 
-def count_text(metrics: Sequence[Mapping[str, Any]], key: str) -> str:
+def count_text(of_runs: Iterable[int]) -> str:
     """A number and a space where all runs have the same one, else nothing."""
-    values = {m[key] for m in metrics}
+    values = set(of_runs)
     return f"{values.pop()} " if len(values) == 1 else ""
 
 

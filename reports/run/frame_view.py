@@ -10,12 +10,12 @@ from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_cam
 from recon.depth_map import DepthMap
 from recon.errors import Failure
 from recon.reconstruction.reconstruct import Reconstruction
-from recon.stereo.sgbm import SgbmConfig
 from reports.run.curves import scores
 from reports.run.overlay import registered_depth, registered_relief
 from rescore.data.frames import DataSet, FrameRecord, Truth, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.evidence.align_depth import DepthAlignment, measured_depth
+from rescore.evidence.candidates import NUMBERS, alignment_of
 from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.files import Predicted, evidence_path, read_evidence
 from rescore.evidence.predicted import BoxPrediction
@@ -130,7 +130,7 @@ class FrameReader:
     def read(self, image_id: int) -> FrameView:
         """The frame of an image."""
         record = self.records[image_id]
-        frame = load_frame(record, SgbmConfig(**self._run.config.get("stereo", {})))
+        frame = load_frame(record, self._run.config.stereo)
         camera = frame.camera.left if frame.camera else default_camera(record.width_px, record.height_px)
         measured = measured_depth(frame.disparity_px, frame.camera)
         root = self._data.root
@@ -233,8 +233,7 @@ class _Table:
         return registered_depth(found.depth, self._alignment(i), inverse)
 
     def _alignment(self, i: int) -> DepthAlignment:
-        names = ("scale", "offset", "depth_difference", "valid_share", "stereo_low", "stereo_span")
-        return DepthAlignment(*(float(self._rows[name][i]) for name in names))
+        return alignment_of({name: float(self._rows[name][i]) for name in NUMBERS})
 
 
 def _found(found: Sequence[Predicted], rank: int) -> Reconstruction | BoxPrediction | None:

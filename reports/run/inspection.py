@@ -1,6 +1,6 @@
 """What rescoring changed in a run folder, as text: a summary, a table, and lines for other tools."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from rescore.results.candidate_file import ALONE, difference, status
 from rescore.results.changes import Group, OperatingPoint
 from rescore.results.explain import ExplainConfig, cues_of
 from rescore.results.inspection import Inspection
-from rescore.results.run_folder import Run, RunFolder
+from rescore.results.run_folder import Run
 
 GROUP_TEXT = {
     Group.LOST_CAR: "car lost",
@@ -65,7 +65,7 @@ def inspect_run(
         RescoreError: no such detector or mode, the point is never reached, or the model is another.
     """
     detector = _known("--detector", detector, run.detectors, 0)
-    modes = [str(r["mode"]) for r in run.metrics["rows"] if r["detector"] == detector]
+    modes = [row.mode for row in run.metrics.rows if row.detector == detector]
     rescored = tuple(m for m in modes if m != ALONE)
     if not rescored:
         raise RescoreError(
@@ -76,8 +76,8 @@ def inspect_run(
     return Inspection.of(
         run.of(detector),
         mode,
-        int(run.metrics["n_images"]),
-        int(run.metrics["n_cars"]),
+        run.metrics.n_images,
+        run.metrics.n_cars,
         point,
         model_of(run, detector, mode, evidence_model),
         explain_config(run),
@@ -102,7 +102,7 @@ def model_of(run: Run, detector: str, mode: str, file: Path | None = None) -> Ev
     """
     if mode not in list(LEARNED):
         return None
-    own = RunFolder(run.root).evidence_model(detector)
+    own = run.folder.evidence_model(detector)
     if file is None and not own.is_file():
         return None
     path = file or own
@@ -117,19 +117,15 @@ def model_of(run: Run, detector: str, mode: str, file: Path | None = None) -> Ev
 
 def explain_config(run: Run) -> ExplainConfig:
     """Settings of a run that the words need; without them sizes are told as multiples of a car's."""
-    cues: Any = run.config.get("config")
-    for key in ("rescore", "cues"):
-        cues = cues.get(key) if isinstance(cues, Mapping) else None
-    if not isinstance(cues, Mapping):
-        return ExplainConfig(height_m=None)
     try:
-        low, high = cues["guarded"]["scale_limits"]
-        return ExplainConfig(float(cues["surroundings"]["size_m"][2]), (float(low), float(high)))
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        cues = run.config.cues
+    except ValueError as error:
         raise RescoreError(
-            f"{run.root / 'config.json'}: expected the settings of a run, got {type(error).__name__} "
-            f"{error}; evaluate again"
+            f"{run.folder.config}: expected the settings of a run, got {error}; evaluate again"
         ) from error
+    if cues is None:
+        return ExplainConfig(height_m=None)
+    return ExplainConfig(cues.surroundings.size_m[2], cues.guarded.scale_limits)
 
 
 def summary(inspection: Inspection) -> str:

@@ -3,20 +3,27 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 
 from reports.palette import detector_name, mode_name
+from rescore.results.candidate_file import ALONE, Columns, of_mode
+from rescore.results.metrics_file import (
+    DetectorDifficulty,
+    Estimate,
+    Metrics,
+    StereoStatistics,
+    TunedWeight,
+)
+from rescore.results.sweep_file import SweptInterval
 from rescore.results.words import status_text
 
 RECALLS = ("0.5", "0.6", "0.7", "0.8")
 LEVEL = "0.7"
 """Recall at which the small tables compare."""
 RULE_TEXT = {
-    "detector": "detector alone",
+    ALONE: "detector alone",
     "depth": "depth alone, 1 − D",
     "product": "product, l (1 − D)",
     "maximum": "maximum of l and 1 − D",
@@ -29,7 +36,7 @@ TERMINAL_CAPTION = (
     "intervals of 95 %, paired over images."
 )
 _SPLIT_TEXT = {"all": "all splits"}
-_SHORT_MODE = {"detector": "alone"}
+_SHORT_MODE = {ALONE: "alone"}
 
 
 @dataclass(frozen=True)
@@ -60,52 +67,52 @@ class Table:
         return table
 
 
-def result_table(metrics: Mapping[str, Any]) -> Table:
+def result_table(metrics: Metrics) -> Table:
     """A row a detector and mode: w, areas, average precision, false positives per image, ceiling."""
     levels = (f"FP/image at {float(r):.0%}" for r in RECALLS)
     head = ("detector", "scores", "w", "area (ROC)", "average precision", *levels, "recall ceiling")
     rows = tuple(
         (
-            detector_name(row["detector"]),
-            mode_name(row["mode"]),
-            number(row["w"], 2),
-            number(row["auc"]),
-            number(row["average_precision"]),
-            *(number(row["fppi_at_recall"].get(r), 2) for r in RECALLS),
-            number(row["recall_ceiling"]),
+            detector_name(row.detector),
+            mode_name(row.mode),
+            number(row.w, 2),
+            number(row.auc),
+            number(row.average_precision),
+            *(number(row.fppi_at_recall.get(r), 2) for r in RECALLS),
+            number(row.recall_ceiling),
         )
-        for row in metrics["rows"]
+        for row in metrics.rows
     )
     return Table("Results on the test set", head, rows, text_columns=2)
 
 
-def short_table(metrics: Mapping[str, Any], levels: Sequence[str] = RECALLS) -> Table:
+def short_table(metrics: Metrics, levels: Sequence[str] = RECALLS) -> Table:
     """The results with short names and fewer columns; ``levels`` picks the recalls."""
     rows = tuple(
         (
-            f"{detector_name(row['detector'], short=True)}, {_SHORT_MODE.get(row['mode'], row['mode'])}",
-            number(row["w"], 2),
-            number(row["auc"]),
-            number(row["average_precision"]),
-            *(number(row["fppi_at_recall"].get(r), 2) for r in levels),
-            number(row["recall_ceiling"]),
+            f"{detector_name(row.detector, short=True)}, {_SHORT_MODE.get(row.mode, row.mode)}",
+            number(row.w, 2),
+            number(row.auc),
+            number(row.average_precision),
+            *(number(row.fppi_at_recall.get(r), 2) for r in levels),
+            number(row.recall_ceiling),
         )
-        for row in metrics["rows"]
+        for row in metrics.rows
     )
     head = ("detector, scores", "w", "area", "AP", *(f"{float(r):.0%}" for r in levels), "ceiling")
     return Table("Results on the test set", head, rows)
 
 
-def terminal_table(metrics: Mapping[str, Any]) -> RichTable:
+def terminal_table(metrics: Metrics) -> RichTable:
     """The result table for a terminal of 80 columns."""
     return short_table(metrics).rich(
-        f"{metrics['n_cars']} cars in {metrics['n_images']} images. area: under the candidate ROC. "
+        f"{metrics.n_cars} cars in {metrics.n_images} images. area: under the candidate ROC. "
         "AP: average precision. 50% to 80%: false positives per image where this share of all cars is found "
         "(– never). ceiling: share of the cars found by all candidates."
     )
 
 
-def reason_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table:
+def reason_table(columns: Columns, detectors: Sequence[str]) -> Table:
     """How many candidates of each detector had depth evidence, and why the others had none."""
     counts = {d: _counts([str(s) for s in columns["status"][columns["detector"] == d]]) for d in detectors}
     statuses = sorted({s for c in counts.values() for s in c}, key=lambda s: (s != "ok", s))
@@ -122,11 +129,11 @@ def reason_table(columns: Mapping[str, Any], detectors: Sequence[str]) -> Table:
     )
 
 
-def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], max_rows: int = 12) -> Table | None:
+def kind_table(columns: Columns, detectors: Sequence[str], max_rows: int = 12) -> Table | None:
     """What the false alarms show, by kind of rendered thing, most first; None where that is unknown."""
     if "kind" not in columns or not any(str(k) for k in columns["kind"]):
         return None
-    false = columns["outcome_detector"] == "false_alarm"
+    false = of_mode(columns, "outcome", ALONE) == "false_alarm"
     per = {
         d: _counts([str(k) or "unknown" for k in columns["kind"][false & (columns["detector"] == d)]])
         for d in detectors
@@ -144,35 +151,34 @@ def kind_table(columns: Mapping[str, Any], detectors: Sequence[str], max_rows: i
     )
 
 
-def difficulty_table(difficulty: Mapping[str, Any], max_kinds: int = 4) -> Table | None:
+def difficulty_table(difficulty: Mapping[str, DetectorDifficulty], max_kinds: int = 4) -> Table | None:
     """How hard the test set is for each detector alone, on well-seen cars; None where unknown."""
-    if not any(d["share_by_kind"] for d in difficulty.values()):
+    if not any(d.share_by_kind for d in difficulty.values()):
         return None
     rows = []
     for name, d in difficulty.items():
-        kinds = list(d["share_by_kind"].items())[:max_kinds]
+        kinds = list(d.share_by_kind.items())[:max_kinds]
         shown = ", ".join(
             f"{(kind or 'unknown').replace('_', ' ')} {percent(share)}" for kind, share in kinds
         )
-        row = (detector_name(name), str(d["n_cars"]), percent(d["recall_ceiling"]))
-        rows.append((*row, number(d["fppi_at_70"], 2), shown))
+        row = (detector_name(name), str(d.n_cars), percent(d.recall_ceiling))
+        rows.append((*row, number(d.fppi_at_70, 2), shown))
     header = ("detector", "cars", "found by a candidate", "FP/image at 70%", "what makes most of these")
     return Table("Difficulty: cars that are at least 60% visible, detector alone", header, tuple(rows))
 
 
-def stereo_table(stereo: Mapping[str, Any]) -> Table | None:
+def stereo_table(stereo: StereoStatistics) -> Table | None:
     """Error of the measured disparity by split and region; None where there is no truth to compare with."""
-    splits = stereo.get("splits", {})
     rows = tuple(
         (
             _SPLIT_TEXT.get(split, split),
             {"car": "cars"}.get(region, region),
-            percent(values.get("density")),
-            number(values.get("end_point_error_px"), 2),
-            percent(values.get("wrong_share")),
-            percent(values.get("wrong_share_measured")),
+            percent(values.density),
+            number(values.end_point_error_px, 2),
+            percent(values.wrong_share),
+            percent(values.wrong_share_measured),
         )
-        for split, regions in splits.items()
+        for split, regions in stereo.splits.items()
         for region, values in regions.items()
     )
     if not rows:
@@ -181,33 +187,33 @@ def stereo_table(stereo: Mapping[str, Any]) -> Table | None:
     return Table("Error of the measured disparity", head, rows, text_columns=2)
 
 
-def comparison_table(metrics: Mapping[str, Any]) -> Table | None:
+def comparison_table(metrics: Metrics) -> Table | None:
     """What each mode changes against the detector alone, with intervals of 95 %, a row a mode."""
     rows = tuple(
         (
-            detector_name(c["detector"]),
-            mode_name(c["mode"]),
-            *(factor(c["reduction"].get(level)) for level in RECALLS),
-            factor((c["reduction_without_pictures"] or {}).get(LEVEL)),
-            difference(c["auc_difference"]),
-            difference(c["average_precision_difference"]),
+            detector_name(c.detector),
+            mode_name(c.mode),
+            *(factor(c.reduction.get(level)) for level in RECALLS),
+            factor((c.reduction_without_pictures or {}).get(LEVEL)),
+            difference(c.auc_difference),
+            difference(c.average_precision_difference),
         )
-        for c in metrics.get("comparisons", ())
+        for c in metrics.comparisons
     )
     levels = (f"fewer FP at {float(r):.0%}" for r in RECALLS)
     head = ("detector", "scores", *levels, f"at {float(LEVEL):.0%} without pictures", "area", "AP")
     return Table("Change against the detector alone", head, rows, text_columns=2) if rows else None
 
 
-def terminal_comparison(metrics: Mapping[str, Any]) -> Table | None:
+def terminal_comparison(metrics: Metrics) -> Table | None:
     """The same for a terminal of 80 columns: short names, one recall, intervals below the figures."""
     rows = []
-    for c in metrics.get("comparisons", ()):
-        factors = (c["reduction"].get(LEVEL), (c["reduction_without_pictures"] or {}).get(LEVEL))
-        areas = (c["auc_difference"], c["average_precision_difference"])
+    for c in metrics.comparisons:
+        factors = (c.reduction.get(LEVEL), (c.reduction_without_pictures or {}).get(LEVEL))
+        areas = (c.auc_difference, c.average_precision_difference)
         rows.append(
             (
-                f"{detector_name(c['detector'], short=True)}, {c['mode']}",
+                f"{detector_name(c.detector, short=True)}, {c.mode}",
                 *(factor(f).replace(" (", "\n(", 1) for f in factors),
                 # no room for noughts before the point
                 *(difference(f).replace(" (", "\n(", 1).replace("0.", ".") for f in areas),
@@ -217,53 +223,53 @@ def terminal_comparison(metrics: Mapping[str, Any]) -> Table | None:
     return Table("Change against the detector alone", head, tuple(rows)) if rows else None
 
 
-def fusion_table(metrics: Mapping[str, Any]) -> Table | None:
+def fusion_table(metrics: Metrics) -> Table | None:
     """Eq. 7 beside other ways of fusing, a row a detector, mode and way."""
     rows = tuple(
         (
-            detector_name(f["detector"]),
-            mode_name(f["mode"]),
-            RULE_TEXT.get(f["rule"], f["rule"]),
-            number(f["auc"]),
-            number(f["average_precision"]),
-            number(f["fppi_at_recall"].get(LEVEL), 2),
+            detector_name(f.detector),
+            mode_name(f.mode),
+            RULE_TEXT.get(f.rule, f.rule),
+            number(f.auc),
+            number(f.average_precision),
+            number(f.fppi_at_recall.get(LEVEL), 2),
         )
-        for f in metrics.get("fusion", ())
-        if f["rule"] != "detector" or f["mode"] == _first_mode(metrics, f["detector"])
+        for f in metrics.fusion
+        if f.rule != ALONE or f.mode == _first_mode(metrics, f.detector)
     )
     head = ("detector", "D", "score", "area (ROC)", "average precision", f"FP/image at {float(LEVEL):.0%}")
     return Table("Ways of fusing likelihood and depth", head, rows, text_columns=3) if rows else None
 
 
-def reliability_table(metrics: Mapping[str, Any]) -> Table | None:
+def reliability_table(metrics: Metrics) -> Table | None:
     """Brier score and calibration error of likelihoods and posteriors."""
     rows = tuple(
         (
-            detector_name(r["detector"]),
-            mode_name(r["mode"]),
-            number(r["brier_score"]),
-            number(r["calibration_error"]),
+            detector_name(r.detector),
+            mode_name(r.mode),
+            number(r.brier_score),
+            number(r.calibration_error),
         )
-        for r in metrics.get("reliability", ())
+        for r in metrics.reliability
     )
     head = ("detector", "scores", "Brier score", "calibration error")
     return Table("Are scores probabilities?", head, rows, text_columns=2) if rows else None
 
 
-def weight_table(metrics: Mapping[str, Any]) -> Table | None:
+def weight_table(metrics: Metrics) -> Table | None:
     """The choice of w of every detector and mode with its interval."""
     rows = tuple(
         (
             detector_name(name),
             mode_name(mode),
-            number(t["w"], 2),
-            f"{t['uncertainty']['low']:.2f} to {t['uncertainty']['high']:.2f}",
-            "{:.2f} to {:.2f}".format(*t["uncertainty"]["plateau"]),
-            t["sentence"],
+            number(t.w, 2),
+            f"{t.uncertainty.low:.2f} to {t.uncertainty.high:.2f}",
+            "{:.2f} to {:.2f}".format(*t.uncertainty.plateau),
+            t.sentence,
         )
-        for name, tuning in metrics.get("tuning", {}).items()
-        for mode, t in tuning.get("modes", {}).items()
-        if t.get("uncertainty")
+        for name, tuning in metrics.tuning.items()
+        for mode, t in tuning.modes.items()
+        if t.uncertainty is not None
     )
     head = ("detector", "scores", "w", "95 % interval", "within one standard error", "what the data tell")
     return Table("The weight w on the validation set", head, rows, text_columns=6) if rows else None
@@ -279,54 +285,47 @@ def number(value: float | None, digits: int = 3) -> str:
     return "–" if value is None or math.isnan(value) else f"{value:.{digits}f}"
 
 
-def as_float(value: float | str | None) -> float:
-    """A number of sweep.json: "inf" is infinity, null undefined."""
-    return float("nan") if value is None else float(value)
-
-
-def number_text(value: float | str | None, digits: int) -> str:
-    """A number of sweep.json for people; "never" where it is infinite."""
-    number = as_float(value)
-    if np.isnan(number):
+def number_text(value: float, digits: int) -> str:
+    """A figure of a study for people; "never" where it is infinite."""
+    if math.isnan(value):
         return "-"
-    return "never" if np.isinf(number) else f"{number:.{digits}f}"
+    return "never" if math.isinf(value) else f"{value:.{digits}f}"
 
 
-def interval_text(interval: Mapping[str, Any]) -> str:
-    """An interval of sweep.json for people."""
+def interval_text(interval: SweptInterval) -> str:
+    """A figure of a study with its interval for people."""
 
-    def text(part: str) -> str:
-        number = as_float(interval[part])
-        return "-" if np.isnan(number) else "inf" if np.isinf(number) else f"{number:.2f}"
+    def text(value: float) -> str:
+        return "-" if math.isnan(value) else "inf" if math.isinf(value) else f"{value:.2f}"
 
-    return f"{text('value')} [{text('low')}, {text('high')}]"
+    return f"{text(interval.value)} [{text(interval.low)}, {text(interval.high)}]"
 
 
-def weight_text(tuned: Mapping[str, Any]) -> str:
+def weight_text(tuned: TunedWeight) -> str:
     """The chosen w with its interval, where it is known."""
-    u = tuned.get("uncertainty")
-    return f"{tuned['w']:g}" + (f" ({u['low']:.2f} to {u['high']:.2f})" if u else "")
+    u = tuned.uncertainty
+    return f"{tuned.w:g}" + ("" if u is None else f" ({u.low:.2f} to {u.high:.2f})")
 
 
-def in_interval(tuned: Mapping[str, Any]) -> list[bool]:
-    """Which w of the grid lie in the interval of the chosen one, which is known."""
-    u = tuned["uncertainty"]
-    return [u["low"] <= w <= u["high"] for w in tuned["w_grid"]]
+def in_interval(tuned: TunedWeight) -> list[bool]:
+    """Which w of the grid lie in the interval of the chosen one; none where it is not known."""
+    u = tuned.uncertainty
+    return [u is not None and u.low <= w <= u.high for w in tuned.w_grid]
 
 
-def factor(figure: Mapping[str, Any] | None) -> str:
+def factor(figure: Estimate | None) -> str:
     """A reduction factor with its interval; a dash where it is undefined."""
-    if figure is None or figure["interval"] is None:
+    if figure is None or figure.interval is None:
         return "–"
-    low, high = (_factor(end) for end in figure["interval"])
-    return f"{_factor(figure['value'])} ({low}–{high})"
+    low, high = (_factor(end) for end in figure.interval)
+    return f"{_factor(figure.value)} ({low}–{high})"
 
 
-def difference(figure: Mapping[str, Any]) -> str:
+def difference(figure: Estimate) -> str:
     """A signed difference with its interval; a dash where it is undefined."""
-    if figure["interval"] is None:
+    if figure.interval is None:
         return "–"
-    value, low, high = (f"{v:+.3f}".replace("-", "−") for v in (figure["value"], *figure["interval"]))
+    value, low, high = (f"{v:+.3f}".replace("-", "−") for v in (figure.value, *figure.interval))
     return f"{value} ({low}, {high})"
 
 
@@ -341,6 +340,6 @@ def _factor(value: float | None) -> str:
     return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}"
 
 
-def _first_mode(metrics: Mapping[str, Any], detector: str) -> str:
+def _first_mode(metrics: Metrics, detector: str) -> str:
     """The mode beside which the detector alone is shown, once."""
-    return next(str(f["mode"]) for f in metrics["fusion"] if f["detector"] == detector)
+    return next(f.mode for f in metrics.fusion if f.detector == detector)

@@ -1,9 +1,8 @@
 """Pictures and table of the bank of distractors: D by kind and mode, and one example of each kind."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import matplotlib as mpl
@@ -15,7 +14,7 @@ from recon.files import atomic_path
 from reports.palette import GREEN, GREY, VERMILION, mode_name, rgb
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table
-from rescore.studies.distractors import Judged
+from rescore.studies.distractors import BankResult, Judged
 
 _TILE = (250, 120)
 """Width and height in pixels of the picture and of the disparity of an example."""
@@ -35,9 +34,9 @@ class Example:
     xyxy_px: FloatArray
 
 
-def draw_bank(folder: Path, value: Mapping[str, Any], first: Sequence[Judged]) -> None:
+def draw_bank(folder: Path, bank: BankResult, first: Sequence[Judged]) -> None:
     """Draw ``distractors.png`` and ``examples.png`` of what ``judge_bank_of_run`` found."""
-    draw_boxes(folder / "distractors.png", value)
+    draw_boxes(folder / "distractors.png", bank)
     draw_examples(folder / "examples.png", [example for one in first for example in _examples(one)])
 
 
@@ -51,20 +50,20 @@ def _examples(judged: Judged) -> list[Example]:
     return [Example(title, caption, frame.left_rgb, frame.disparity_px, judged.item.xyxy_px)]
 
 
-def distractor_text(value: Mapping[str, Any]) -> str:
+def distractor_text(bank: BankResult) -> str:
     """Table and text of the bank in Markdown, without pictures."""
-    modes = list(value["cut"])
+    modes = list(bank.cut)
     cuts = "\n".join(
-        f"- {mode}: posters {_times(cut['posters'])}, all distractors {_times(cut['all'])}; posters where "
-        f"half of the cars are dark {_times(cut['posters_dark'])}"
-        for mode, cut in value["cut"].items()
+        f"- {mode}: posters {_times(cut.posters)}, all distractors {_times(cut.all)}; posters where "
+        f"half of the cars are dark {_times(cut.posters_dark)}"
+        for mode, cut in bank.cut.items()
     )
-    lower = {m: [k["title"] for k in value["kinds"] if m in k["below_cars"]] for m in modes}
+    lower = {m: [k.title for k in bank.kinds if m in k.below_cars] for m in modes}
     failing = "\n".join(f"- {mode}: {', '.join(kinds) or 'none'}" for mode, kinds in lower.items())
     return "\n\n".join(
         [
-            distractor_table(value).markdown().rstrip(),
-            f"How many times fewer distractors than cars pass the threshold on D that {value['recall']:.0%} "
+            distractor_table(bank).markdown().rstrip(),
+            f"How many times fewer distractors than cars pass the threshold on D that {bank.recall:.0%} "
             "of the cars pass (without depth as many pass). Posters are boards, murals and prints on "
             "vehicles.",
             cuts,
@@ -74,16 +73,16 @@ def distractor_text(value: Mapping[str, Any]) -> str:
     )
 
 
-def distractor_table(value: Mapping[str, Any]) -> Table:
+def distractor_table(bank: BankResult) -> Table:
     """A row a kind: number of things, median and quartiles of D in each mode."""
-    modes = list(value["cut"])
+    modes = list(bank.cut)
     rows = []
-    for kind in value["kinds"]:
-        row = [kind["title"], str(kind["count"])]
+    for kind in bank.kinds:
+        row = [kind.title, str(kind.count)]
         for mode in modes:
-            d = kind["d"][mode]
-            row += ["-" if d["median"] is None else f"{d['median']:.2f} [{d['low']:.2f}, {d['high']:.2f}]"]
-            row += [str(d["without"])]
+            d = kind.d[mode]
+            row += ["-" if d.median is None else f"{d.median:.2f} [{d.low:.2f}, {d.high:.2f}]"]
+            row += [str(d.without)]
         rows.append(tuple(row))
     head = ["kind", "things"]
     for mode in modes:
@@ -91,14 +90,14 @@ def distractor_table(value: Mapping[str, Any]) -> Table:
     return Table("", tuple(head), tuple(rows))
 
 
-def draw_boxes(path: Path, value: Mapping[str, Any]) -> None:
+def draw_boxes(path: Path, bank: BankResult) -> None:
     """Box plots of D by kind, a panel a mode; true cars are green."""
-    modes, kinds = list(value["cut"]), value["kinds"]
+    modes, kinds = list(bank.cut), bank.kinds
     with mpl.rc_context(STYLE | {"font.size": 10}):
         figure = Figure(figsize=(4.0 * len(modes) + 1.5, 0.36 * len(kinds) + 1.2), layout="constrained")
         axes = figure.subplots(1, len(modes), sharey=True, squeeze=False)[0]
         for ax, mode in zip(axes, modes, strict=True):
-            values = [[v for v in k["values"][mode] if v is not None] for k in kinds]
+            values = [[v for v in k.values[mode] if v is not None] for k in kinds]
             drawn = ax.boxplot(
                 values,
                 orientation="horizontal",
@@ -108,9 +107,9 @@ def draw_boxes(path: Path, value: Mapping[str, Any]) -> None:
                 flierprops={"markersize": 2.5},
             )
             for box, kind in zip(drawn["boxes"], kinds, strict=True):
-                box.set_facecolor(GREEN if kind["is_car"] else GREY)
+                box.set_facecolor(GREEN if kind.is_car else GREY)
                 box.set_alpha(0.75)
-            ax.set_yticks(range(1, len(kinds) + 1), [k["title"] for k in kinds])
+            ax.set_yticks(range(1, len(kinds) + 1), [k.title for k in kinds])
             ax.invert_yaxis()
             ax.set_title(mode_name(mode))
             ax.set_xlabel("D")
@@ -172,5 +171,5 @@ def _coloured(disparity_px: Float32Array) -> UInt8Array:
     return np.where(known[..., None], colour, 40).astype(np.uint8)
 
 
-def _times(value: float | str) -> str:
-    return "no distractor passes" if value == "inf" else f"{float(value):.1f} times"
+def _times(value: float) -> str:
+    return "no distractor passes" if np.isinf(value) else f"{value:.1f} times"

@@ -5,16 +5,20 @@ Copies numbers and reduced pictures of a finished ``rescore localize`` and write
 
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 
-from recon.errors import RescoreError
+from recon.errors import Failure, RescoreError
 from recon.files import atomic_path
-from rescore.files import read_json
-from rescore.studies.localization.scores import METHOD_NAME, METHODS, from_row, markdown_table
+from rescore.studies.localization.result_file import (
+    LocalizationResult,
+    Placement,
+    read_localization,
+    scores_by_car,
+)
+from rescore.studies.localization.scores import METHOD_NAME, METHODS, Score, markdown_table
 
 _MOST_BYTES = 400_000
 _FLIPPED_DEG = 90.0
@@ -73,7 +77,7 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
         RescoreError: no finished run there.
     """
     source = run_dir / "localization.json"
-    value = read_json(source, "a finished `rescore localize`")
+    result = read_localization(source)
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(source, folder / source.name)
     drawn = [name for name in PICTURES if (run_dir / f"{name}.png").is_file()]
@@ -81,27 +85,27 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
         _reduce(run_dir / f"{name}.png", folder / f"{name}.jpg")
     readme = folder / "README.md"
     with atomic_path(readme) as beside:
-        beside.write_text(page(value, command, drawn), encoding="utf-8")
+        beside.write_text(page(result, command, drawn), encoding="utf-8")
     return readme
 
 
-def page(value: Mapping[str, Any], command: str, drawn: Sequence[str]) -> str:
+def page(result: LocalizationResult, command: str, drawn: Sequence[str]) -> str:
     """The page from the numbers of ``localization.json``."""
-    rows = value["placements"]
+    rows = result.placements
     parts = [
         "# Localization of model cars (section 5.1 of the report)",
-        f"Made by `{command}`: {len(rows)} placements of {len({r['car'] for r in rows})} cars.\n"
+        f"Made by `{command}`: {len(rows)} placements of {len({r.car for r in rows})} cars.\n"
         "`localization.json` holds the numbers of every placement.",
-        _summary(value),
+        _summary(result),
         _WHAT,
         "## Flipped and lost\n\n" + "\n".join(_remarks(rows)),
-        "## By car\n\n" + markdown_table(_by_car(rows)).rstrip(),
+        "## By car\n\n" + markdown_table(scores_by_car(rows)).rstrip(),
         *(f"![{PICTURES[name]}]({name}.jpg)\n\n{PICTURES[name]}." for name in drawn),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _summary(value: Mapping[str, Any]) -> str:
+def _summary(result: LocalizationResult) -> str:
     """A row a method, the report's own figures beside ours."""
     lines = [
         "| method | overlap % | centroid mm | orientation deg | without flips deg | flipped | lost | "
@@ -109,56 +113,44 @@ def _summary(value: Mapping[str, Any]) -> str:
         "|---|" + "---:|" * 9,
     ]
     for method in METHODS:
-        mean = value["methods"][method]
+        mean = result.methods[method]
         # both of ours answer to the one 3DP row of the report
-        theirs = value["report"]["single_plane" if method == "single_plane" else "3dp"]
-        turns = [
-            r["methods"][method]["orientation_deg"]
-            for r in value["placements"]
-            if "orientation_deg" in r["methods"][method]
-        ]
+        theirs = result.report["single_plane" if method == "single_plane" else "3dp"]
+        scores = [r.methods[method] for r in result.placements]
+        turns = [s.orientation_deg for s in scores if isinstance(s, Score)]
         right = [t for t in turns if t <= _FLIPPED_DEG]
         cells = [
             METHOD_NAME[method],
-            _percent(mean["overlap"]),
-            _number(mean["centroid_mm"]),
-            _number(mean["orientation_deg"]),
+            _percent(mean.overlap),
+            _number(mean.centroid_mm),
+            _number(mean.orientation_deg),
             _number(sum(right) / len(right) if right else None),
             str(len(turns) - len(right)),
-            str(mean["lost"]),
-            _percent(theirs.get("overlap")),
-            _number(theirs.get("centroid_mm")),
-            _number(theirs.get("orientation_deg")),
+            str(mean.lost),
+            _percent(theirs.overlap),
+            _number(theirs.centroid_mm),
+            _number(theirs.orientation_deg),
         ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def _remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _remarks(rows: Sequence[Placement]) -> list[str]:
     """A line a method that names placements turned the wrong way, and those lost with their reasons."""
     lines = []
     for method in METHODS:
         flipped, lost = [], []
         for i, row in enumerate(rows):
-            result = row["methods"][method]
-            if "reason" in result:
-                lost.append(f"{i} {row['car']} ({result['reason']})")
-            elif result["orientation_deg"] > _FLIPPED_DEG:
-                flipped.append(f"{i} {row['car']}")
+            found = row.methods[method]
+            if isinstance(found, Failure):
+                lost.append(f"{i} {row.car} ({found.reason})")
+            elif found.orientation_deg > _FLIPPED_DEG:
+                flipped.append(f"{i} {row.car}")
         lines.append(
             f"- {METHOD_NAME[method]}: turned by more than {_FLIPPED_DEG:.0f} degrees: "
             f"{', '.join(flipped) or 'none'}; lost: {', '.join(lost) or 'none'}."
         )
     return lines
-
-
-def _by_car(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[Any]]]:
-    out: dict[str, dict[str, list[Any]]] = {}
-    for row in rows:
-        scores = out.setdefault(row["car"], {m: [] for m in METHODS})
-        for method in METHODS:
-            scores[method].append(from_row(row["methods"][method]))
-    return out
 
 
 def _percent(value: float | None) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -12,7 +11,9 @@ from matplotlib.figure import Figure
 from recon.files import atomic_path
 from reports.palette import DARK_GREY, detector_name, mode_colour, mode_name
 from reports.run.curve_pictures import STYLE
-from reports.run.tables import Table, as_float, interval_text, number_text
+from reports.run.tables import Table, interval_text, number_text
+from rescore.results.candidate_file import ALONE
+from rescore.results.sweep_file import SweepPoint, SweepResult, SweptDial, VisibilityGroup
 
 _COLUMNS = 4
 _FACTORS = (0.1, 30.0)
@@ -27,90 +28,90 @@ FIGURES = {
 """The pictures with what a person reads in their place."""
 
 
-def write_sweep_page(value: Mapping[str, Any], out: Path) -> Path:
-    """Draw the curves of a sweep (content of sweep.json) into a folder, with README.md; returns the page."""
-    dials = value["dials"]
+def write_sweep_page(sweep: SweepResult, out: Path) -> Path:
+    """Draw the curves of a sweep into a folder, with README.md; returns the page."""
+    dials = sweep.dials
     _draw(out / "reduction.png", dials, _reduction)
     _draw(out / "fppi.png", dials, _false_positives)
     _draw(out / "area.png", dials, _area)
     with atomic_path(out / "README.md") as beside:
-        beside.write_text(sweep_text(value))
+        beside.write_text(sweep_text(sweep))
     return out / "README.md"
 
 
-def sweep_text(value: Mapping[str, Any]) -> str:
+def sweep_text(sweep: SweepResult) -> str:
     """The page of a sweep in Markdown."""
     parts = [
         "# Where depth evidence breaks",
-        f"{detector_name(value['detector'])}, {value['n_images']} test images. The input of the depth "
+        f"{detector_name(sweep.detector)}, {sweep.n_images} test images. The input of the depth "
         "evidence is spoilt step by step; detector, models and weights stay those of the run, and the "
         "picture that detector and reconstruction see stays as it is. Level 0 is the input as it is.",
         *(f"![{text}]({name})\n\n{text}." for name, text in FIGURES.items()),
         "## Significant losses",
-        losses_text(value["dials"]),
+        losses_text(sweep.dials),
         *(
-            f"## {name}: {dial['what']}\n\n{dial_table(dial['points']).markdown()}".rstrip()
-            for name, dial in value["dials"].items()
+            f"## {name}: {dial.what}\n\n{dial_table(dial.points).markdown()}".rstrip()
+            for name, dial in sweep.dials.items()
         ),
         "Factor: false positives an image of the detector alone over those with depth, both where 70 % of "
         "all cars are found, with its interval of 95 % (paired, images drawn with replacement). *Loss*: the "
         "whole interval lies below 1.",
         "## By how much of a car is seen",
-        visibility_table(value["visibility"]).markdown().rstrip(),
+        visibility_table(sweep.visibility).markdown().rstrip(),
         "Only the cars of the group count in each row; the others are neither hits nor false positives.",
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def losses_text(dials: Mapping[str, Any]) -> str:
+def losses_text(dials: Mapping[str, SweptDial]) -> str:
     """Where depth makes significantly more false positives, as a list; or that it nowhere does."""
     rows = [
-        f"- {dial['what']}, level {_level(point['level'])}: {mode}, factor {interval_text(f['reduction'])}"
+        f"- {dial.what}, level {_level(point.level)}: {mode}, factor {interval_text(f.reduction)}"
         for dial in dials.values()
-        for point in dial["points"]
-        for mode, f in point["figures"].items()
-        if f["significant_loss"]
+        for point in dial.points
+        for mode, f in point.figures.items()
+        if f.significant_loss and f.reduction is not None
     ]
     return "\n".join(rows) if rows else "None: at no level of no dial is the gain significantly negative."
 
 
-def dial_table(points: Sequence[Mapping[str, Any]]) -> Table:
+def dial_table(points: Sequence[SweepPoint]) -> Table:
     """A row a level: false positives, area and factor of each mode."""
-    modes = list(points[0]["figures"])
+    modes = list(points[0].figures)
     head = ["level"]
     for mode in modes:
-        head += [f"FP/image {mode}"] + ([] if mode == "detector" else [f"factor {mode}"])
+        head += [f"FP/image {mode}"] + ([] if mode == ALONE else [f"factor {mode}"])
     head += [f"area {mode}" for mode in modes]
     rows = []
     for point in points:
-        row = [_level(point["level"])]
+        row = [_level(point.level)]
         for mode in modes:
-            f = point["figures"][mode]
-            row.append(number_text(f["fppi"]["value"], 2))
-            if f["reduction"]:
-                row.append(interval_text(f["reduction"]) + (" *loss*" if f["significant_loss"] else ""))
-        row += [number_text(point["figures"][mode]["auc"]["value"], 3) for mode in modes]
+            f = point.figures[mode]
+            row.append(number_text(f.fppi.value, 2))
+            if f.reduction:
+                row.append(interval_text(f.reduction) + (" *loss*" if f.significant_loss else ""))
+        row += [number_text(point.figures[mode].auc.value, 3) for mode in modes]
         rows.append(tuple(row))
     return Table("", tuple(head), tuple(rows), text_columns=0)
 
 
-def visibility_table(groups: Sequence[Mapping[str, Any]]) -> Table:
+def visibility_table(groups: Sequence[VisibilityGroup]) -> Table:
     """A row a group of cars by their visible share."""
-    modes = list(groups[0]["figures"]) if groups else []
+    modes = list(groups[0].figures) if groups else []
     head = ["visible share", "cars", *(f"FP/image {m}" for m in modes)]
-    head += [f"factor {m}" for m in modes if m != "detector"]
+    head += [f"factor {m}" for m in modes if m != ALONE]
     rows = []
     for group in groups:
-        figures = group["figures"]
-        low, high = group["visible"]
-        row = [f"{low:.0%} to {high:.0%}", str(group["n_cars"])]
-        row += [number_text(figures[m]["fppi"]["value"], 2) for m in modes]
-        row += [interval_text(figures[m]["reduction"]) for m in modes if m != "detector"]
+        figures = group.figures
+        low, high = group.visible
+        row = [f"{low:.0%} to {high:.0%}", str(group.n_cars)]
+        row += [number_text(figures[m].fppi.value, 2) for m in modes]
+        row += [interval_text(f) for m in modes if (f := figures[m].reduction) is not None]
         rows.append(tuple(row))
     return Table("", tuple(head), tuple(rows))
 
 
-def _draw(path: Path, dials: Mapping[str, Any], panel: Callable[[Axes, Mapping[str, Any]], None]) -> None:
+def _draw(path: Path, dials: Mapping[str, SweptDial], panel: Callable[[Axes, SweptDial], None]) -> None:
     rows = -(-len(dials) // _COLUMNS)
     columns = min(_COLUMNS, len(dials))
     with mpl.rc_context(STYLE | {"font.size": 9, "axes.titlesize": 9.5, "axes.labelsize": 8.5}):
@@ -119,7 +120,7 @@ def _draw(path: Path, dials: Mapping[str, Any], panel: Callable[[Axes, Mapping[s
         for ax, (name, dial) in zip(axes, dials.items(), strict=False):
             panel(ax, dial)
             ax.set_title(name)
-            ax.set_xlabel(dial["what"])
+            ax.set_xlabel(dial.what)
         for ax in axes[len(dials) :]:
             ax.set_axis_off()
         handles, labels = axes[0].get_legend_handles_labels()
@@ -129,20 +130,15 @@ def _draw(path: Path, dials: Mapping[str, Any], panel: Callable[[Axes, Mapping[s
             figure.savefig(beside, dpi=110)
 
 
-def _curve(dial: Mapping[str, Any], mode: str, figure: str, part: str) -> list[float]:
-    return [as_float(p["figures"][mode][figure][part]) for p in dial["points"]]
+def _modes(dial: SweptDial) -> list[str]:
+    return list(dial.points[0].figures)
 
 
-def _modes(dial: Mapping[str, Any]) -> list[str]:
-    return list(dial["points"][0]["figures"])
-
-
-def _reduction(ax: Axes, dial: Mapping[str, Any]) -> None:
-    at = [p["level"] for p in dial["points"]]
-    for mode in [m for m in _modes(dial) if m != "detector"]:
-        value, low, high = (
-            np.clip(_curve(dial, mode, "reduction", part), *_FACTORS) for part in ("value", "low", "high")
-        )
+def _reduction(ax: Axes, dial: SweptDial) -> None:
+    at = [p.level for p in dial.points]
+    for mode in [m for m in _modes(dial) if m != ALONE]:
+        factors = [f for p in dial.points if (f := p.figures[mode].reduction) is not None]
+        value, low, high = np.clip(np.array([(f.value, f.low, f.high) for f in factors]).T, *_FACTORS)
         colour = mode_colour(mode)
         ax.fill_between(at, low, high, color=colour, alpha=0.13, linewidth=0)
         ax.plot(at, value, color=colour, marker="o", markersize=3, label=mode_name(mode))
@@ -154,10 +150,10 @@ def _reduction(ax: Axes, dial: Mapping[str, Any]) -> None:
     ax.set_ylabel("times fewer")
 
 
-def _false_positives(ax: Axes, dial: Mapping[str, Any]) -> None:
+def _false_positives(ax: Axes, dial: SweptDial) -> None:
     for mode in _modes(dial):
-        value = np.clip(_curve(dial, mode, "fppi", "value"), *_FALSE)
-        at = [p["level"] for p in dial["points"]]
+        value = np.clip([p.figures[mode].fppi.value for p in dial.points], *_FALSE)
+        at = [p.level for p in dial.points]
         ax.plot(at, value, color=mode_colour(mode), marker="o", markersize=3, label=mode_name(mode))
     ax.set_yscale("log")
     ax.set_yticks([0.1, 0.3, 1, 3, 10], ["0.1", "0.3", "1", "3", "10"])
@@ -165,10 +161,10 @@ def _false_positives(ax: Axes, dial: Mapping[str, Any]) -> None:
     ax.set_ylabel("false positives an image")
 
 
-def _area(ax: Axes, dial: Mapping[str, Any]) -> None:
+def _area(ax: Axes, dial: SweptDial) -> None:
     for mode in _modes(dial):
-        at = [p["level"] for p in dial["points"]]
-        value = _curve(dial, mode, "auc", "value")
+        at = [p.level for p in dial.points]
+        value = [p.figures[mode].auc.value for p in dial.points]
         ax.plot(at, value, color=mode_colour(mode), marker="o", markersize=3, label=mode_name(mode))
     ax.set_ylabel("area")
 

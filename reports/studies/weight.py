@@ -1,7 +1,6 @@
 """The page on the width of w: what tuning on 20, 100 or 500 validation images chooses."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,7 @@ from matplotlib.figure import Figure
 from recon.files import atomic_path
 from reports.palette import detector_name, mode_colour, mode_name
 from reports.run.tables import Table, number
-from rescore.files import json_values, write_json
-from rescore.studies.weight import WeightStudy
+from rescore.studies.weight import WeightStudy, write_weights
 
 
 def write_weight_study(studies: Sequence[WeightStudy], folder: Path, command: str) -> Path:
@@ -20,7 +18,7 @@ def write_weight_study(studies: Sequence[WeightStudy], folder: Path, command: st
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_path(folder / "weight.png") as beside:
         draw_widths(studies).savefig(beside, format="png", dpi=120, metadata={"Software": ""})
-    write_json(folder / "weight.json", [_numbers(s) for s in studies])
+    write_weights(folder / "weight.json", studies)
     page = folder / "README.md"
     with atomic_path(page) as beside:
         beside.write_text(_page(studies, command), encoding="utf-8")
@@ -85,21 +83,6 @@ def _draw_objective(ax: Axes, studies: Sequence[WeightStudy]) -> None:
         ax.plot([s.w], [s.value[int(np.argmin(np.abs(s.grid - s.w)))]], "o", color=colour)
     ax.set(xlabel="w: 0 trusts the depth alone, 1 the detector alone", xlim=(-0.02, 1.02))
     ax.spines[["top", "right"]].set_visible(False)
-
-
-def _numbers(study: WeightStudy) -> dict[str, object]:
-    return {
-        "detector": study.detector,
-        "registration": study.registration.value,
-        "objective_name": study.objective,
-        "n_images": study.n_images,
-        "n_cars": study.n_cars,
-        "n_draws": study.n_draws,
-        "w": study.w,
-        "w_grid": study.grid.tolist(),
-        "objective": json_values(study.value.tolist()),
-        "widths": json_values([asdict(width) for width in study.widths]),
-    }
 
 
 def _sentences(studies: Sequence[WeightStudy]) -> str:

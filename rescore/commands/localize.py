@@ -40,7 +40,7 @@ def localize(
     tally = write_localization(study, out, jobs)
     tally.save(out, study, meshes)
     if as_json:
-        print_json(tally.as_json())
+        print_json(tally.result.model_dump(mode="json"))
     else:
         print(markdown_table(tally.by_car))
     say(f"localization: {out / 'localization.json'}")

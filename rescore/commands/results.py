@@ -3,7 +3,7 @@
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,6 +20,9 @@ from rescore.commands.base import (
 )
 from rescore.commands.depth_source import predictions_behind
 from rescore.speech import say
+
+if TYPE_CHECKING:
+    from rescore.results.metrics_file import Metrics
 
 
 @app.command()
@@ -46,9 +49,10 @@ def evaluate(
     Example: [bold]rescore evaluate data/demo rescored_hog.json rescored_boosted.json --out runs/mine[/bold]
     """
     from rescore.evidence.settings import RescoreConfig, with_stereo_for
-    from rescore.experiment.reproduce import write_run_config
     from rescore.fusion.tuning_file import load_tuning
     from rescore.results.evaluate import evaluate as evaluate_files
+    from rescore.results.run_config_file import write_run_config
+    from rescore.results.run_folder import RunFolder
 
     data = read_split(dataset, split)
     files = [detections_of(path, data) for path in detections]
@@ -57,13 +61,13 @@ def evaluate(
     settings |= predictions_behind(detections)
     stereo = with_stereo_for(RescoreConfig(), data, disparities).stereo
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
-    write_run_config(out, "evaluate", settings, None, stereo=stereo, data=dataset)
+    write_run_config(RunFolder(out).config, "evaluate", settings, None, stereo=stereo, data=dataset)
     _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
     if report:
         from reports.page.html import build_report
 
         build_report(out)
-    shown = {"report": out / "report.html"} if report else {"figures": out / "metrics.json"}
+    shown = {"report": out / "report.html"} if report else {"figures": RunFolder(out).metrics}
     print_results(metrics, shown, as_json)
 
 
@@ -139,21 +143,21 @@ def log(
     say(f"recording: {file} (open it with: rerun {file})")
 
 
-def print_results(metrics: dict[str, Any], paths: dict[str, Path], as_json: bool) -> None:
+def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> None:
     """Print the table of results, what rescoring changed, and where the files are."""
     if as_json:
-        print_json(metrics | {"files": {name: str(path) for name, path in paths.items()}})
+        print_json(metrics.as_json() | {"files": {name: str(path) for name, path in paths.items()}})
         return
     from rich.console import Console
 
     from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table
 
     console = Console()
-    if not metrics["n_cars"]:
+    if not metrics.n_cars:
         say("no car is annotated in these frames: nothing is counted as right or wrong")
     else:
         console.print(terminal_table(metrics))
-    comparison = terminal_comparison(metrics) if metrics["n_cars"] else None
+    comparison = terminal_comparison(metrics) if metrics.n_cars else None
     if comparison is not None:
         console.print(comparison.rich(TERMINAL_CAPTION))
     for name, path in paths.items():

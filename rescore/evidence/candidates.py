@@ -1,6 +1,6 @@
 """Candidates of one frame, and tables of many frames' candidates with depth evidence and posterior."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -60,6 +60,13 @@ class Candidates:
     def none(image_id: int) -> "Candidates":
         """An image without candidates."""
         return Candidates(image_id, np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+
+
+NUMBERS = ("depth_difference", "scale", "offset", "valid_share", "stereo_low", "stereo_span")
+"""Fields of ``CandidateTable`` that are the numbers of eq. 6. Files of detections and tables of candidates
+hold each under its name; a further one is added here, as a field, and to ``DepthAlignment``."""
+_IN_ALIGNMENT = {"depth_difference": "difference"}
+"""Names in ``DepthAlignment``, where they are others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,20 +156,18 @@ class CandidateTable:
         return table if cues is None else replace(table, cues=cues)
 
 
+def alignment_of(numbers: Mapping[str, float]) -> DepthAlignment:
+    """The outcome of eq. 6 of one candidate, from its ``NUMBERS`` by name."""
+    return DepthAlignment(**{_IN_ALIGNMENT.get(name, name): numbers[name] for name in NUMBERS})
+
+
 def _rows(
     candidates: Candidates, status: list[str], outcome: Sequence[DepthAlignment | Failure | None]
 ) -> "CandidateTable":
     n = len(candidates)
     solved = {
-        name: np.array([getattr(o, source, np.nan) for o in outcome], dtype=float)
-        for name, source in (
-            ("depth_difference", "difference"),
-            ("scale", "scale"),
-            ("offset", "offset"),
-            ("valid_share", "valid_share"),
-            ("stereo_low", "stereo_low"),
-            ("stereo_span", "stereo_span"),
-        )
+        name: np.array([getattr(o, _IN_ALIGNMENT.get(name, name), np.nan) for o in outcome], dtype=float)
+        for name in NUMBERS
     }
     return CandidateTable(
         image_id=np.full(n, candidates.image_id, np.int64),

@@ -32,6 +32,8 @@ from rescore.evidence.settings import RescoreConfig
 from rescore.files import read_json
 from rescore.formats.checked_json import first_difference, merged, refuse_unknown_keys
 from rescore.fusion.tune import TuneConfig
+from rescore.results.run_config_file import read_run_config
+from rescore.results.run_folder import RunFolder
 
 
 class RunConfig(BaseModel):
@@ -148,10 +150,10 @@ def run_config(root: Path) -> RunConfig:
     Raises:
         RescoreError: no settings there, or those of something else.
     """
-    file = root / "config.json"
-    value = read_json(file, "the settings of a run")
+    file = RunFolder(root).config
+    content = read_run_config(file)
     try:
-        return RunConfig.model_validate(value.get("config") if isinstance(value, dict) else value)
+        return RunConfig.model_validate(content.config)
     except ValidationError as error:
         raise RescoreError(
             f"{file}: expected the settings of a run of `rescore reproduce`, got {first_difference(error)}; "

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from recon import part_views
 from recon.class_model import ClassModel
@@ -18,13 +17,14 @@ from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import LEARNED, Registration
 from rescore.experiment.config import RunConfig, part_as_json
 from rescore.experiment.stages import Done, Stage, run_stage, run_stage_in_place
-from rescore.files import digest_of, read_json, versions, write_json
+from rescore.files import digest_of, write_json
 from rescore.formats import coco
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion import rescore_frame, rescore_frames, tune, tuning_file
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.parallel import one_thread
-from rescore.results import evaluate
+from rescore.results import evaluate, run_config_file
+from rescore.results.metrics_file import Metrics, read_metrics
 from rescore.results.run_folder import EVIDENCE_TABLE, RunFolder
 
 Report = Callable[[Done], None]
@@ -47,8 +47,8 @@ class Run:
     train_meshes: Path | None = None
     test_meshes: Path | None = None
 
-    def all(self) -> dict[str, Any]:
-        """Run every stage that is not done yet; returns the content of metrics.json."""
+    def all(self) -> Metrics:
+        """Run every stage that is not done yet; returns the figures."""
         self.render()
         self.learn()
         for kind in self.config.detectors:
@@ -243,11 +243,11 @@ class Run:
 
         self.report(run_stage(self.folder.root, stage, work))
 
-    def evaluate(self) -> dict[str, Any]:
+    def evaluate(self) -> Metrics:
         """The match table and the figures."""
         root = self.folder.root
         pairs = [(k, m) for k in self.config.detectors for m in self.config.registrations]
-        outputs = tuple(root / name for name in ("config.json", "candidates.parquet", "metrics.json"))
+        outputs = (self.folder.config, self.folder.candidates, self.folder.metrics)
         stage = Stage(
             "evaluate",
             [self.config.as_json(), self.seed],
@@ -257,22 +257,25 @@ class Run:
                 *(self.folder.tuned(k, m) for k, m in pairs),
             ),
             outputs,
-            (evaluate, coco),
+            (evaluate, run_config_file, coco),
         )
 
         def work() -> None:
             data = self._data().split("test")
             files = [coco.read_detections(self.folder.rescored(k, m), data) for k, m in pairs]
             tunings = {(str(k), m): tuning_file.load_tuning(self.folder.tuned(k, m)) for k, m in pairs}
-            write_run_config(
-                root, "reproduce", self.config.as_json(), self.seed, stereo=self.config.synth.sgbm
+            run_config_file.write_run_config(
+                self.folder.config,
+                "reproduce",
+                self.config.as_json(),
+                self.seed,
+                stereo=self.config.synth.sgbm,
             )
             min_iou = self.config.tune.min_iou
             evaluate.evaluate(data, files, root, tunings=tunings, min_iou=min_iou, seed=self.seed)
 
         self.report(run_stage_in_place(root, stage, work))
-        metrics: dict[str, Any] = read_json(root / "metrics.json", "the figures of a run")
-        return metrics
+        return read_metrics(self.folder.metrics)
 
     def write_report(self) -> None:
         """The report with its curves, and the recording."""
@@ -290,11 +293,12 @@ class Run:
         self, name: str, module: ModuleType, outputs: tuple[Path, ...], work: Callable[[], None]
     ) -> None:
         """A stage that draws what the run folder holds; the words of its templates are part of its code."""
-        root = self.folder.root
-        names = ("config.json", "candidates.parquet", "metrics.json", "evidence", "data", "models", "sweep")
+        root, folder = self.folder.root, self.folder
+        shown = (folder.config, folder.candidates, folder.metrics)
+        folders = tuple(root / name for name in ("evidence", "data", "models", "sweep"))
         assert module.__file__ is not None
         words = {"templates": digest_of(Path(module.__file__).with_name("templates"))}
-        stage = Stage(name, words, tuple(root / n for n in names), outputs, (module,))
+        stage = Stage(name, words, (*shown, *folders), outputs, (module,))
         self.report(run_stage_in_place(root, stage, work))
 
     @property
@@ -335,15 +339,6 @@ class Run:
 
     def _data(self) -> DataSet:
         return read_dataset(self.folder.data, self.config.class_name)
-
-
-def write_run_config(
-    root: Path, command: str, config: Any, seed: int | None, *, stereo: Any, data: Path | None = None
-) -> None:
-    """Write ``config.json`` of a run folder: effective config, seed, versions, and where the data set is."""
-    named = {} if data is None else {"data": str(data.resolve())}
-    value = {"command": command, "seed": seed, **named, "stereo": part_as_json(stereo), "config": config}
-    write_json(root / "config.json", value | {"versions": versions()})
 
 
 def _ignore(_result: object) -> None:

@@ -4,16 +4,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, FiniteFloat, TypeAdapter
+from pydantic import BaseModel, FiniteFloat, TypeAdapter, create_model
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.files import atomic_path
 from rescore.data.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.data.frames import DataSet
-from rescore.evidence.candidates import NOT_RESCORED, Candidates, CandidateTable, RescoredTable
+from rescore.evidence.candidates import NOT_RESCORED, NUMBERS, Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
 from rescore.formats.checked_json import Box, Number, read_checked
@@ -32,12 +33,6 @@ class Detection(BaseModel):
     detector: str | None = None
     detector_score: FiniteFloat | None = None
     likelihood: FiniteFloat | None = None
-    depth_difference: FiniteFloat | None = None
-    scale: FiniteFloat | None = None
-    offset: FiniteFloat | None = None
-    valid_share: FiniteFloat | None = None
-    stereo_low: FiniteFloat | None = None
-    stereo_span: FiniteFloat | None = None
     status: str | None = None
     reason_detail: str | None = None
     w: FiniteFloat | None = None
@@ -47,7 +42,10 @@ class Detection(BaseModel):
     ground: str = ""
 
 
-_DETECTIONS = TypeAdapter(list[Detection])
+_NUMBERS: dict[str, Any] = dict.fromkeys(NUMBERS, (FiniteFloat | None, None))
+_WithNumbers = create_model("_WithNumbers", __base__=Detection, **_NUMBERS)
+"""A detection with the numbers of the depth evidence, as COCO files have it."""
+_DETECTIONS = TypeAdapter[list[Detection]](list[_WithNumbers])  # type: ignore[valid-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +174,7 @@ def _best_of_each_image(
 
 def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
     def column(name: str) -> FloatArray:
-        values = [getattr(d, name) for d, _ in kept]
+        values = [getattr(d, name, None) for d, _ in kept]
         return np.array([np.nan if v is None else v for v in values], dtype=float)
 
     score = np.array([_raw_score(d) for d, _ in kept], dtype=float)
@@ -189,12 +187,7 @@ def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
         xyxy_px=xyxy_from_xywh(np.array([d.bbox for d, _ in kept], dtype=float).reshape(-1, 4)),
         score=score,
         likelihood=likelihood,
-        depth_difference=column("depth_difference"),
-        scale=column("scale"),
-        offset=column("offset"),
-        valid_share=column("valid_share"),
-        stereo_low=column("stereo_low"),
-        stereo_span=column("stereo_span"),
+        **{name: column(name) for name in NUMBERS},
         status=np.array([d.status or NOT_RESCORED for d, _ in kept], dtype=object),
         reason_detail=np.array([d.reason_detail or "" for d, _ in kept], dtype=object),
         cues=np.array([[d.cues.get(name, np.nan) for name in CUES] for d, _ in kept], dtype=float).reshape(
@@ -223,17 +216,8 @@ def write_rescored(
     Numbers of a candidate without depth evidence are null; its ``status`` says why. ``cues`` holds the parts
     of the evidence that it has, ``ground`` says where the ground plane of its frame came from.
     """
-    numbers = (
-        "likelihood",
-        "depth_difference",
-        "scale",
-        "offset",
-        "valid_share",
-        "stereo_low",
-        "stereo_span",
-    )
     table, posterior = rescored.candidates, rescored.posterior
-    columns: Mapping[str, FloatArray] = {name: getattr(table, name) for name in numbers}
+    columns: Mapping[str, FloatArray] = {name: getattr(table, name) for name in ("likelihood", *NUMBERS)}
     rows = []
     for i, base in enumerate(_boxes(table, data)):
         values = {name: float(column[i]) for name, column in columns.items()}

@@ -1,6 +1,6 @@
 """Eq. 7: the posterior likelihood of a candidate from its detector likelihood and its depth difference."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,20 +82,40 @@ def fit_fusion(
     return LearnedFusion(float(fitted.intercept_[0]), on_likelihood, on_depth)
 
 
+@dataclass(frozen=True)
+class FusionRule:
+    """A way of putting likelihood and depth difference together."""
+
+    words: str
+    """What it does, for tables."""
+    score: Callable[[FloatArray, FloatArray, float | None, LearnedFusion | None], FloatArray | None]
+    """From l (n,), D (n,), the tuned w and the learned fusion to scores (n,); None where it needs what is
+    unknown."""
+
+
+RULES: dict[str, FusionRule] = {
+    "depth": FusionRule("depth alone, 1 − D", lambda lik, d, _w, _learned: fuse(lik, d, 0.0)),
+    "product": FusionRule("product, l (1 − D)", lambda lik, d, _w, _learned: lik * (1 - d)),
+    "maximum": FusionRule("maximum of l and 1 − D", lambda lik, d, _w, _learned: np.maximum(lik, 1 - d)),
+    "eq7": FusionRule("eq. 7", lambda lik, d, w, _learned: None if w is None else fuse(lik, d, w)),
+    "learned": FusionRule(
+        "learned from log l and log(1 − D)",
+        lambda lik, d, _w, learned: None if learned is None else learned.posterior(lik, d),
+    ),
+}
+"""The rules that eq. 7 is held against, and eq. 7 itself, by the name that metrics.json uses."""
+
+
 def posteriors(
     table: CandidateTable, w: float | None, learned: LearnedFusion | None
 ) -> dict[str, FloatArray]:
-    """The score (n,) of every candidate under each rule, by name; a rule whose numbers are unknown is left
-    out."""
-    rules: Mapping[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
-        "depth": lambda lik, d: fuse(lik, d, 0.0),
-        "product": lambda lik, d: lik * (1 - d),
-        "maximum": lambda lik, d: np.maximum(lik, 1 - d),
-        **({} if w is None else {"eq7": lambda lik, d: fuse(lik, d, w)}),
-        **({} if learned is None else {"learned": learned.posterior}),
-    }
+    """The score (n,) of every candidate under each of ``RULES``, by name.
+
+    A rule whose numbers are unknown is left out. A candidate without a D keeps its likelihood.
+    """
     lik, d = table.likelihood, table.depth_difference
-    return {name: np.where(np.isnan(d), lik, rule(lik, d)) for name, rule in rules.items()}
+    scores = {name: rule.score(lik, d, w, learned) for name, rule in RULES.items()}
+    return {n: np.where(np.isnan(d), lik, score) for n, score in scores.items() if score is not None}
 
 
 def _logarithms(likelihood: FloatArray, depth_difference: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from recon.errors import RescoreError
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.files import read_json
 from rescore.fusion.fuse import LearnedFusion
 from rescore.fusion.tune import OBJECTIVES, Tuning
-from rescore.fusion.weight_interval import uncertainty_as_json, uncertainty_of_json
+from rescore.fusion.weight_interval import WeightInterval, WeightUncertainty
 
 
 def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
@@ -25,7 +26,7 @@ def tuning_as_json(tuning: Tuning) -> dict[str, Any]:
         "objective": [v if np.isfinite(v) else None for v in tuning.value.tolist()],
         "n_images": tuning.n_images,
         "n_cars": tuning.n_cars,
-        "uncertainty": uncertainty_as_json(tuning.uncertainty),
+        "uncertainty": None if (u := tuning.uncertainty) is None else WeightInterval.of(u).model_dump(),
         "sentence": tuning.sentence,
         "learned": None if tuning.learned is None else asdict(tuning.learned),
         "depth_of": tuning.depth_of,
@@ -50,7 +51,7 @@ def load_tuning(path: Path) -> Tuning:
             n_images=int(value["n_images"]),
             n_cars=int(value["n_cars"]),
             registration=Registration(value.get("registration", Registration.PAPER)),
-            uncertainty=uncertainty_of_json(value.get("uncertainty")),
+            uncertainty=_uncertainty(value.get("uncertainty")),
             learned=None if value.get("learned") is None else LearnedFusion(**value["learned"]),
             objective=str(value["objective_name"]),
             depth_of=str(value.get("depth_of", CLASS_MODEL)),
@@ -62,6 +63,17 @@ def load_tuning(path: Path) -> Tuning:
     if not 0 <= tuning.w <= 1:
         raise RescoreError(f"{path}: expected w in [0, 1], got {tuning.w}; run `rescore tune` again")
     return tuning
+
+
+def _uncertainty(value: Any) -> WeightUncertainty | None:
+    """None where there is none, as in files of older versions."""
+    if value is None:
+        return None
+    try:
+        return WeightInterval.model_validate(value).uncertainty()
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(f"uncertainty.{first['loc'][0]}: {first['msg']}") from error
 
 
 def tuned_weight(path: Path, mode: Registration, depth_of: str = CLASS_MODEL) -> float:

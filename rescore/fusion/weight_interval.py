@@ -1,10 +1,10 @@
 """How well a validation set determines the weight of eq. 7: by tuning it again on resampled images."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Self
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from recon.arrays import BoolArray, FloatArray
 from rescore.metrics.bootstrap import Kind, interval
@@ -118,36 +118,46 @@ def _beaten(sample: FloatArray, chosen: int) -> BoolArray:
     return np.asarray((sample[chosen] > sample).mean(axis=1) >= (1 + CONFIDENCE) / 2)
 
 
-def uncertainty_as_json(uncertainty: WeightUncertainty | None) -> dict[str, Any] | None:
-    """As JSON values; null for none."""
-    if uncertainty is None:
-        return None
-    u = uncertainty
-    return {
-        "w": u.w,
-        "low": u.low,
-        "high": u.high,
-        "confidence": CONFIDENCE,
-        "standard_error": None if np.isnan(u.standard_error) else u.standard_error,
-        "plateau": list(u.plateau),
-        "separable": u.separable.tolist(),
-        "n_resamples": u.n_resamples,
-        "n_undefined": u.n_undefined,
-    }
+class WeightInterval(BaseModel):
+    """A ``WeightUncertainty`` as files hold it."""
 
+    model_config = ConfigDict(frozen=True)
 
-def uncertainty_of_json(value: Mapping[str, Any] | None) -> WeightUncertainty | None:
-    """What ``uncertainty_as_json`` made of; None where there is none, as in files of older versions."""
-    if value is None:
-        return None
-    error, (low, high) = value["standard_error"], value["plateau"]
-    return WeightUncertainty(
-        float(value["w"]),
-        float(value["low"]),
-        float(value["high"]),
-        float("nan") if error is None else float(error),
-        (float(low), float(high)),
-        np.array(value["separable"], dtype=bool),
-        int(value["n_resamples"]),
-        int(value["n_undefined"]),
-    )
+    w: float
+    low: float
+    high: float
+    confidence: float = CONFIDENCE
+    standard_error: float | None
+    """None where it is not known."""
+    plateau: tuple[float, float]
+    separable: tuple[bool, ...]
+    n_resamples: int
+    n_undefined: int
+
+    @classmethod
+    def of(cls, uncertainty: WeightUncertainty) -> Self:
+        """What a file holds of the uncertainty."""
+        u = uncertainty
+        return cls(
+            w=u.w,
+            low=u.low,
+            high=u.high,
+            standard_error=None if np.isnan(u.standard_error) else u.standard_error,
+            plateau=u.plateau,
+            separable=tuple(u.separable.tolist()),
+            n_resamples=u.n_resamples,
+            n_undefined=u.n_undefined,
+        )
+
+    def uncertainty(self) -> WeightUncertainty:
+        """The uncertainty that ``of`` was given."""
+        return WeightUncertainty(
+            self.w,
+            self.low,
+            self.high,
+            float("nan") if self.standard_error is None else self.standard_error,
+            self.plateau,
+            np.array(self.separable, dtype=bool),
+            self.n_resamples,
+            self.n_undefined,
+        )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
@@ -12,9 +12,9 @@ from rescore.detectors.platt import PlattScaling, load_scaling
 from rescore.evidence.model import EvidenceModel, load_model
 from rescore.evidence.registration import CLASS_MODEL, LEARNED, Registration
 from rescore.evidence.settings import RescoreConfig
-from rescore.files import read_json
-from rescore.formats.checked_json import first_difference, merged, read_checked, refuse_unknown_keys
+from rescore.formats.checked_json import read_checked
 from rescore.fusion.tuning_file import load_tuning, tuned_weight
+from rescore.results.run_config_file import RESCORE, read_run_config, rescore_config
 from rescore.results.run_folder import RunFolder
 
 
@@ -46,7 +46,6 @@ class _File(BaseModel):
 
 
 _FILE = TypeAdapter(_File)
-_CONFIG = TypeAdapter(RescoreConfig)
 
 
 def parts_of_file(path: Path) -> Parts:
@@ -110,37 +109,25 @@ def parts_of_run(run_dir: Path, detector: str, mode: str) -> Parts:
             f"{run_dir}: expected a run with detector {detector!r}, found {', '.join(known) or 'none'}; "
             "give the folder that `rescore reproduce` wrote, and a detector of it"
         )
-    settings = read_json(run_dir / "config.json", "the settings of a run")
+    settings = read_run_config(folder.config).config.get(RESCORE)
+    if not isinstance(settings, dict):
+        raise RescoreError(
+            f"{folder.config}: expected the settings of `rescore reproduce`, got others; give the folder "
+            "that it wrote"
+        )
     learned = registration in LEARNED
     return Parts(
         class_model=ClassModel.load(folder.class_model),
         w=tuned_weight(folder.tuned(detector, mode), registration),
         evidence_model=load_model(folder.evidence_model(detector), registration) if learned else None,
         scaling=load_scaling(folder.scaling(detector)),
-        config=_config(run_dir / "config.json", _rescore_part(run_dir / "config.json", settings)),
+        config=_config(folder.config, settings),
     )
-
-
-def _rescore_part(path: Path, settings: Any) -> dict[str, Any]:
-    try:
-        found = settings["config"]["rescore"]
-    except (KeyError, TypeError):
-        found = None
-    if not isinstance(found, dict):
-        raise RescoreError(
-            f"{path}: expected the settings of `rescore reproduce`, got others; give the folder that it wrote"
-        )
-    return found
 
 
 def _config(path: Path, settings: dict[str, Any]) -> RescoreConfig:
     """The default settings with changes of JSON values."""
     try:
-        refuse_unknown_keys("settings", RescoreConfig, settings)
-        return _CONFIG.validate_python(merged(_CONFIG.dump_python(RescoreConfig(), mode="json"), settings))
-    except ValidationError as error:
-        raise RescoreError(
-            f"{path}: expected settings of rescoring, got {first_difference(error)}; mend the file"
-        ) from error
+        return rescore_config(settings)
     except ValueError as error:
         raise RescoreError(f"{path}: expected settings of rescoring, got {error}; mend the file") from error

@@ -1,6 +1,10 @@
-"""Scores and match tables read back from the columns of candidates.parquet."""
+"""The table of candidates: the columns of candidates.parquet, how they are filled, and how they are read.
 
-from collections.abc import Iterable, Mapping
+A column that an evaluation adds is named here alone. The numbers of the depth evidence are those of
+``rescore.evidence.candidates.NUMBERS``.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +15,11 @@ from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
+from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
+from rescore.evidence.cues import CUES
+from rescore.evidence.registration import Registration
 from rescore.files import write_table
+from rescore.formats.coco import DetectionFile
 from rescore.metrics.matching import OUTCOMES, MatchTable, ranking_of
 
 Columns = Mapping[str, NDArray[Any]]
@@ -97,16 +105,20 @@ CANDIDATE_COLUMNS = {
     **dict.fromkeys(("x0", "y0", "x1", "y1", "detector_score", "likelihood"), pa.float64()),
     "status": pa.string(),
     "reason_detail": pa.string(),
-    **dict.fromkeys(("depth_difference", "scale", "offset", "valid_share"), pa.float64()),
-    **dict.fromkeys(("stereo_low", "stereo_span", "posterior_paper", "w"), pa.float64()),
-    "outcome_detector": pa.string(),
+    **dict.fromkeys((*NUMBERS, "posterior_paper", "w"), pa.float64()),
+    f"outcome_{ALONE}": pa.string(),
     "outcome_paper": pa.string(),
-    "annotation_id_detector": pa.int64(),
+    f"annotation_id_{ALONE}": pa.int64(),
     "annotation_id_paper": pa.int64(),
     "kind": pa.string(),
 }
 """Columns of candidates.parquet that are always there: a row a candidate."""
 
+REQUIRED_COLUMNS = (
+    *("detector", "image_id", "rank", "x0", "y0", "x1", "y1", "detector_score", "likelihood", "status"),
+    *("depth_difference", "scale", "offset", f"outcome_{ALONE}"),
+)
+"""Columns without which a table cannot be read; the others are not in the files of older versions."""
 
 _ADDED_COLUMNS = {
     **dict.fromkeys(("cue", "difference", "posterior", "w"), pa.float64()),
@@ -116,6 +128,96 @@ _ADDED_COLUMNS = {
 """Kind of further columns by what their name begins with: ``cue_<name>`` of each part of the evidence;
 ``difference_<mode>`` (D), ``posterior_<mode>``, ``w_<mode>``, ``status_<mode>``, ``outcome_<mode>`` and
 ``annotation_id_<mode>`` of each mode but that of the paper."""
+
+_STAND_INS = {
+    "posterior": score_column(ALONE),
+    "outcome": f"outcome_{ALONE}",
+    "annotation_id": f"annotation_id_{ALONE}",
+}
+"""What a column of a mode holds for a detector that was not rescored in it, by what its name begins with;
+else NaN, or no status."""
+
+
+def detector_columns(
+    own: Sequence[DetectionFile],
+    alone: MatchTable,
+    matched: Mapping[Registration, MatchTable],
+    kind: NDArray[np.object_],
+) -> dict[str, NDArray[Any]]:
+    """The columns of one detector with all its modes, a row a candidate.
+
+    Args:
+        own: its files, that of eq. 6 first; all hold the same candidates.
+        alone: the match table of the raw scores.
+        matched: the match table of each mode.
+        kind: what fills most of the box of each candidate, shape (n,).
+    """
+    t = own[0].table
+    # a file that was not rescored has no D, so it may stand for that of eq. 6
+    file = next((f for f in own if f.registration is Registration.PAPER), None)
+    posterior = file.posterior if file is not None and file.posterior is not None else t.likelihood
+    w = np.nan if file is None or file.w is None else file.w
+    paper = matched.get(Registration.PAPER, alone)
+    numbers = {name: getattr(t, name) for name in NUMBERS}
+    if file is None:
+        # D of another mode is in a column of its own
+        numbers["depth_difference"] = np.full(len(t), np.nan)
+    columns = {
+        "detector": np.full(len(t), own[0].detector, dtype=object),
+        "image_id": t.image_id,
+        "rank": t.rank,
+        **dict(zip(("x0", "y0", "x1", "y1"), t.xyxy_px.T, strict=True)),
+        "detector_score": t.score,
+        "likelihood": t.likelihood,
+        "status": t.status,
+        "reason_detail": t.reason_detail,
+        **numbers,
+        "posterior_paper": posterior,
+        "w": np.full(len(t), w),
+        f"outcome_{ALONE}": _names(alone),
+        "outcome_paper": _names(paper),
+        f"annotation_id_{ALONE}": alone.annotation_id,
+        "annotation_id_paper": paper.annotation_id,
+        **{f"cue_{name}": column for name, column in zip(CUES, t.cues.T, strict=True)},
+    }
+    for other in own:
+        if other.registration in matched and other.registration is not Registration.PAPER:
+            columns |= _mode_columns(other, matched[other.registration])
+    return columns | {"kind": kind}
+
+
+def _mode_columns(file: DetectionFile, match: MatchTable) -> dict[str, NDArray[Any]]:
+    mode = file.registration.value
+    assert file.posterior is not None
+    return {
+        f"difference_{mode}": file.table.depth_difference,
+        f"status_{mode}": file.table.status,
+        score_column(mode): file.posterior,
+        f"w_{mode}": np.full(len(file.table), np.nan if file.w is None else file.w),
+        f"outcome_{mode}": _names(match),
+        f"annotation_id_{mode}": match.annotation_id,
+    }
+
+
+def _names(match: MatchTable) -> NDArray[np.object_]:
+    return np.array([o.value for o in OUTCOMES], dtype=object)[match.outcome]
+
+
+def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
+    """The columns of several detectors below each other; where only others have a mode, its stand-ins."""
+    names = dict.fromkeys(name for p in parts for name in p)
+    return {name: np.concatenate([_column(p, name) for p in parts]) for name in names}
+
+
+def _column(part: Columns, name: str) -> NDArray[Any]:
+    """A column of one detector; where only others have the mode, what it would be without rescoring."""
+    if name in part:
+        return part[name]
+    start = name.rpartition("_")[0]
+    if start in _STAND_INS:
+        return part[_STAND_INS[start]]
+    n = len(part["image_id"])
+    return np.full(n, NOT_RESCORED, dtype=object) if start == "status" else np.full(n, np.nan)
 
 
 def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:

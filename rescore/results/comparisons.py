@@ -1,12 +1,7 @@
-"""How sure the figures of an evaluation are: intervals of each row, and what rescoring changes, as JSON.
-
-JSON has neither infinity nor NaN. A figure is ``value``, ``interval`` and two counts of resamples. Where it
-is undefined, its interval is null. An end of null is infinity, and so is a value of null with an interval.
-"""
+"""How sure the figures of an evaluation are: intervals of each row, and what rescoring changes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +18,7 @@ from rescore.metrics.bootstrap import (
 )
 from rescore.metrics.delong import compare_areas
 from rescore.metrics.matching import FALSE_ALARM, MatchTable
+from rescore.results.metrics_file import Ends, Estimate, Intervals, ModeComparison, finite
 
 Kinds = NDArray[np.object_]
 
@@ -33,15 +29,16 @@ MIN_IMAGES = 2
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """What a bootstrap over images says of one detector in all its modes, as JSON values."""
+    """What a bootstrap over images says of one detector in all its modes."""
 
-    intervals: dict[str, Any]
-    """By mode: ``intervals`` of its row in metrics.json."""
-    comparisons: list[dict[str, Any]]
+    intervals: dict[str, Intervals | None]
+    """By mode: ``intervals`` of its row; None where there are too few images."""
+    comparisons: tuple[ModeComparison, ...]
     """One for each mode but the first."""
 
 
 def certainty(
+    detector: str,
     tables: Mapping[str, MatchTable],
     kind: Kinds,
     cars_of_image: IntArray,
@@ -53,6 +50,7 @@ def certainty(
     Detectors that are given the same seed are resampled alike.
 
     Args:
+        detector: its name.
         tables: match tables of the same candidates by mode.
         kind: what fills most of the box of each candidate, shape (n,).
         cars_of_image: annotated cars of each image, shape (n_images,).
@@ -60,7 +58,7 @@ def certainty(
         config: of the bootstrap.
     """
     if len(cars_of_image) < MIN_IMAGES:
-        return Certainty(dict.fromkeys(tables), [])
+        return Certainty(dict.fromkeys(tables), ())
     first, *modes = tables
     bare = {f"{m}{_NO_PICTURES}": without_pictures(t, kind) for m, t in tables.items()}
     everything = {**tables, **bare}
@@ -71,7 +69,7 @@ def certainty(
     known = bool((kind != UNKNOWN).any())
     return Certainty(
         {m: _intervals(found.tables[m]) for m in tables},
-        [_compared(found, first, m, tables, kind if known else None) for m in modes],
+        tuple(_compared(detector, found, first, m, tables, kind if known else None) for m in modes),
     )
 
 
@@ -89,26 +87,26 @@ def without_pictures(match: MatchTable, kind: Kinds) -> MatchTable:
 
 
 def _compared(
-    found: Bootstrap, first: str, mode: str, tables: Mapping[str, MatchTable], kind: Kinds | None
-) -> dict[str, Any]:
+    detector: str,
+    found: Bootstrap,
+    first: str,
+    mode: str,
+    tables: Mapping[str, MatchTable],
+    kind: Kinds | None,
+) -> ModeComparison:
     change = found.comparisons[first, mode]
-    row = {
-        "mode": mode,
-        "against": first,
-        "auc_difference": figure_as_json(change.difference.auc),
-        "auc_p_value": _p_value(tables[first], tables[mode]),
-        "average_precision_difference": figure_as_json(change.difference.average_precision),
-        "reduction": _by_level(change.reduction),
-        "reduction_without_pictures": None,
-        "n_on_pictures": None,
-    }
-    if kind is None:
-        return row
     bare: Comparison = found.comparisons[first + _NO_PICTURES, mode + _NO_PICTURES]
-    return row | {
-        "reduction_without_pictures": _by_level(bare.reduction),
-        "n_on_pictures": int(on_pictures(tables[first], kind).sum()),
-    }
+    return ModeComparison(
+        detector=detector,
+        mode=mode,
+        against=first,
+        auc_difference=estimate(change.difference.auc),
+        auc_p_value=_p_value(tables[first], tables[mode]),
+        average_precision_difference=estimate(change.difference.average_precision),
+        reduction=_by_level(change.reduction),
+        reduction_without_pictures=None if kind is None else _by_level(bare.reduction),
+        n_on_pictures=None if kind is None else int(on_pictures(tables[first], kind).sum()),
+    )
 
 
 def _p_value(before: MatchTable, after: MatchTable) -> float | None:
@@ -119,34 +117,28 @@ def _p_value(before: MatchTable, after: MatchTable) -> float | None:
         return None
 
 
-def _intervals(figures: FigureIntervals) -> dict[str, Any]:
+def _intervals(figures: FigureIntervals) -> Intervals:
     single = {"auc": figures.auc, "average_precision": figures.average_precision}
     levels = {f"{level:g}": i for level, i in figures.fppi_at_recall.items()}
-    return {
-        **{name: _ends(i) for name, i in single.items()},
-        "fppi_at_recall": {name: _ends(i) for name, i in levels.items()},
-        "n_undefined": {name: i.n_undefined for name, i in (single | levels).items()},
-        "n_infinite": {name: i.n_infinite for name, i in levels.items()},
-    }
+    return Intervals(
+        auc=_ends(figures.auc),
+        average_precision=_ends(figures.average_precision),
+        fppi_at_recall={name: _ends(i) for name, i in levels.items()},
+        n_undefined={name: i.n_undefined for name, i in (single | levels).items()},
+        n_infinite={name: i.n_infinite for name, i in levels.items()},
+    )
 
 
-def _by_level(figures: Mapping[float, Interval]) -> dict[str, Any]:
-    return {f"{level:g}": figure_as_json(i) for level, i in figures.items()}
+def _by_level(figures: Mapping[float, Interval]) -> dict[str, Estimate]:
+    return {f"{level:g}": estimate(i) for level, i in figures.items()}
 
 
-def figure_as_json(i: Interval) -> dict[str, Any]:
-    """A figure with its interval as JSON values; see the module's docstring."""
-    return {
-        "value": _finite(i.value),
-        "interval": _ends(i),
-        "n_undefined": i.n_undefined,
-        "n_infinite": i.n_infinite,
-    }
+def estimate(i: Interval) -> Estimate:
+    """A figure with its interval as files hold it: infinite ends are None."""
+    return Estimate(
+        value=finite(i.value), interval=_ends(i), n_undefined=i.n_undefined, n_infinite=i.n_infinite
+    )
 
 
-def _ends(i: Interval) -> list[float | None] | None:
-    return None if np.isnan(i.value) else [_finite(i.low), _finite(i.high)]
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+def _ends(i: Interval) -> Ends | None:
+    return None if np.isnan(i.value) else (finite(i.low), finite(i.high))

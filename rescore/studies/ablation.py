@@ -7,7 +7,6 @@ figures on "test".
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,10 +22,11 @@ from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.tune import TuneConfig, match_at, tune_weight
-from rescore.metrics.bootstrap import BootstrapConfig, Interval, bootstrap
+from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
 from rescore.metrics.matching import TruthTable
 from rescore.results.run_folder import RunFolder
-from rescore.studies.sweep import RECALL, interval_as_json
+from rescore.results.sweep_file import StudyPart, SweptInterval
+from rescore.studies.sweep import RECALL
 
 
 def groups() -> dict[str, tuple[str, ...]]:
@@ -49,18 +49,17 @@ class AblationInput:
     test: CandidateTable
 
 
-@dataclass(frozen=True)
-class AblationRow:
-    """The metric mode without some cues."""
+class AblationRow(StudyPart):
+    """The metric mode without some cues; a row of ablation.json."""
 
     without: str
     n_cues: int
     """Cues that are left out."""
     w: float
-    fppi: Interval
+    fppi: SweptInterval
     """False positives an image at ``sweep.RECALL``."""
-    auc: Interval
-    factor: Interval | None
+    auc: SweptInterval
+    factor: SweptInterval | None
     """Paired: false positives without the cues over those with all of them; None for all of them."""
 
 
@@ -86,20 +85,23 @@ def ablate(
     intervals = bootstrap(matches, truth.cars_of_image, pairs, rng, BootstrapConfig(n_resamples=1000))
     return tuple(
         AblationRow(
-            name,
-            len(without),
-            w,
-            intervals.tables[name].fppi_at_recall[RECALL],
-            intervals.tables[name].auc,
-            intervals.comparisons[name, whole].reduction[RECALL] if name != whole else None,
+            without=name,
+            n_cues=len(without),
+            w=w,
+            fppi=SweptInterval.of(intervals.tables[name].fppi_at_recall[RECALL]),
+            auc=SweptInterval.of(intervals.tables[name].auc),
+            factor=None
+            if name == whole
+            else SweptInterval.of(intervals.comparisons[name, whole].reduction[RECALL]),
         )
         for (name, without), w in zip(left_out, weights, strict=True)
     )
 
 
-def ablate_run(root: Path, out: Path, detector: str, seed: int) -> list[dict[str, Any]]:
-    """The worth of each part of a finished run's evidence; writes ``ablation.json`` to the folder ``out`` and
-    returns its content.
+def ablate_run(root: Path, out: Path, detector: str, seed: int) -> tuple[AblationRow, ...]:
+    """The worth of each part of a finished run's evidence.
+
+    Writes ``ablation.json`` to the folder ``out``.
 
     Raises:
         RescoreError: the run is not finished, or has no such detector.
@@ -112,23 +114,17 @@ def ablate_run(root: Path, out: Path, detector: str, seed: int) -> list[dict[str
 
     fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
     given = AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
-    rows = [_row_as_json(row) for row in ablate(given, config.evidence, config.tune, seed)]
-    write_json(out / "ablation.json", rows)
+    rows = ablate(given, config.evidence, config.tune, seed)
+    write_ablation(out / "ablation.json", rows)
     return rows
-
-
-def _row_as_json(row: AblationRow) -> dict[str, Any]:
-    return {
-        "without": row.without,
-        "n_cues": row.n_cues,
-        "w": row.w,
-        "fppi": interval_as_json(row.fppi),
-        "auc": interval_as_json(row.auc),
-        "factor": row.factor and interval_as_json(row.factor),
-    }
 
 
 def _left_out() -> Iterator[tuple[str, Sequence[str]]]:
     yield from groups().items()
     alone = {cues[0] for cues in groups().values() if len(cues) == 1}
     yield from ((name, (name,)) for name in cues_of(Registration.METRIC) if name not in alone)
+
+
+def write_ablation(path: Path, rows: Sequence[AblationRow]) -> None:
+    """Write ablation.json."""
+    write_json(path, [row.model_dump() for row in rows])

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from joblib import delayed
@@ -23,6 +22,7 @@ from rescore.experiment.config import run_config
 from rescore.files import write_json
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.parallel import in_order, one_thread, track
+from rescore.results.sweep_file import StudyNumber, StudyPart
 from rescore.studies.finished_run import finished_run
 from rescore.studies.sweep import RECALL
 
@@ -77,7 +77,7 @@ def judge_bank(
 
 def judge_bank_of_run(
     root: Path, out: Path, count: int, *, detector: str, seed: int, jobs: int
-) -> tuple[dict[str, Any], list[Judged]]:
+) -> "tuple[BankResult, list[Judged]]":
     """Judge ``count`` things of every kind with the evidence of a finished run.
 
     Writes ``distractors.json`` to the folder ``out``.
@@ -96,9 +96,9 @@ def judge_bank_of_run(
     for one in track(bank, "distractors", count * len(KIND)):
         first.setdefault(one.kind, one)
         judged.append(one.without_pictures())
-    value = bank_as_json(judged, RECALL)
-    write_json(out / "distractors.json", value)
-    return value, list(first.values())
+    bank_of_all = bank_result(judged, RECALL)
+    write_bank(out / "distractors.json", bank_of_all)
+    return bank_of_all, list(first.values())
 
 
 def _judged(
@@ -151,58 +151,100 @@ def is_true_car(kinds: Sequence[str]) -> BoolArray:
     return np.array([k in TRUE_CARS for k in kinds])
 
 
-def bank_as_json(judged: Sequence[Judged], recall: float) -> dict[str, Any]:
-    """D of every thing by kind and mode, with quartiles, as JSON values.
+class Quartiles(StudyPart):
+    """D of one kind in one mode; None where nothing of the kind has evidence."""
 
-    ``cut`` is that of ``cut_at_recall``: against ordinary cars, and for posters also against
-    ordinary and dark ones together. ``below_cars``: modes in which the median of a kind is below that of
-    ordinary cars.
-    """
-    kinds = list(dict.fromkeys(j.kind for j in judged))
-    modes = list(judged[0].difference)
+    low: float | None
+    median: float | None
+    high: float | None
+    without: int
+    """Things without evidence."""
+
+
+class BankCut(StudyPart):
+    """How many times fewer distractors than cars pass; see ``cut_at_recall``."""
+
+    posters: StudyNumber
+    """Against ordinary cars."""
+    posters_dark: StudyNumber
+    """Against ordinary and dark cars together."""
+    all: StudyNumber
+    """All kinds that are no cars, against ordinary cars."""
+
+
+class BankKind(StudyPart):
+    """All things of one kind."""
+
+    name: str
+    title: str
+    is_car: bool
+    count: int
+    distance_m: tuple[float, ...]
+    d: dict[str, Quartiles]
+    """By mode."""
+    values: dict[str, tuple[float | None, ...]]
+    """D of each thing by mode; None without evidence."""
+    below_cars: tuple[str, ...]
+    """Modes in which the median is below that of ordinary cars, though the kind is no car."""
+
+
+class BankResult(StudyPart):
+    """The content of distractors.json."""
+
+    recall: float
+    cut: dict[str, BankCut]
+    """By mode."""
+    kinds: tuple[BankKind, ...]
+
+
+def bank_result(judged: Sequence[Judged], recall: float) -> BankResult:
+    """D of every thing by kind and mode, with quartiles."""
     kind_of = np.array([j.kind for j in judged])
-    d = {m: np.array([j.difference[m] for j in judged]) for m in modes}
+    d = {m: np.array([j.difference[m] for j in judged]) for m in judged[0].difference}
     is_car = is_true_car(kind_of.tolist())
     ordinary, posters = kind_of == ORDINARY_CAR, np.isin(kind_of, POSTERS)
-    cars = {m: float(np.nanmedian(d[m][ordinary])) for m in modes}
-    return {
-        "recall": recall,
-        "cut": {
-            m.value: {
-                "posters": _or_inf(cut_at_recall(d[m], ordinary, posters, recall)),
-                "posters_dark": _or_inf(cut_at_recall(d[m], is_car, posters, recall)),
-                "all": _or_inf(cut_at_recall(d[m], ordinary, ~is_car, recall)),
-            }
-            for m in modes
+    cars = {m: float(np.nanmedian(own[ordinary])) for m, own in d.items()}
+    return BankResult(
+        recall=recall,
+        cut={
+            m.value: BankCut(
+                posters=cut_at_recall(own, ordinary, posters, recall),
+                posters_dark=cut_at_recall(own, is_car, posters, recall),
+                all=cut_at_recall(own, ordinary, ~is_car, recall),
+            )
+            for m, own in d.items()
         },
-        "kinds": [
-            {
-                "name": kind,
-                "title": KIND[kind].title,
-                "is_car": kind in TRUE_CARS,
-                "count": int((kind_of == kind).sum()),
-                "distance_m": [round(j.distance_m, 2) for j in judged if j.kind == kind],
-                "d": {m.value: _quartiles(d[m][kind_of == kind]) for m in modes},
-                "values": {
-                    m.value: [None if np.isnan(v) else float(v) for v in d[m][kind_of == kind]] for m in modes
-                },
-                "below_cars": [
-                    m.value
-                    for m in modes
-                    if kind not in TRUE_CARS and np.nanmedian(d[m][kind_of == kind]) < cars[m]
-                ],
-            }
-            for kind in kinds
-        ],
-    }
+        kinds=tuple(
+            _bank_kind(kind, [j for j in judged if j.kind == kind], cars)
+            for kind in dict.fromkeys(kind_of.tolist())
+        ),
+    )
 
 
-def _quartiles(d: FloatArray) -> dict[str, float | int | None]:
+def _bank_kind(kind: str, judged: Sequence[Judged], cars: Mapping[Registration, float]) -> BankKind:
+    d = {m: np.array([j.difference[m] for j in judged]) for m in cars}
+    is_car = kind in TRUE_CARS
+    return BankKind(
+        name=kind,
+        title=KIND[kind].title,
+        is_car=is_car,
+        count=len(judged),
+        distance_m=tuple(round(j.distance_m, 2) for j in judged),
+        d={m.value: _quartiles(own) for m, own in d.items()},
+        values={m.value: tuple(None if np.isnan(v) else float(v) for v in own) for m, own in d.items()},
+        below_cars=tuple(m.value for m, own in d.items() if not is_car and np.nanmedian(own) < cars[m]),
+    )
+
+
+def _quartiles(d: FloatArray) -> Quartiles:
     known = d[np.isfinite(d)]
-    low, median, high = np.quantile(known, [0.25, 0.5, 0.75]) if len(known) else (None, None, None)
-    named = {"low": low, "median": median, "high": high}
-    return {k: None if v is None else float(v) for k, v in named.items()} | {"without": len(d) - len(known)}
+    without = len(d) - len(known)
+    if not len(known):
+        return Quartiles(low=None, median=None, high=None, without=without)
+    low, median, high = np.quantile(known, [0.25, 0.5, 0.75]).tolist()
+    return Quartiles(low=low, median=median, high=high, without=without)
 
 
-def _or_inf(value: float) -> float | str:
-    return value if np.isfinite(value) else "inf"
+def write_bank(path: Path, bank: BankResult) -> None:
+    """Write distractors.json."""
+    write_json(path, bank.model_dump())

@@ -2,7 +2,7 @@
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,27 @@ from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.instances import predict_instances
-from rescore.files import write_json, write_provenance
+from rescore.files import write_provenance
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.fusion.tune import match_at
 from rescore.metrics.bootstrap import BootstrapConfig, Comparison, Interval, bootstrap
 from rescore.metrics.matching import TruthTable
 from rescore.parallel import in_order, one_thread, track
+from rescore.results.candidate_file import ALONE
+from rescore.results.sweep_file import (
+    SweepFigures,
+    SweepPoint,
+    SweepResult,
+    SweptDial,
+    SweptInterval,
+    VisibilityGroup,
+    write_sweep,
+)
 from rescore.studies.degrade import Dial
 from rescore.studies.finished_run import FinishedRun, finished_run
 
 RECALL = 0.7
 """Share of all cars at which false positives are compared."""
-ALONE = "detector"
-"""Name of the detector without depth among the modes."""
 VISIBILITY = ((0.3, 0.6), (0.6, 0.85), (0.85, 1.001))
 """Groups of cars by their visible share: from, to below."""
 
@@ -70,7 +78,7 @@ Step = tuple[Dial | None, float]
 
 def sweep_run(
     root: Path, out: Path, dials: Sequence[Dial], frames: int | None, *, detector: str, seed: int, jobs: int
-) -> dict[str, Any]:
+) -> SweepResult:
     """Sweep a finished run over dials; writes ``sweep.json`` to the folder ``out`` and returns its content.
 
     Args:
@@ -88,16 +96,16 @@ def sweep_run(
     run, config = finished_run(root, detector, frames), SweepConfig(seed=seed, jobs=jobs)
     points = sweep(run, dials, config)
     as_is = tables_of_steps(run, [(None, 0.0)], config)[0]
-    value = {
-        "detector": detector,
-        "n_images": len(run.data.frames),
-        "dials": sweep_as_json(points, dials),
-        "visibility": by_visibility(run, as_is, config),
-    }
-    write_json(out / "sweep.json", value)
+    result = SweepResult(
+        detector=detector,
+        n_images=len(run.data.frames),
+        dials=swept_dials(points, dials),
+        visibility=by_visibility(run, as_is, config),
+    )
+    write_sweep(out / "sweep.json", result)
     settings = {"dials": {d.name: d.levels for d in dials}, "frames": frames, "detector": detector}
     write_provenance(out / "sweep.json", "sweep", settings, seed)
-    return value
+    return result
 
 
 def sweep(run: FinishedRun, dials: Sequence[Dial], config: SweepConfig) -> dict[str, tuple[Point, ...]]:
@@ -148,7 +156,9 @@ def figures_of(
     return {ALONE: of(ALONE, None)} | {m: of(m, drawn.comparisons[ALONE, m]) for m in scored}
 
 
-def by_visibility(run: FinishedRun, table: CandidateTable, config: SweepConfig) -> list[dict[str, Any]]:
+def by_visibility(
+    run: FinishedRun, table: CandidateTable, config: SweepConfig
+) -> tuple[VisibilityGroup, ...]:
     """The figures on the cars of each group of ``VISIBILITY`` with enough of them; the others are ignored."""
     out = []
     for low, high in VISIBILITY:
@@ -161,14 +171,8 @@ def by_visibility(run: FinishedRun, table: CandidateTable, config: SweepConfig) 
         if not n_cars:
             continue
         figures = figures_of(run, table, group, config)
-        out.append(
-            {
-                "visible": [low, min(high, 1.0)],
-                "n_cars": n_cars,
-                "figures": {m: figures_as_json(f) for m, f in figures.items()},
-            }
-        )
-    return out
+        out.append(VisibilityGroup(visible=(low, min(high, 1.0)), n_cars=n_cars, figures=_recorded(figures)))
+    return tuple(out)
 
 
 def is_loss(figures: Figures) -> bool:
@@ -176,35 +180,29 @@ def is_loss(figures: Figures) -> bool:
     return figures.reduction is not None and figures.reduction.high < 1
 
 
-def sweep_as_json(points: Mapping[str, Sequence[Point]], dials: Sequence[Dial]) -> dict[str, Any]:
-    """The points as JSON values; see ``interval_as_json`` for numbers that are none."""
+def swept_dials(points: Mapping[str, Sequence[Point]], dials: Sequence[Dial]) -> dict[str, SweptDial]:
+    """The points of every dial as files hold them."""
     what = {d.name: d.what for d in dials}
     return {
-        name: {
-            "what": what[name],
-            "points": [
-                {"level": p.level, "figures": {m: figures_as_json(f) for m, f in p.figures.items()}}
-                for p in row
-            ],
-        }
+        name: SweptDial(
+            what=what[name],
+            points=tuple(SweepPoint(level=p.level, figures=_recorded(p.figures)) for p in row),
+        )
         for name, row in points.items()
     }
 
 
-def figures_as_json(figures: Figures) -> dict[str, Any]:
-    """The figures as JSON values."""
+def _recorded(figures: Mapping[str, Figures]) -> dict[str, SweepFigures]:
     return {
-        "fppi": interval_as_json(figures.fppi),
-        "auc": interval_as_json(figures.auc),
-        "reduction": figures.reduction and interval_as_json(figures.reduction),
-        "with_evidence": figures.with_evidence,
-        "significant_loss": is_loss(figures),
+        mode: SweepFigures(
+            fppi=SweptInterval.of(f.fppi),
+            auc=SweptInterval.of(f.auc),
+            reduction=None if f.reduction is None else SweptInterval.of(f.reduction),
+            with_evidence=f.with_evidence,
+            significant_loss=is_loss(f),
+        )
+        for mode, f in figures.items()
     }
-
-
-def interval_as_json(interval: Interval) -> dict[str, float | str | None]:
-    """The interval as JSON values: "inf" for infinity, null for what is undefined."""
-    return {k: v if np.isfinite(v) else "inf" if np.isinf(v) else None for k, v in asdict(interval).items()}
 
 
 def _frame_steps(

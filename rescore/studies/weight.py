@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from rescore.evidence.model import load_models
 from rescore.evidence.registration import Registration
 from rescore.experiment.config import RunConfig, part_as_json, run_config
 from rescore.experiment.stages import Stage, run_stage
+from rescore.files import json_values, write_json
 from rescore.formats import coco
 from rescore.formats.open import read_dataset
 from rescore.fusion import rescore_frames
@@ -27,6 +29,7 @@ from rescore.fusion.tune import TuneConfig, objective_on_grid, tune_weight
 from rescore.fusion.weight_interval import choices
 from rescore.metrics.matching import TruthTable
 from rescore.results.run_folder import RunFolder
+from rescore.results.sweep_file import StudyPart
 from rescore.speech import say
 
 
@@ -233,3 +236,40 @@ def _candidates(
     ).reused:
         say(f"{kind}: candidates of {keep}")
     return coco.read_detections(keep / f"{kind}.json", validation).table
+
+
+class WeightRecord(StudyPart):
+    """The choice of w for one detector in one mode, as weight.json holds it."""
+
+    detector: str
+    registration: Registration
+    objective_name: str
+    n_images: int
+    n_cars: int
+    n_draws: int
+    w: float
+    w_grid: tuple[float, ...]
+    objective: tuple[float | None, ...]
+    """The objective at each w; None where it is undefined or infinite."""
+    widths: tuple[WeightWidth, ...]
+
+    @classmethod
+    def of(cls, study: WeightStudy) -> Self:
+        """What the file holds of a study."""
+        return cls(
+            detector=study.detector,
+            registration=study.registration,
+            objective_name=study.objective,
+            n_images=study.n_images,
+            n_cars=study.n_cars,
+            n_draws=study.n_draws,
+            w=study.w,
+            w_grid=tuple(study.grid.tolist()),
+            objective=tuple(v if np.isfinite(v) else None for v in study.value.tolist()),
+            widths=study.widths,
+        )
+
+
+def write_weights(path: Path, studies: Sequence[WeightStudy]) -> None:
+    """Write weight.json; a number that JSON cannot hold is null."""
+    write_json(path, json_values([WeightRecord.of(s).model_dump(mode="json") for s in studies]))

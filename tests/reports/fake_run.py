@@ -16,15 +16,32 @@ from recon.stereo.sgbm import SgbmConfig, write_disparity
 from rescore.data.boxes import xywh_from_xyxy
 from rescore.data.frames import DataSet, load_frame
 from rescore.evidence.align_depth import AlignConfig, align_depth, measured_depth
+from rescore.evidence.candidates import NUMBERS
 from rescore.evidence.files import evidence_path, write_evidence
+from rescore.files import write_json
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.fuse import fuse
-from rescore.fusion.weight_interval import WeightUncertainty, describe, uncertainty_as_json
+from rescore.fusion.weight_interval import WeightInterval, WeightUncertainty, describe
 from rescore.metrics.bootstrap import BootstrapConfig
 from rescore.metrics.curves import summarise
-from rescore.metrics.matching import HIT, OUTCOMES, MatchTable, TruthTable, greedy_match, ranking_of
+from rescore.metrics.matching import HIT, OUTCOMES, TruthTable, greedy_match, ranking_of
 from rescore.metrics.reliability import reliability
+from rescore.results.candidate_file import ALONE
 from rescore.results.comparisons import certainty
+from rescore.results.metrics_file import (
+    DetectorTuning,
+    DisparityErrors,
+    FusionRow,
+    Metrics,
+    ModeComparison,
+    ReliabilityRow,
+    Row,
+    StereoStatistics,
+    TunedWeight,
+    write_metrics,
+)
+from rescore.results.run_config_file import RunConfigFile
+from rescore.results.run_folder import RunFolder, boxes_px
 
 WIDTH, HEIGHT = 320, 240
 CAMERA = StereoCamera(PinholeCamera(300.0, 300.0, 159.5, 119.5, WIDTH, HEIGHT), 0.25)
@@ -136,83 +153,69 @@ def make_run(root: Path, n_frames: int = 5, seed: int = 3) -> Path:
     cars = make_dataset(root / "data", n_frames, rng)
     data = read_dataset(root / "data").split("test")
     truth = TruthTable.of(data)
-    tables, rows = [], []
-    more: dict[str, list[dict[str, object]]] = {"comparisons": [], "fusion": [], "reliability": []}
+    tables: list[pa.Table] = []
+    rows: list[Row] = []
+    comparisons: list[ModeComparison] = []
+    fusion: list[FusionRow] = []
+    scores: list[ReliabilityRow] = []
     for detector, w in WEIGHTS.items():
         table = _detector_rows(root, detector, cars, data, rng)
         posterior = fuse(table["likelihood"], table["depth_difference"], w)
-        boxes = np.stack([table[k] for k in ("x0", "y0", "x1", "y1")], 1)
         matches = {}
-        for mode, value in (("detector", table["likelihood"]), ("paper", posterior)):
+        for mode, value in ((ALONE, table["likelihood"]), ("paper", posterior)):
             ranking = ranking_of(value, table["detector_score"])
-            match = matches[mode] = greedy_match(table["image_id"], boxes, ranking, truth)
-            more["reliability"].append({"detector": detector, "mode": mode, **_reliability(value, match)})
+            match = matches[mode] = greedy_match(table["image_id"], boxes_px(table), ranking, truth)
+            scores.append(
+                ReliabilityRow.of(detector, mode, reliability(value, match.outcome == HIT, n_bins=4))
+            )
             table[f"outcome_{mode}"] = np.array([str(OUTCOMES[o]) for o in match.outcome], object)
             table[f"annotation_id_{mode}"] = match.annotation_id
-            rows.append(
-                {"detector": detector, "mode": mode, "w": 1.0 if mode == "detector" else w, **_summary(match)}
-            )
-        sure = certainty(matches, table["kind"], truth.cars_of_image, seed, BootstrapConfig(n_resamples=100))
-        more["comparisons"] += [{"detector": detector, **c} for c in sure.comparisons]
-        for row in rows[-2:]:
-            row["intervals"] = sure.intervals[str(row["mode"])]
-        for rule in ("detector", "depth", "product", "maximum", "eq7", "learned"):
-            figures = _summary(matches["detector" if rule == "detector" else "paper"])
-            more["fusion"].append({"detector": detector, "mode": "paper", "rule": rule, **figures})
+        sure = certainty(
+            detector, matches, table["kind"], truth.cars_of_image, seed, BootstrapConfig(n_resamples=100)
+        )
+        comparisons += sure.comparisons
+        found = {mode: summarise(match) for mode, match in matches.items()}
+        rows.append(Row.of(detector, ALONE, 1.0, found[ALONE], sure.intervals[ALONE]))
+        rows.append(Row.of(detector, "paper", w, found["paper"], sure.intervals["paper"]))
+        for rule in (ALONE, "depth", "product", "maximum", "eq7", "learned"):
+            figures = found[ALONE if rule == ALONE else "paper"]
+            fusion.append(FusionRow.of(detector, "paper", rule, figures))
         table["posterior_paper"], table["w"] = posterior, np.full(len(posterior), w)
         tables.append(pa.table(table))
+    folder = RunFolder(root)
     everything = pa.concat_tables(tables)
-    pq.write_table(everything, root / "candidates.parquet")
-    metrics = {
-        "n_images": truth.n_images,
-        "n_cars": truth.n_cars,
-        "n_candidates": everything.num_rows,
-        "rows": rows,
-        **more,
-        "stereo": {"splits": {"test": {"car": _STEREO, "elsewhere": _STEREO | {"wrong_share": 0.07}}}},
-        "tuning": {d: _tuning(w) for d, w in WEIGHTS.items()},
-        "reasons": {},
-    }
-    (root / "metrics.json").write_text(json.dumps(metrics))
-    (root / "config.json").write_text(
-        json.dumps(
-            {"seed": seed, "stereo": {}, "config": {"preset": "fake"}, "versions": {"rescore": "0.1.0"}}
-        )
+    pq.write_table(everything, folder.candidates)
+    on_cars = DisparityErrors(density=0.93, end_point_error_px=1.25, wrong_share=0.18)
+    elsewhere = on_cars.model_copy(update={"wrong_share": 0.07})
+    metrics = Metrics(
+        n_images=truth.n_images,
+        n_cars=truth.n_cars,
+        n_candidates=everything.num_rows,
+        rows=tuple(rows),
+        comparisons=tuple(comparisons),
+        fusion=tuple(fusion),
+        reliability=tuple(scores),
+        stereo=StereoStatistics(splits={"test": {"car": on_cars, "elsewhere": elsewhere}}),
+        tuning={d: DetectorTuning.first_of({"paper": _tuning(w)}) for d, w in WEIGHTS.items()},
     )
+    write_metrics(folder.metrics, metrics)
+    config = RunConfigFile(seed=seed, config={"preset": "fake"}, versions={"rescore": "0.1.0"})
+    write_json(folder.config, config.as_json())
     return root
 
 
-_STEREO = {"density": 0.93, "end_point_error_px": 1.25, "wrong_share": 0.18, "wrong_share_measured": None}
-
-
-def _tuning(w: float) -> dict[str, object]:
+def _tuning(w: float) -> TunedWeight:
     grid = np.linspace(0, 1, 21)
-    value = [None, *(0.7 - 0.3 * (grid[1:] - w) ** 2).tolist()]
-    one = {"w": w, "objective_name": "average_precision", "w_grid": grid.tolist(), "objective": value}
     separable = np.abs(grid - w) > 0.36
     uncertainty = WeightUncertainty(w, w - 0.25, w + 0.25, 0.02, (w - 0.2, w + 0.2), separable, 100, 0)
-    one |= {
-        "uncertainty": uncertainty_as_json(uncertainty),
-        "sentence": describe(grid, w, uncertainty),
-    }
-    return one | {"modes": {"paper": one}}
-
-
-def _reliability(score: np.ndarray, match: MatchTable) -> dict[str, object]:
-    r = reliability(score, match.outcome == HIT, n_bins=4)
-    curve = {n: getattr(r, n).tolist() for n in ("likelihood", "hit_rate", "low", "high", "count")}
-    return {"brier_score": r.brier_score, "calibration_error": r.calibration_error, **curve}
-
-
-def _summary(match: MatchTable) -> dict[str, object]:
-    s = summarise(match)
-    fppi = {f"{k:g}": v for k, v in s.fppi_at_recall.items()}
-    return {
-        "auc": s.auc,
-        "average_precision": s.average_precision,
-        "recall_ceiling": s.recall_ceiling,
-        "fppi_at_recall": fppi,
-    }
+    return TunedWeight(
+        w=w,
+        objective_name="average_precision",
+        w_grid=tuple(grid.tolist()),
+        objective=(None, *(0.7 - 0.3 * (grid[1:] - w) ** 2).tolist()),
+        uncertainty=WeightInterval.of(uncertainty),
+        sentence=describe(grid, w, uncertainty),
+    )
 
 
 def _detector_rows(
@@ -246,11 +249,10 @@ def _detector_rows(
                 "likelihood": 1 / (1 + np.exp(-s)),
                 "status": solved.reason.value if failed else "ok",
                 "reason_detail": solved.detail if failed else "",
-                "depth_difference": np.nan if failed else solved.difference,
                 "kind": "car" if which < len(cars[record.image_id]) else "wall",
             }
-            for name in ("scale", "offset", "valid_share", "stereo_low", "stereo_span"):
-                row[name] = np.nan if failed else getattr(solved, name)
+            for name in NUMBERS:
+                row[name] = np.nan if failed else getattr(solved, name.removeprefix("depth_"))
             for name, value in row.items():
                 columns.setdefault(name, []).append(value)
         write_evidence(evidence_path(root / "evidence" / detector, record.image_id), found)

@@ -1,6 +1,5 @@
 """Adds a mode with learned evidence to the small run folder, by an evidence model whose numbers are known."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -16,6 +15,8 @@ from rescore.fusion.fuse import fuse
 from rescore.metrics.curves import summarise
 from rescore.metrics.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
 from rescore.results.candidate_file import read_candidates
+from rescore.results.metrics_file import DetectorTuning, Row, read_metrics, write_metrics
+from rescore.results.run_folder import RunFolder, boxes_px
 
 W = 0.4
 
@@ -34,7 +35,8 @@ def make_metric_run(source: Path, root: Path, seed: int = 5) -> Path:
     """A copy of a small run folder with mode ``metric``, its evidence models and its figures."""
     shutil.copytree(source, root)
     rng = np.random.default_rng(seed)
-    columns = read_candidates(root / "candidates.parquet", ())
+    folder = RunFolder(root)
+    columns = read_candidates(folder.candidates, ())
     n = len(columns["rank"])
     cues = rng.uniform(-1, 1, (n, len(CUES)))
     d = evidence_model().difference(cues)
@@ -44,22 +46,22 @@ def make_metric_run(source: Path, root: Path, seed: int = 5) -> Path:
     columns |= {"status_metric": np.full(n, "ok", object), "outcome_metric": np.empty(n, object)}
     columns["annotation_id_metric"] = np.full(n, -1)
     truth = TruthTable.of(read_dataset(root / "data").split("test"))
-    boxes = np.stack([columns[k] for k in ("x0", "y0", "x1", "y1")], 1)
-    metrics = json.loads((root / "metrics.json").read_text())
+    boxes = boxes_px(columns)
+    metrics = read_metrics(folder.metrics)
+    rows = list(metrics.rows)
+    tuning = {}
     for detector in dict.fromkeys(columns["detector"]):
         own = columns["detector"] == detector
         ranking = ranking_of(posterior[own], columns["detector_score"][own])
         match = greedy_match(columns["image_id"][own], boxes[own], ranking, truth)
         columns["outcome_metric"][own] = [str(OUTCOMES[o]) for o in match.outcome]
         columns["annotation_id_metric"][own] = match.annotation_id
-        s = summarise(match)
-        figures = {"auc": s.auc, "average_precision": s.average_precision, "recall_ceiling": s.recall_ceiling}
-        row = {"detector": detector, "mode": "metric", "w": W, **figures}
-        metrics["rows"].append(row | {"fppi_at_recall": {f"{k:g}": v for k, v in s.fppi_at_recall.items()}})
-        metrics["tuning"][detector]["modes"]["metric"] = metrics["tuning"][detector]["modes"]["paper"]
-        save_models(root / "models" / f"{detector}.evidence.json", {Registration.METRIC: evidence_model()})
+        rows.append(Row.of(detector, "metric", W, summarise(match), None))
+        own_modes = metrics.tuning[detector].modes
+        tuning[detector] = DetectorTuning.first_of(own_modes | {"metric": own_modes["paper"]})
+        save_models(folder.evidence_model(detector), {Registration.METRIC: evidence_model()})
     order = {name: i for i, name in enumerate(dict.fromkeys(columns["detector"]))}
-    metrics["rows"].sort(key=lambda row: order[row["detector"]])
-    (root / "metrics.json").write_text(json.dumps(metrics))
-    pq.write_table(pa.table(columns), root / "candidates.parquet")
+    rows.sort(key=lambda row: order[row.detector])
+    write_metrics(folder.metrics, metrics.model_copy(update={"rows": tuple(rows), "tuning": tuning}))
+    pq.write_table(pa.table(columns), folder.candidates)
     return root

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from recon.errors import Failure, Reason
+from recon.errors import Failure
 from recon.localization.single_plane import UprightSurface
 from recon.localization.standing_box import StandingBox, angle_between, volume_overlap
+from rescore.results.sweep_file import StudyPart
 
 METHODS = ("3dp", "3dp_report", "single_plane")
 METHOD_NAME = {
@@ -45,35 +45,28 @@ def score(estimate: StandingBox | UprightSurface | Failure, truth: StandingBox) 
     return Score(overlap, 1000 * distance, turned)
 
 
-def summary(scores: Sequence[Score | Failure]) -> dict[str, Any]:
+class MeanErrors(StudyPart):
+    """Means over the estimates that there are; None where there are none."""
+
+    overlap: float | None
+    centroid_mm: float | None
+    orientation_deg: float | None
+    n: int
+    """Estimates."""
+    lost: int
+
+
+def summary(scores: Sequence[Score | Failure]) -> MeanErrors:
     """Means over the estimates that there are, their number, and how many were lost."""
     found = [s for s in scores if isinstance(s, Score)]
     overlaps = [s.overlap for s in found if s.overlap is not None]
-    return {
-        "overlap": float(np.mean(overlaps)) if overlaps else None,
-        "centroid_mm": float(np.mean([s.centroid_mm for s in found])) if found else None,
-        "orientation_deg": float(np.mean([s.orientation_deg for s in found])) if found else None,
-        "n": len(found),
-        "lost": len(scores) - len(found),
-    }
-
-
-def as_row(result: Score | Failure) -> dict[str, Any]:
-    """JSON of one result: its numbers, or why there are none."""
-    if isinstance(result, Failure):
-        return {"reason": str(result.reason), "detail": result.detail}
-    return {
-        "overlap": result.overlap,
-        "centroid_mm": result.centroid_mm,
-        "orientation_deg": result.orientation_deg,
-    }
-
-
-def from_row(row: Mapping[str, Any]) -> Score | Failure:
-    """The result that ``as_row`` wrote."""
-    if "reason" in row:
-        return Failure(Reason(row["reason"]), row["detail"])
-    return Score(row["overlap"], row["centroid_mm"], row["orientation_deg"])
+    return MeanErrors(
+        overlap=float(np.mean(overlaps)) if overlaps else None,
+        centroid_mm=float(np.mean([s.centroid_mm for s in found])) if found else None,
+        orientation_deg=float(np.mean([s.orientation_deg for s in found])) if found else None,
+        n=len(found),
+        lost=len(scores) - len(found),
+    )
 
 
 def markdown_table(by_car: Mapping[str, Mapping[str, Sequence[Score | Failure]]]) -> str:
@@ -97,10 +90,10 @@ def _cells(name: str, scores: Mapping[str, Sequence[Score | Failure]]) -> list[s
     cells = [name, str(len(scores[METHODS[0]]))]
     for method in METHODS:
         mean = summary(scores[method])
-        lost = f" ({mean['lost']} lost)" if mean["lost"] else ""
+        lost = f" ({mean.lost} lost)" if mean.lost else ""
         if method != "single_plane":
-            cells.append("" if mean["overlap"] is None else f"{100 * mean['overlap']:.1f}{lost}")
-        cells += ["" if mean[k] is None else f"{mean[k]:.2f}" for k in ("centroid_mm", "orientation_deg")]
+            cells.append("" if mean.overlap is None else f"{100 * mean.overlap:.1f}{lost}")
+        cells += ["" if v is None else f"{v:.2f}" for v in (mean.centroid_mm, mean.orientation_deg)]
     return cells
 
 

@@ -3,22 +3,30 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from datasets_synth.cars.models import cars_of_splits
 from datasets_synth.cars.shapes import CarModel
-from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, Placement, photograph
+from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, photograph
+from datasets_synth.photos.table_scene import Placement as PlacedCar
 from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.errors import Failure, RescoreError
 from recon.localization.localize import FitLocalization
-from rescore.files import write_json, write_provenance
+from rescore.files import write_provenance
 from rescore.parallel import track
 from rescore.speech import say
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
-from rescore.studies.localization.scores import METHODS, REPORTED, Score, as_row, summary
+from rescore.studies.localization.result_file import (
+    LocalizationResult,
+    Placement,
+    TablePose,
+    localization_result,
+    scores_by_car,
+    write_localization,
+)
+from rescore.studies.localization.scores import METHODS, Score
 from rescore.studies.localization.segment import TableRegion, segment_table
 from rescore.studies.localization.trials import (
     Trial,
@@ -38,7 +46,7 @@ class SeveralCars:
     """One photograph of several cars, and what the joint fit finds in it."""
 
     rgb: UInt8Array
-    placed: tuple[Placement, ...]
+    placed: tuple[PlacedCar, ...]
     found: tuple[tuple[TableRegion, FitLocalization], ...]
 
 
@@ -120,35 +128,27 @@ def _spread(cars: Sequence[CarModel], count: int) -> tuple[CarModel, ...]:
 class Tally:
     """The numbers of trials; their pictures are not kept."""
 
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    """A row a trial, as in ``localization.json``."""
-    by_car: dict[str, dict[str, list[Score | Failure]]] = field(default_factory=dict)
-    """Scores by car and method."""
+    placements: list[Placement] = field(default_factory=list)
+    """A placement a trial, as in ``localization.json``."""
+
+    @property
+    def by_car(self) -> dict[str, dict[str, list[Score | Failure]]]:
+        """Scores by car and method."""
+        return scores_by_car(self.placements)
+
+    @property
+    def result(self) -> LocalizationResult:
+        """Content of ``localization.json``."""
+        return localization_result(self.placements)
 
     def add(self, trial: Trial) -> None:
         """Count a trial."""
-        of_car = self.by_car.setdefault(trial.shape_id, {m: [] for m in METHODS})
-        for method in METHODS:
-            of_car[method].append(trial.scores[method])
-        methods = {m: as_row(trial.scores[m]) for m in METHODS}
-        self.rows.append({"car": trial.shape_id, "pose": _pose(trial), "methods": methods})
-
-    def as_json(self) -> dict[str, Any]:
-        """Content of ``localization.json``."""
-        everything = {m: [s for car in self.by_car.values() for s in car[m]] for m in METHODS}
-        return {
-            "methods": {m: summary(everything[m]) for m in METHODS},
-            "report": {
-                m: dict(zip(("overlap", "centroid_mm", "orientation_deg"), numbers, strict=True))
-                for m, numbers in REPORTED.items()
-            },
-            "orientation_period_deg": {"3dp": 360, "3dp_report": 360, "single_plane": 180},
-            "placements": self.rows,
-        }
+        methods = {m: trial.scores[m] for m in METHODS}
+        self.placements.append(Placement(car=trial.shape_id, pose=_pose(trial), methods=methods))
 
     def save(self, out: Path, study: LocalizationStudy, meshes: Path | None) -> None:
         """Write ``localization.json`` with its settings to a folder."""
-        write_json(out / "localization.json", self.as_json())
+        write_localization(out / "localization.json", self.result)
         settings = {
             "cars": len(study.cars),
             "placements": study.placements,
@@ -157,10 +157,7 @@ class Tally:
         write_provenance(out / "localization.json", "localize", settings, study.seed)
 
 
-def _pose(trial: Trial) -> dict[str, float]:
+def _pose(trial: Trial) -> TablePose:
     x, y = trial.truth.xy_m
-    return {
-        "x_mm": 1000 * float(x),
-        "y_mm": 1000 * float(y),
-        "yaw_deg": float(trial.truth.yaw_rad * 57.29577951),
-    }
+    yaw_deg = float(trial.truth.yaw_rad * 57.29577951)
+    return TablePose(x_mm=1000 * float(x), y_mm=1000 * float(y), yaw_deg=yaw_deg)

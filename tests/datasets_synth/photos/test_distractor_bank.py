@@ -16,7 +16,7 @@ from datasets_synth.photos.distractor_kinds import (
     vertices_of,
 )
 from rescore.evidence.registration import Registration
-from rescore.studies.distractors import Judged, bank_as_json, cut_at_recall, judge_bank
+from rescore.studies.distractors import Judged, bank_result, cut_at_recall, judge_bank
 from tests.bank_judge import stored_judge
 
 # one worker makes what all of them need
@@ -61,12 +61,12 @@ def test_pictures_of_cars_are_cut(judged: list[Judged]) -> None:
 
 
 def test_the_summary_counts_everything(judged: list[Judged]) -> None:
-    value = bank_as_json(judged, 0.7)
-    counts = {k["name"]: k["count"] for k in value["kinds"]}
+    value = bank_result(judged, 0.7)
+    counts = {k.name: k.count for k in value.kinds}
     assert counts == {ORDINARY_CAR: 8, "dark_car": 3} | dict.fromkeys(POSTERS, 4) | dict.fromkeys(OTHERS, 3)
-    assert all(k["count"] == len(k["values"]["metric"]) for k in value["kinds"])
-    assert set(value["cut"]) == {"paper", "guarded", "metric"}
-    assert not any("metric" in k["below_cars"] for k in value["kinds"])
+    assert all(k.count == len(k.values["metric"]) for k in value.kinds)
+    assert set(value.cut) == {"paper", "guarded", "metric"}
+    assert not any("metric" in k.below_cars for k in value.kinds)
 
 
 @pytest.mark.parametrize("kind", ["car", "mural", "toy"])

@@ -1,34 +1,52 @@
 import pytest
 
 from reports.page.headline import few_images, headline, tiles
+from rescore.results.candidate_file import ALONE
+from rescore.results.metrics_file import Ends, Estimate, Intervals, Metrics, ModeComparison, Row
 
 
-def row(mode: str, fppi: float | None, detector: str = "hog", ap: float = 0.25) -> dict:
-    interval = {"fppi_at_recall": {"0.7": [0.5, None]}}
-    common = {"recall_ceiling": 0.6, "intervals": interval}
-    return common | {
-        "detector": detector,
-        "mode": mode,
-        "average_precision": ap,
-        "fppi_at_recall": {"0.7": fppi},
-    }
+def row(mode: str, fppi: float | None, detector: str = "hog", ap: float = 0.25) -> Row:
+    intervals = Intervals(
+        auc=None,
+        average_precision=None,
+        fppi_at_recall={"0.7": (0.5, None)},
+        n_undefined={},
+        n_infinite={},
+    )
+    return Row(
+        detector=detector,
+        mode=mode,
+        auc=None,
+        average_precision=ap,
+        recall_ceiling=0.6,
+        fppi_at_recall={"0.7": fppi},
+        intervals=intervals,
+    )
 
 
 def metrics(
-    *rows: dict, value: float | None = 2.0, interval: list | None = None, n_images: int = 100
-) -> dict:
-    figure = {"value": value, "interval": [1.5, 3.0] if interval is None else interval}
-    comparisons = [
-        {
-            "detector": r["detector"],
-            "mode": r["mode"],
-            "reduction": {"0.7": figure},
-            "average_precision_difference": {"value": 0.05, "interval": [0.01, 0.1]},
-        }
+    *rows: Row,
+    value: float | None = 2.0,
+    interval: Ends = (1.5, 3.0),
+    n_images: int = 100,
+    n_cars: int = 40,
+) -> Metrics:
+    def estimate(value: float | None, interval: Ends) -> Estimate:
+        return Estimate(value=value, interval=interval, n_undefined=0, n_infinite=0)
+
+    comparisons = tuple(
+        ModeComparison(
+            detector=r.detector,
+            mode=r.mode,
+            against=ALONE,
+            auc_difference=estimate(0.0, (0.0, 0.0)),
+            reduction={"0.7": estimate(value, interval)},
+            average_precision_difference=estimate(0.05, (0.01, 0.1)),
+        )
         for r in rows
-        if r["mode"] != "detector"
-    ]
-    return {"rows": rows, "n_cars": 40, "n_images": n_images, "comparisons": comparisons}
+        if r.mode != ALONE
+    )
+    return Metrics(n_images=n_images, n_cars=n_cars, n_candidates=0, rows=rows, comparisons=comparisons)
 
 
 def test_both_values_and_the_interval_of_the_factor_are_said():
@@ -83,7 +101,7 @@ def test_a_detector_alone_has_its_own_interval():
 
 
 def test_nothing_is_claimed_without_annotated_cars():
-    assert "nothing can be said" in headline(metrics(row("detector", None)) | {"n_cars": 0})
+    assert "nothing can be said" in headline(metrics(row("detector", None), n_cars=0))
 
 
 def test_few_images_get_a_warning():

@@ -1,4 +1,5 @@
 import json
+import math
 import re
 import shutil
 from dataclasses import replace
@@ -14,7 +15,17 @@ from reports.page.html import build_report, render_report
 from reports.page.paired_runs import Evaluated
 from reports.run.curves import curve_sets
 from reports.run.tables import result_table
-from rescore.results.run_folder import Run, load_run
+from rescore.results.metrics_file import StereoStatistics
+from rescore.results.run_config_file import RunConfigFile
+from rescore.results.run_folder import Run, RunFolder, load_run
+from rescore.results.sweep_file import (
+    SweepFigures,
+    SweepPoint,
+    SweepResult,
+    SweptDial,
+    SweptInterval,
+    write_sweep,
+)
 from tests.reports.html_reader import Page
 
 
@@ -56,13 +67,13 @@ def test_the_file_is_small_and_its_names_are_unique(report: Path, page: Page):
 def test_tables_equal_metrics_json(run: Run, page: Page):
     head, *rows = page.tables["r0-results"]
     assert tuple(head) == result_table(run.metrics).head
-    for cells, row in zip(rows, run.metrics["rows"], strict=True):
-        assert float(cells[3]) == pytest.approx(row["auc"], abs=5e-4)
-        assert float(cells[4]) == pytest.approx(row["average_precision"], abs=5e-4)
+    for cells, row in zip(rows, run.metrics.rows, strict=True):
+        assert float(cells[3]) == pytest.approx(row.auc, abs=5e-4)
+        assert float(cells[4]) == pytest.approx(row.average_precision, abs=5e-4)
         for cell, level in zip(cells[5:9], ("0.5", "0.6", "0.7", "0.8"), strict=True):
-            value = row["fppi_at_recall"][level]
+            value = row.fppi_at_recall[level]
             assert (cell == "–") if value is None else (float(cell) == pytest.approx(value, abs=5e-3))
-        assert float(cells[9]) == pytest.approx(row["recall_ceiling"], abs=5e-4)
+        assert float(cells[9]) == pytest.approx(row.recall_ceiling, abs=5e-4)
 
 
 def test_interactive_curves_are_those_of_the_run(run: Run, page: Page):
@@ -105,10 +116,10 @@ def test_cards_say_what_filters_ask_for(run: Run, page: Page):
 
 
 def test_what_was_run_names_versions_seed_and_frames(run: Run, page: Page):
-    for value in ("rescore 0.1.0", "fake", str(run.config["seed"])):
+    for value in ("rescore 0.1.0", "fake", str(run.config.seed)):
         assert value in page.text
     ((split, images, _, n_images, n_cars),) = page.tables["r0-ids"][1:]
-    assert (split, int(n_images), int(n_cars)) == ("test", run.metrics["n_images"], run.metrics["n_cars"])
+    assert (split, int(n_images), int(n_cars)) == ("test", run.metrics.n_images, run.metrics.n_cars)
     assert re.fullmatch("[0-9a-f]{16}", images)
 
 
@@ -118,14 +129,15 @@ def test_few_images_are_told_to_prove_little(page: Page):
 
 def test_text_from_outside_cannot_break_the_page(run: Run):
     evil = "</script><script>alert(1)</script>"
-    text = text_of(replace(run, config={"seed": evil, "config": {"preset": evil}, "stereo": {}}))
+    text = text_of(replace(run, config=RunConfigFile(command=evil, config={"preset": evil})))
     assert evil not in text
     assert evil in Page(text).text
 
 
 def test_a_run_with_the_detector_alone_has_no_gallery(run: Run):
-    rows = [row for row in run.metrics["rows"] if row["mode"] == "detector"]
-    alone = replace(run, metrics={**run.metrics, "rows": rows, "tuning": {}, "stereo": {}})
+    rows = tuple(row for row in run.metrics.rows if row.mode == "detector")
+    fewer = {"rows": rows, "tuning": {}, "stereo": StereoStatistics()}
+    alone = replace(run, metrics=run.metrics.model_copy(update=fewer))
     page = Page(text_of(alone))
     assert not page.cards
     assert "No candidate was rescored in this run" in page.text
@@ -134,7 +146,7 @@ def test_a_run_with_the_detector_alone_has_no_gallery(run: Run):
 
 
 def test_a_run_without_its_data_set_has_curves_and_says_what_lacks(run: Run):
-    lost = replace(run, config={**run.config, "data": str(run.root / "gone")})
+    lost = replace(run, config=run.config.model_copy(update={"data": str(run.root / "gone")}))
     page = Page(text_of(lost))
     assert len(charts_of(page)) == 10
     assert "No pictures of candidates:" in page.text
@@ -153,15 +165,17 @@ def test_reconstructions_that_were_not_kept_are_told_once(run_dir: Path, tmp_pat
 def test_a_sweep_in_the_run_folder_is_drawn_else_its_command_is_named(run_dir: Path, tmp_path: Path):
     assert "rescore sweep run --out run/sweep" in Page(text_of(load_run(run_dir))).text
     shutil.copytree(run_dir, tmp_path / "run")
-    figure = {"value": 2.0, "low": 1.0, "high": "inf"}
+    figure = SweptInterval(value=2.0, low=1.0, high=math.inf, n_undefined=0, n_infinite=1)
     figures = {
-        "detector": {"fppi": figure, "reduction": None},
-        "paper": {"fppi": figure, "reduction": figure},
+        mode: SweepFigures(
+            fppi=figure, auc=figure, reduction=reduction, with_evidence=1.0, significant_loss=False
+        )
+        for mode, reduction in (("detector", None), ("paper", figure))
     }
-    points = [{"level": level, "figures": figures} for level in (0.0, 1.0)]
-    sweep = {"detector": "hog", "n_images": 5, "dials": {"blur": {"what": "blur, pixels", "points": points}}}
-    (tmp_path / "run" / "sweep").mkdir()
-    (tmp_path / "run" / "sweep" / "sweep.json").write_text(json.dumps(sweep))
+    points = tuple(SweepPoint(level=level, figures=figures) for level in (0.0, 1.0))
+    dials = {"blur": SweptDial(what="blur, pixels", points=points)}
+    sweep = SweepResult(detector="hog", n_images=5, dials=dials)
+    write_sweep(RunFolder(tmp_path / "run").sweep, sweep)
     charts = charts_of(Page(text_of(load_run(tmp_path / "run"))))
     (factor,) = charts["r0-sweep-0-0"]["lines"]
     assert factor["band"]["high"] == [30.0, 30.0]
@@ -222,7 +236,7 @@ def test_several_runs_come_side_by_side(run: Run, tmp_path: Path):
     charts = charts_of(page)
     assert len(charts) == 6 + 2 * 10
     assert len(charts["all-curves-0-0"]["lines"]) == 4
-    assert len(page.tables["all-runs"]) == 1 + 2 * len(run.metrics["rows"])
+    assert len(page.tables["all-runs"]) == 1 + 2 * len(run.metrics.rows)
     assert "on all 5 images" in page.text
     assert "All settings, seeds and versions are the same" in page.text
     # a run against itself differs by nothing, in every resample

@@ -79,7 +79,7 @@ def test_what_two_runs_share_is_compared_alone(run: Run, tmp_path: Path):
     keep = whole.candidates["image_id"] != gone
     part = replace(
         whole,
-        metrics={**whole.metrics, "n_images": 4},
+        metrics=whole.metrics.model_copy(update={"n_images": 4}),
         candidates={k: c[keep] for k, c in whole.candidates.items()},
     )
     (pair,) = compare_runs([Evaluated("a", run), Evaluated("b", part)])
@@ -104,7 +104,7 @@ def test_a_better_second_run_has_positive_differences(run: Run, tmp_path: Path):
 
 
 def test_a_lost_data_set_is_a_note(run: Run):
-    lost = replace(run, config={**run.config, "data": str(run.root / "gone")})
+    lost = replace(run, config=run.config.model_copy(update={"data": str(run.root / "gone")}))
     with pytest.raises(RescoreError):
         _ = Evaluated("b", lost).truth
     (pair,) = compare_runs([Evaluated("a", run), Evaluated("b", lost)])
@@ -114,4 +114,4 @@ def test_a_lost_data_set_is_a_note(run: Run):
 def test_side_by_side_has_a_row_a_run_detector_and_mode(run: Run):
     table = side_by_side([Evaluated("a", run), Evaluated("b", run)])
     assert [row[0] for row in table.rows] == ["a", "a", "b", "b"] * 2
-    assert table.rows[0][4] == f"{run.metrics['rows'][0]['auc']:.3f}"
+    assert table.rows[0][4] == f"{run.metrics.rows[0].auc:.3f}"

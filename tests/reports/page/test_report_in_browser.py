@@ -80,7 +80,7 @@ def test_thresholds_are_read_off_with_the_keyboard(page: BrowserPage, run: Run):
     page.press("End", 35)
     said = page.run("document.querySelector('#r0-curves-0-0 .tip').textContent")
     # at the right end all candidates count
-    ceiling = run.row("hog", "detector")["recall_ceiling"]
+    ceiling = run.row("hog", "detector").recall_ceiling
     lowest = run.of("hog")["likelihood"].min()
     assert f"detector alone{100 * ceiling:.1f} %threshold {lowest:.4f}" in said
     page.press("Home", 36)

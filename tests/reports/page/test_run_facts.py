@@ -13,7 +13,7 @@ def test_the_hash_is_that_of_ids_and_names(run: Run):
     (one,) = id_lists(run_dataset(run))
     lines = "".join(f"{i + 1}\tleft/{i}.png\n" for i in range(5))
     assert one.images == hashlib.sha256(lines.encode()).hexdigest()
-    assert (one.split, one.n_images, one.n_cars, one.shapes) == ("test", 5, run.metrics["n_cars"], "")
+    assert (one.split, one.n_images, one.n_cars, one.shapes) == ("test", 5, run.metrics.n_cars, "")
 
 
 def test_splits_and_shapes_have_hashes_of_their_own(run: Run, tmp_path: Path):
@@ -39,7 +39,9 @@ def test_facts_leave_out_what_is_not_known(run: Run):
 
 
 def test_only_settings_that_differ_are_listed(run: Run):
-    other = replace(run, config={**run.config, "seed": 4, "config": {"preset": "fake", "more": 1}})
+    other = replace(
+        run, config=run.config.model_copy(update={"seed": 4, "config": {"preset": "fake", "more": 1}})
+    )
     table = differing_settings({"a": run, "b": other})
     assert table is not None
     assert table.rows == (("seed", "3", "4"),)

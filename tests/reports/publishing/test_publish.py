@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import pytest
@@ -6,6 +5,7 @@ import pytest
 from recon.errors import RescoreError
 from reports.page.html import build_report
 from reports.publishing.publish import CURVES, publish
+from rescore.results.metrics_file import read_metrics
 from rescore.results.run_folder import Run
 
 
@@ -13,13 +13,13 @@ def test_the_page_shows_the_numbers_and_figures_of_the_run(run: Run, tmp_path: P
     build_report(run.root)
     page = publish(run.root, tmp_path / "published", "make it").read_text(encoding="utf-8")
     assert "`make it`" in page
-    for row in run.metrics["rows"]:
-        assert f"{row['average_precision']:.3f}" in page
+    for row in run.metrics.rows:
+        assert f"{row.average_precision:.3f}" in page
     for name in CURVES:
         assert f"](curves/{name})" in page
         copied = tmp_path / "published" / "curves" / name
         assert copied.read_bytes() == (run.root / "curves" / name).read_bytes()
-    assert json.loads((tmp_path / "published" / "metrics.json").read_text()) == run.metrics
+    assert read_metrics(tmp_path / "published" / "metrics.json") == run.metrics
 
 
 def test_a_run_without_curves_is_refused(run: Run, tmp_path: Path):

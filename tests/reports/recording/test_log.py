@@ -18,6 +18,7 @@ from reports.recording.story import Frames, Story, choose_frames
 from reports.run.curves import curve_sets
 from reports.run.frame_view import frame_views
 from reports.run.overlay import apply_transform, points_of_depth, world_from_camera
+from rescore.results.metrics_file import read_metrics, write_metrics
 from rescore.results.run_folder import Run, boxes_px, load_run
 from tests.reports.metric_run import make_metric_run
 from tests.reports.recording_reader import colours_of, read
@@ -75,14 +76,14 @@ def test_boxes_scores_and_what_is_accepted_equal_the_match_table_in_every_mode(s
 def test_cars_found_and_missed_add_up_to_the_point_of_the_curve(story: Story, recording: Path):
     for detector, mode in story.tables:
         classes = [OUTCOME_CLASSES[c] for c in colours_of(recording, f"{IMAGE}/{detector}/{mode}/cars")]
-        assert len(classes) == story.run.metrics["n_cars"]
+        assert len(classes) == story.run.metrics.n_cars
         _, recall, *_ = story.rates(detector, mode, story.accepted(detector, mode))
         assert classes.count("found") == round(recall * len(classes))
         assert classes.count("missed") == len(classes) - classes.count("found")
 
 
 def test_each_step_of_the_threshold_moves_the_points_and_recolours_the_frames(story: Story, recording: Path):
-    n_images, n_cars = story.run.metrics["n_images"], story.run.metrics["n_cars"]
+    n_images, n_cars = story.run.metrics.n_images, story.run.metrics.n_cars
     for detector in story.run.detectors:
         rows, modes = story.run.of(detector), story.modes_of(detector)
         points = read(recording, f"/curves/{detector}/cars_found/operating_point", "threshold")
@@ -158,14 +159,14 @@ def test_the_file_is_whole_and_blueprint_and_words_are_inside(story: Story, reco
     assert done.returncode == 0, done.stderr
     assert len(RrdReader(str(recording)).blueprints()) == 1
     (results,) = read(recording, "/results")[-1]["TextDocument:text"]
-    for row in story.run.metrics["rows"]:
-        assert f"{row['auc']:.3f}" in results
+    for row in story.run.metrics.rows:
+        assert f"{row.auc:.3f}" in results
     (guide,) = read(recording, "/guide")[-1]["TextDocument:text"]
     assert "with depth (metric)" in guide
 
 
 def test_curves_in_the_recording_are_those_of_the_run(story: Story, recording: Path):
-    left = 0.5 / story.run.metrics["n_images"]
+    left = 0.5 / story.run.metrics.n_images
     for c in curve_sets(story.run):
         path = f"/curves/{c.detector}/cars_found/{c.mode}"
         points = np.concatenate([np.array(s) for s in read(recording, path)[-1]["LineStrips2D:strips"]])
@@ -263,10 +264,9 @@ def test_where_nothing_changed_there_is_no_frame_of_flips(metric_run: Run):
 def test_a_run_of_a_detector_alone_has_a_recording(run_dir: Path, tmp_path: Path):
     shutil.copytree(run_dir, tmp_path / "run")
     file = tmp_path / "run" / "metrics.json"
-    metrics = json.loads(file.read_text())
-    metrics["rows"] = [r for r in metrics["rows"] if r["mode"] == "detector" and r["detector"] == "hog"]
-    metrics["tuning"] = {}
-    file.write_text(json.dumps(metrics))
+    metrics = read_metrics(file)
+    rows = tuple(r for r in metrics.rows if r.mode == "detector" and r.detector == "hog")
+    write_metrics(file, metrics.model_copy(update={"rows": rows, "tuning": {}}))
     out = write_recording(tmp_path / "run", tmp_path / "alone.rrd", show=False)
     assert len(read(out, f"{IMAGE}/hog/detector/cars")) == 5
 

@@ -1,5 +1,5 @@
 import io
-from typing import Any
+from pathlib import Path
 
 from rich.console import Console
 
@@ -16,50 +16,53 @@ from reports.run.tables import (
     weight_table,
     weight_text,
 )
+from rescore.files import write_json
+from rescore.results.metrics_file import Ends, Estimate, Metrics, ModeComparison, TunedWeight, read_metrics
 from rescore.results.run_folder import Run
 
 
-def figure(value: float | None, interval: list[float | None] | None) -> dict[str, Any]:
-    return {"value": value, "interval": interval, "n_undefined": 0, "n_infinite": 0}
+def figure(value: float | None, interval: Ends | None) -> Estimate:
+    return Estimate(value=value, interval=interval, n_undefined=0, n_infinite=0)
 
 
 def test_factors_show_infinity_and_what_is_undefined():
-    assert factor(figure(1.236, [0.994, 12.34])) == "1.24 (0.99–12.3)"
-    assert factor(figure(None, [1.5, None])) == "∞ (1.50–∞)"
+    assert factor(figure(1.236, (0.994, 12.34))) == "1.24 (0.99–12.3)"
+    assert factor(figure(None, (1.5, None))) == "∞ (1.50–∞)"
     assert factor(figure(None, None)) == factor(None) == "–"
 
 
 def test_differences_are_signed():
-    assert difference(figure(-0.0841, [-0.154, 0.0123])) == "−0.084 (−0.154, +0.012)"
+    assert difference(figure(-0.0841, (-0.154, 0.0123))) == "−0.084 (−0.154, +0.012)"
     assert difference(figure(None, None)) == "–"
 
 
 def test_the_comparison_shows_metrics_json(run: Run):
     table = comparison_table(run.metrics)
     assert table is not None
-    assert len(table.rows) == len(run.metrics["comparisons"]) == 2
-    for cells, c in zip(table.rows, run.metrics["comparisons"], strict=True):
+    assert len(table.rows) == len(run.metrics.comparisons) == 2
+    for cells, c in zip(table.rows, run.metrics.comparisons, strict=True):
         shown = dict(zip(table.head, cells, strict=True))
-        assert shown["fewer FP at 70%"] == factor(c["reduction"]["0.7"])
-        assert shown["at 70% without pictures"] == factor(c["reduction_without_pictures"]["0.7"])
-        assert shown["area"] == difference(c["auc_difference"])
-        assert shown["AP"] == difference(c["average_precision_difference"])
+        assert shown["fewer FP at 70%"] == factor(c.reduction["0.7"])
+        assert shown["at 70% without pictures"] == factor(c.reduction_without_pictures["0.7"])
+        assert shown["area"] == difference(c.auc_difference)
+        assert shown["AP"] == difference(c.average_precision_difference)
 
 
 def test_the_terminal_comparison_fits_80_columns_at_its_widest():
-    wide = figure(-0.1234, [-1.0, -0.9876])
-    modes = [
-        {
-            "detector": "hog",
-            "mode": mode,
-            "reduction": {"0.7": figure(123.4, [11.11, 987.6])},
-            "reduction_without_pictures": {"0.7": figure(None, [11.11, None])},
-            "auc_difference": wide,
-            "average_precision_difference": wide,
-        }
+    wide = figure(-0.1234, (-1.0, -0.9876))
+    modes = tuple(
+        ModeComparison(
+            detector="hog",
+            mode=mode,
+            against="detector",
+            reduction={"0.7": figure(123.4, (11.11, 987.6))},
+            reduction_without_pictures={"0.7": figure(None, (11.11, None))},
+            auc_difference=wide,
+            average_precision_difference=wide,
+        )
         for mode in ("paper", "guarded", "metric")
-    ]
-    table = terminal_comparison({"comparisons": modes})
+    )
+    table = terminal_comparison(Metrics(n_images=1, n_cars=1, n_candidates=1, rows=(), comparisons=modes))
     assert table is not None
     out = io.StringIO()
     Console(file=out, width=80).print(table.rich(TERMINAL_CAPTION))
@@ -94,16 +97,18 @@ def test_weights_and_reliability_are_shown(run: Run):
     assert weights.rows[0][5].startswith("not separable from w = 0.25 to 0.95")
     assert scores is not None
     assert len(scores.rows) == 4
-    assert weight_text({"w": 0.6}) == "0.6"
+    assert weight_text(TunedWeight(w=0.6, objective_name="", w_grid=(), objective=())) == "0.6"
 
 
-def test_a_run_of_an_older_version_has_none_of_these(run: Run):
+def test_a_run_of_an_older_version_has_none_of_these(run: Run, tmp_path: Path):
     new = {"comparisons", "fusion", "reliability"}
-    older = {name: value for name, value in run.metrics.items() if name not in new}
-    older["tuning"] = {
+    value = {name: part for name, part in run.metrics.as_json().items() if name not in new}
+    value["tuning"] = {
         name: {k: v for k, v in t.items() if k not in ("modes", "uncertainty", "sentence")}
-        for name, t in run.metrics["tuning"].items()
+        for name, t in value["tuning"].items()
     }
+    write_json(tmp_path / "metrics.json", value)
+    older = read_metrics(tmp_path / "metrics.json")
     tables = (comparison_table, terminal_comparison, fusion_table, weight_table, reliability_table)
     assert [t(older) for t in tables] == [None] * 5
     page = render_report([Evaluated("run", Run(run.root, run.config, older, run.candidates))])

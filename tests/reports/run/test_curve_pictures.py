@@ -24,6 +24,7 @@ from rescore.detectors.registry import DETECTORS
 from rescore.formats.coco_dataset import read_dataset
 from rescore.metrics.curves import candidate_roc, recall_curve, summarise
 from rescore.metrics.matching import TruthTable, greedy_match, ranking_of
+from rescore.results.metrics_file import TunedWeight
 from rescore.results.run_folder import Run, boxes_px
 
 
@@ -36,7 +37,7 @@ def test_curves_are_those_of_rescore_metrics_on_a_fresh_match(run: Run):
         for ours, theirs in ((curves.candidate, candidate_roc(match)), (curves.cars, recall_curve(match))):
             np.testing.assert_array_equal(ours.x, theirs.x)
             np.testing.assert_array_equal(ours.y, theirs.y)
-        assert curves.row["average_precision"] == summarise(match).average_precision
+        assert curves.row.average_precision == summarise(match).average_precision
 
 
 def test_thresholds_are_scores_that_accept_what_the_point_counts(run: Run):
@@ -55,7 +56,7 @@ def test_precision_times_accepted_is_the_number_of_hits(run: Run):
         accepted = np.arange(1, len(curves.precision.recall) + 1)
         # every score of this run differs, so each point accepts one candidate more
         hits = curves.precision.precision * accepted
-        np.testing.assert_allclose(hits, curves.precision.recall * run.metrics["n_cars"], atol=1e-9)
+        np.testing.assert_allclose(hits, curves.precision.recall * run.metrics.n_cars, atol=1e-9)
 
 
 def test_pictures_are_drawn_and_differ(run: Run, tmp_path: Path):
@@ -80,18 +81,16 @@ def test_drawn_lines_are_the_curves_and_the_axes_say_what_they_count(run: Run):
     assert "share of the false candidates" in axes.get_xlabel()
     axes = Figure().add_subplot()
     draw_chart(axes, charts[CARS]["hog"])
-    assert f"all {run.metrics['n_cars']} annotated cars" in axes.get_ylabel()
+    assert f"all {run.metrics.n_cars} annotated cars" in axes.get_ylabel()
     assert "per image" in axes.get_xlabel()
     legend = [t.get_text() for t in axes.get_legend().get_texts()]
-    assert all(f"{c.row['average_precision']:.3f}" in text for text, c in zip(legend, curves, strict=True))
+    assert all(f"{c.row.average_precision:.3f}" in text for text, c in zip(legend, curves, strict=True))
 
 
 def test_the_marked_weight_is_the_chosen_one_and_a_null_objective_is_left_out():
     axes = Figure().add_subplot()
-    tuning = {
-        "hog": {"w": 0.5, "w_grid": [0, 0.5, 1], "objective": [None, 0.8, 0.6], "objective_name": "auc"}
-    }
-    draw_chart(axes, weights_of_detectors(tuning))
+    tuned = TunedWeight(w=0.5, w_grid=(0, 0.5, 1), objective=(None, 0.8, 0.6), objective_name="auc")
+    draw_chart(axes, weights_of_detectors({"hog": tuned}))
     assert axes.lines[1].get_xydata().tolist() == [[0.5, 0.8]]
     assert np.isnan(axes.lines[0].get_ydata()[0])
 

@@ -1,4 +1,3 @@
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +17,7 @@ from rescore.cli import main
 from rescore.metrics.curves import fppi_at_recall, recall_curve
 from rescore.results.changes import Group, OperatingPoint
 from rescore.results.inspection import Only, Sort
+from rescore.results.metrics_file import read_metrics, write_metrics
 from rescore.results.run_folder import Run, load_run
 
 Command = Callable[..., tuple[int, str, str]]
@@ -38,11 +38,11 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 def test_the_tally_is_that_of_the_curves_in_every_detector_and_mode(run: Run) -> None:
     for detector in run.detectors:
         inspection = inspect_run(run, detector, "paper", OperatingPoint(recall=0.5))
-        tally, n_images = inspection.changes.tally, run.metrics["n_images"]
+        tally, n_images = inspection.changes.tally, run.metrics.n_images
         for mode, false in (("detector", tally.false_before), ("paper", tally.false_after)):
             wanted = fppi_at_recall(recall_curve(match_table(run, detector, mode)), 0.5)
             assert false / n_images == pytest.approx(wanted)
-            assert wanted == pytest.approx(run.row(detector, mode)["fppi_at_recall"]["0.5"])
+            assert wanted == pytest.approx(run.row(detector, mode).fppi_at_recall["0.5"])
         assert f"{tally.newly_rejected} of {tally.false_before} false alarms rejected" in summary(inspection)
 
 
@@ -138,9 +138,9 @@ def test_a_damaged_or_foreign_table_is_refused(command: Command, run_dir: Path, 
 
 def test_a_run_of_the_detector_alone_has_nothing_to_compare(run_dir: Path, tmp_path: Path) -> None:
     root = copytree(run_dir, tmp_path / "run")
-    metrics = json.loads((root / "metrics.json").read_text())
-    metrics["rows"] = [r for r in metrics["rows"] if r["mode"] == "detector"]
-    (root / "metrics.json").write_text(json.dumps(metrics))
+    metrics = read_metrics(root / "metrics.json")
+    alone = tuple(r for r in metrics.rows if r.mode == "detector")
+    write_metrics(root / "metrics.json", metrics.model_copy(update={"rows": alone}))
     with pytest.raises(RescoreError, match="expected hog to be rescored, got the detector alone"):
         inspect_run(load_run(root))
 
@@ -150,9 +150,9 @@ def test_a_learned_mode_without_its_model_says_what_is_missing(run_dir: Path, tm
     table = pq.read_table(root / "candidates.parquet")
     table = table.append_column("posterior_metric", table["posterior_paper"])
     pq.write_table(table, root / "candidates.parquet")
-    metrics = json.loads((root / "metrics.json").read_text())
-    metrics["rows"] += [r | {"mode": "metric"} for r in metrics["rows"] if r["mode"] == "paper"]
-    (root / "metrics.json").write_text(json.dumps(metrics))
+    metrics = read_metrics(root / "metrics.json")
+    more = tuple(r.model_copy(update={"mode": "metric"}) for r in metrics.rows if r.mode == "paper")
+    write_metrics(root / "metrics.json", metrics.model_copy(update={"rows": metrics.rows + more}))
     inspection = inspect_run(load_run(root))
     assert inspection.mode == "metric"
     assert "--evidence-model" in str(note(inspection))

@@ -12,32 +12,32 @@ from reports.run.tables import (
     stereo_table,
     terminal_table,
 )
+from rescore.results.metrics_file import DetectorDifficulty, Metrics, Row, StereoStatistics
 from rescore.results.run_folder import Run
 
 
 def test_the_result_table_shows_metrics_json(run: Run):
     table = result_table(run.metrics)
-    assert len(table.rows) == len(run.metrics["rows"]) == 4
-    for cells, row in zip(table.rows, run.metrics["rows"], strict=True):
+    assert len(table.rows) == len(run.metrics.rows) == 4
+    for cells, row in zip(table.rows, run.metrics.rows, strict=True):
         shown = dict(zip(table.head, cells, strict=True))
-        assert float(shown["area (ROC)"]) == round(row["auc"], 3)
-        assert float(shown["average precision"]) == round(row["average_precision"], 3)
-        assert float(shown["recall ceiling"]) == round(row["recall_ceiling"], 3)
-        assert shown["w"] == f"{row['w']:.2f}"
-        assert shown["FP/image at 70%"] == f"{row['fppi_at_recall']['0.7']:.2f}"
+        assert float(shown["area (ROC)"]) == round(row.auc, 3)
+        assert float(shown["average precision"]) == round(row.average_precision, 3)
+        assert float(shown["recall ceiling"]) == round(row.recall_ceiling, 3)
+        assert shown["w"] == f"{row.w:.2f}"
+        assert shown["FP/image at 70%"] == f"{row.fppi_at_recall['0.7']:.2f}"
 
 
 def test_what_is_undefined_or_never_reached_is_a_dash():
-    row = {
-        "detector": "mine",
-        "mode": "detector",
-        "w": None,
-        "auc": None,
-        "average_precision": float("nan"),
-        "recall_ceiling": 0.25,
-        "fppi_at_recall": {"0.5": None, "0.6": None, "0.7": None, "0.8": None},
-    }
-    cells = result_table({"rows": [row]}).rows[0]
+    row = Row(
+        detector="mine",
+        mode="detector",
+        auc=None,
+        average_precision=float("nan"),
+        recall_ceiling=0.25,
+        fppi_at_recall=dict.fromkeys(("0.5", "0.6", "0.7", "0.8")),
+    )
+    cells = result_table(Metrics(n_images=1, n_cars=1, n_candidates=0, rows=(row,))).rows[0]
     assert cells == ("mine", "detector alone", *["–"] * 7, "0.250")
 
 
@@ -47,8 +47,8 @@ def test_the_terminal_table_fits_80_columns(run: Run):
     text = out.getvalue()
     assert "…" not in text
     assert max(len(line) for line in text.splitlines()) <= 80
-    for row in run.metrics["rows"]:
-        assert f"{row['auc']:.3f}" in text
+    for row in run.metrics.rows:
+        assert f"{row.auc:.3f}" in text
 
 
 def test_markdown_has_one_cell_a_column(run: Run):
@@ -86,20 +86,17 @@ def test_kinds_count_false_alarms_alone():
 
 
 def test_stereo_errors_are_listed_by_split_and_region(run: Run):
-    table = stereo_table(run.metrics["stereo"])
+    table = stereo_table(run.metrics.stereo)
     assert table is not None
     assert table.rows[0] == ("test", "cars", "93.0%", "1.25", "18.0%", "–")
-    assert stereo_table({}) is None
+    assert stereo_table(StereoStatistics()) is None
 
 
 def test_the_difficulty_table_names_the_commonest_kinds():
-    hard = {
-        "n_cars": 10,
-        "recall_ceiling": 0.9,
-        "fppi_at_70": None,
-        "share_by_kind": {"bus_picture": 0.6, "": 0.4},
-    }
+    hard = DetectorDifficulty(
+        n_cars=10, recall_ceiling=0.9, fppi_at_70=None, share_by_kind={"bus_picture": 0.6, "": 0.4}
+    )
     table = difficulty_table({"hog": hard})
     assert table is not None
     assert table.rows[0][1:] == ("10", "90.0%", "–", "bus picture 60.0%, unknown 40.0%")
-    assert difficulty_table({"hog": hard | {"share_by_kind": {}}}) is None
+    assert difficulty_table({"hog": hard.model_copy(update={"share_by_kind": {}})}) is None

@@ -1,34 +1,35 @@
 """The published page of section 5.1: numbers, flips and lost placements come from the JSON."""
 
-import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from recon.errors import RescoreError
+from recon.errors import Failure, Reason, RescoreError
 from reports.studies.localization import page, publish
-from rescore.studies.localization.scores import METHODS, REPORTED
+from rescore.studies.localization.result_file import (
+    LocalizationResult,
+    Placement,
+    TablePose,
+    localization_result,
+    write_localization,
+)
+from rescore.studies.localization.scores import Score
 
-GOOD = {"overlap": 0.9, "centroid_mm": 3.0, "orientation_deg": 1.0}
-FLIPPED = {"overlap": 0.7, "centroid_mm": 9.0, "orientation_deg": 179.0}
-LOST = {"reason": "no_outline", "detail": "a region expected"}
+GOOD = Score(0.9, 3.0, 1.0)
+FLIPPED = Score(0.7, 9.0, 179.0)
+LOST = Failure(Reason.NO_OUTLINE, "a region expected")
 
 
-def run() -> dict[str, object]:
-    plane = {"overlap": None, "centroid_mm": 60.0, "orientation_deg": 20.0}
-    rows = [
-        {"car": "sedan", "pose": {}, "methods": {"3dp": own, "3dp_report": parts, "single_plane": plane}}
+def run() -> LocalizationResult:
+    plane = Score(None, 60.0, 20.0)
+    pose = TablePose(x_mm=0.0, y_mm=0.0, yaw_deg=0.0)
+    placements = [
+        Placement(car="sedan", pose=pose, methods={"3dp": own, "3dp_report": parts, "single_plane": plane})
         for own, parts in ((GOOD, GOOD), (FLIPPED, LOST))
     ]
-    means = {m: {"overlap": 0.8, "centroid_mm": 6.0, "orientation_deg": 90.0, "lost": 0} for m in METHODS}
-    means["3dp_report"]["lost"] = 1
-    report = {
-        m: dict(zip(("overlap", "centroid_mm", "orientation_deg"), n, strict=True))
-        for m, n in REPORTED.items()
-    }
-    return {"methods": means, "report": report, "placements": rows}
+    return localization_result(placements)
 
 
 def test_page_names_flips_and_lost_ones_beside_the_reports_figures() -> None:
@@ -49,7 +50,7 @@ def test_publish_copies_numbers_and_reduces_pictures(tmp_path: Path) -> None:
     run_dir.mkdir()
     with pytest.raises(RescoreError, match="localize"):
         publish(run_dir, tmp_path / "out", "make it")
-    (run_dir / "localization.json").write_text(json.dumps(run()))
+    write_localization(run_dir / "localization.json", run())
     noise = np.random.default_rng(0).integers(0, 255, (900, 900, 3)).astype(np.uint8)
     cv2.imwrite(str(run_dir / "table.png"), noise)
     readme = publish(run_dir, tmp_path / "out", "make it")

@@ -1,7 +1,7 @@
 """The pages on depth evidence say what their numbers say."""
 
+from math import inf
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -10,66 +10,68 @@ import pytest
 from reports.studies.distractors import Example, distractor_text, draw_boxes, draw_examples
 from reports.studies.evidence import ablation_sentence, evidence_text
 from reports.studies.sweep import FIGURES, losses_text, sweep_text, write_sweep_page
+from rescore.results.sweep_file import (
+    SweepFigures,
+    SweepPoint,
+    SweepResult,
+    SweptDial,
+    SweptInterval,
+    VisibilityGroup,
+)
+from rescore.studies.ablation import AblationRow
+from rescore.studies.distractors import BankCut, BankKind, BankResult, Quartiles
 
 
-def interval(value: Any, low: Any, high: Any) -> dict[str, Any]:
-    return {"value": value, "low": low, "high": high, "n_undefined": 0, "n_infinite": 0}
+def interval(value: float, low: float, high: float) -> SweptInterval:
+    return SweptInterval(value=value, low=low, high=high, n_undefined=0, n_infinite=0)
 
 
-def figures(fppi: float, factor: tuple[Any, Any, Any] | None, loss: bool = False) -> dict[str, Any]:
-    return {
-        "fppi": interval(fppi, 0.1, "inf"),
-        "auc": interval(0.9, 0.8, 0.95),
-        "reduction": factor and interval(*factor),
-        "with_evidence": 1.0,
-        "significant_loss": loss,
-    }
+def figures(fppi: float, factor: tuple[float, float, float] | None, loss: bool = False) -> SweepFigures:
+    return SweepFigures(
+        fppi=interval(fppi, 0.1, inf),
+        auc=interval(0.9, 0.8, 0.95),
+        reduction=factor and interval(*factor),
+        with_evidence=1.0,
+        significant_loss=loss,
+    )
 
 
-def sweep_value(loss: bool) -> dict[str, Any]:
-    def point(level: float, factor: tuple[Any, Any, Any], lost: bool = False) -> dict[str, Any]:
-        return {
-            "level": level,
-            "figures": {"detector": figures(2.0, None), "metric": figures(0.5, factor, lost)},
-        }
+def sweep_value(loss: bool) -> SweepResult:
+    def point(level: float, factor: tuple[float, float, float], lost: bool = False) -> SweepPoint:
+        own = {"detector": figures(2.0, None), "metric": figures(0.5, factor, lost)}
+        return SweepPoint(level=level, figures=own)
 
-    points = [point(0.0, (4.0, 1.5, "inf")), point(1.0, (0.5, 0.2, 0.8), loss)]
-    group = {"visible": [0.3, 0.6], "n_cars": 7, "figures": points[0]["figures"]}
-    return {
-        "detector": "hog",
-        "n_images": 9,
-        "dials": {"holes": {"what": "share of holes", "points": points}},
-        "visibility": [group],
-    }
+    points = (point(0.0, (4.0, 1.5, inf)), point(1.0, (0.5, 0.2, 0.8), loss))
+    group = VisibilityGroup(visible=(0.3, 0.6), n_cars=7, figures=points[0].figures)
+    dials = {"holes": SweptDial(what="share of holes", points=points)}
+    return SweepResult(detector="hog", n_images=9, dials=dials, visibility=(group,))
 
 
-def distractor_value() -> dict[str, Any]:
-    def kind(name: str, d: list[float | None], below: list[str]) -> dict[str, Any]:
-        return {
-            "name": name,
-            "title": f"a {name}",
-            "is_car": name == "car",
-            "count": len(d),
-            "d": {"metric": {"low": 0.1, "median": 0.25, "high": 0.5, "without": d.count(None)}},
-            "values": {"metric": d},
-            "below_cars": below,
-        }
+def distractor_value() -> BankResult:
+    def kind(name: str, d: tuple[float | None, ...], below: tuple[str, ...]) -> BankKind:
+        return BankKind(
+            name=name,
+            title=f"a {name}",
+            is_car=name == "car",
+            count=len(d),
+            distance_m=(10.0,) * len(d),
+            d={"metric": Quartiles(low=0.1, median=0.25, high=0.5, without=d.count(None))},
+            values={"metric": d},
+            below_cars=below,
+        )
 
-    kinds = [kind("car", [0.2, 0.3], []), kind("van", [0.1, None], ["metric"])]
-    return {
-        "recall": 0.7,
-        "cut": {"metric": {"posters": 6.25, "posters_dark": 4.0, "all": "inf"}},
-        "kinds": kinds,
-    }
+    kinds = (kind("car", (0.2, 0.3), ()), kind("van", (0.1, None), ("metric",)))
+    cut = {"metric": BankCut(posters=6.25, posters_dark=4.0, all=inf)}
+    return BankResult(recall=0.7, cut=cut, kinds=kinds)
 
 
 ABLATION = [
-    {"without": "nothing", "n_cues": 0, "w": 0.3, "fppi": interval(0.5, 0.2, 0.9),
-     "auc": interval(0.97, 0.9, 0.99), "factor": None},
-    {"without": "size", "n_cues": 3, "w": 0.4, "fppi": interval(1.0, 0.4, 1.9),
-     "auc": interval(0.95, 0.9, 0.99), "factor": interval(2.0, 1.2, "inf")},
-    {"without": "fill", "n_cues": 6, "w": 0.4, "fppi": interval(0.5, 0.4, 1.9),
-     "auc": interval(0.95, 0.9, 0.99), "factor": interval(1.0, 0.7, 1.4)},
+    AblationRow(without="nothing", n_cues=0, w=0.3, fppi=interval(0.5, 0.2, 0.9),
+                auc=interval(0.97, 0.9, 0.99), factor=None),
+    AblationRow(without="size", n_cues=3, w=0.4, fppi=interval(1.0, 0.4, 1.9),
+                auc=interval(0.95, 0.9, 0.99), factor=interval(2.0, 1.2, inf)),
+    AblationRow(without="fill", n_cues=6, w=0.4, fppi=interval(0.5, 0.4, 1.9),
+                auc=interval(0.95, 0.9, 0.99), factor=interval(1.0, 0.7, 1.4)),
 ]  # fmt: skip
 
 
@@ -88,7 +90,7 @@ def test_the_page_of_a_sweep_has_curves_and_tables(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("loss", [True, False])
 def test_losses_are_named(loss: bool) -> None:
-    text = losses_text(sweep_value(loss)["dials"])
+    text = losses_text(sweep_value(loss).dials)
     assert ("share of holes, level 1: metric, factor 0.50 [0.20, 0.80]" in text) == loss
     assert text.startswith("None") != loss
     assert text in sweep_text(sweep_value(loss))

@@ -55,7 +55,7 @@ def stages() -> list[Stage]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rescore.experiment.reproduce.run_stage", note)
         patch.setattr("rescore.experiment.reproduce.run_stage_in_place", note)
-        patch.setattr("rescore.experiment.reproduce.read_json", lambda _path, _what: {})
+        patch.setattr("rescore.experiment.reproduce.read_metrics", lambda _path: None)
         patch.setattr(Run, "_data", lambda _run: None)
         Run(RunFolder(Path("run")), run_preset("tiny"), 0, 1, lambda _done: None).all()
     return found

@@ -34,33 +34,33 @@ def test_values_are_those_of_the_tables() -> None:
     made = simulate(80, rng)
     kind = kinds(made.before, 0.4, rng)
     (row,) = certainty(
-        {"detector": made.before, "paper": made.after}, kind, made.cars_of_image, 3, CONFIG
+        "hog", {"detector": made.before, "paper": made.after}, kind, made.cars_of_image, 3, CONFIG
     ).comparisons
     before, after = summarise(made.before), summarise(made.after)
-    assert row["auc_difference"]["value"] == pytest.approx(after.auc - before.auc)
-    low, high = row["auc_difference"]["interval"]
-    assert low < row["auc_difference"]["value"] < high
-    assert 0 <= row["auc_p_value"] <= 1
+    assert row.auc_difference.value == pytest.approx(after.auc - before.auc)
+    low, high = row.auc_difference.interval
+    assert low < row.auc_difference.value < high
+    assert 0 <= row.auc_p_value <= 1
     for level in (0.5, 0.6, 0.7, 0.8):
         expected = before.fppi_at_recall[level] / after.fppi_at_recall[level]
-        assert row["reduction"][f"{level:g}"]["value"] == pytest.approx(expected)
+        assert row.reduction[f"{level:g}"].value == pytest.approx(expected)
     bare = [recall_curve(without_pictures(m, kind)) for m in (made.before, made.after)]
     factor = np.divide(*(fppi_at_recall(c, 0.7) for c in bare))
-    assert row["reduction_without_pictures"]["0.7"]["value"] == pytest.approx(factor)
-    assert row["n_on_pictures"] == on_pictures(made.before, kind).sum() > 0
+    assert row.reduction_without_pictures["0.7"].value == pytest.approx(factor)
+    assert row.n_on_pictures == on_pictures(made.before, kind).sum() > 0
 
 
 def test_the_seed_decides_and_detectors_are_resampled_alike() -> None:
     made = simulate(40, np.random.default_rng(2))
     kind = np.full(len(made.before.image), "", object)
     tables = {"detector": made.before, "paper": made.after}
-    first, again, other = (certainty(tables, kind, made.cars_of_image, s, CONFIG) for s in (0, 0, 1))
+    first, again, other = (certainty("hog", tables, kind, made.cars_of_image, s, CONFIG) for s in (0, 0, 1))
     assert first.comparisons == again.comparisons
     assert first.intervals != other.intervals
     # an equal table beside it draws the same images
-    double = certainty({**tables, "guarded": made.after}, kind, made.cars_of_image, 0, CONFIG)
+    double = certainty("hog", {**tables, "guarded": made.after}, kind, made.cars_of_image, 0, CONFIG)
     assert double.intervals["guarded"] == first.intervals["paper"]
-    assert double.comparisons[0]["reduction_without_pictures"] is None
+    assert double.comparisons[0].reduction_without_pictures is None
 
 
 def test_what_json_cannot_hold_is_null_and_counted() -> None:
@@ -71,22 +71,24 @@ def test_what_json_cannot_hold_is_null_and_counted() -> None:
     outcome[hits[3:]] = FALSE_ALARM
     after = replace(made.after, outcome=outcome)
     kind = np.full(len(outcome), "wall", object)
-    sure = certainty({"detector": made.before, "paper": after}, kind, made.cars_of_image, 0, CONFIG)
-    json.dumps([sure.intervals, sure.comparisons], allow_nan=False)
-    assert sure.intervals["paper"]["fppi_at_recall"]["0.7"] == [None, None]
-    assert sure.intervals["paper"]["n_infinite"]["0.7"] == 200
+    sure = certainty("hog", {"detector": made.before, "paper": after}, kind, made.cars_of_image, 0, CONFIG)
+    assert sure.intervals["paper"] is not None
+    for part in (*sure.intervals.values(), *sure.comparisons):
+        json.dumps(part.model_dump(), allow_nan=False)
+    assert sure.intervals["paper"].fppi_at_recall["0.7"] == (None, None)
+    assert sure.intervals["paper"].n_infinite["0.7"] == 200
     # never reached after is a factor of 0; the other way round it is infinite
-    assert sure.comparisons[0]["reduction"]["0.7"]["value"] == 0
+    assert sure.comparisons[0].reduction["0.7"].value == 0
     (back,) = certainty(
-        {"detector": after, "paper": made.before}, kind, made.cars_of_image, 0, CONFIG
+        "hog", {"detector": after, "paper": made.before}, kind, made.cars_of_image, 0, CONFIG
     ).comparisons
-    figure = back["reduction"]["0.7"]
-    assert (figure["value"], figure["interval"], figure["n_infinite"]) == (None, [None, None], 200)
+    figure = back.reduction["0.7"]
+    assert (figure.value, figure.interval, figure.n_infinite) == (None, (None, None), 200)
 
 
 def test_one_image_gives_no_interval() -> None:
     made = simulate(1, np.random.default_rng(0))
     kind = np.full(len(made.before.image), "wall", object)
-    sure = certainty({"detector": made.before, "paper": made.after}, kind, made.cars_of_image, 0)
+    sure = certainty("hog", {"detector": made.before, "paper": made.after}, kind, made.cars_of_image, 0)
     assert sure.intervals == {"detector": None, "paper": None}
-    assert sure.comparisons == []
+    assert sure.comparisons == ()

@@ -15,14 +15,14 @@ from rescore.evidence.cues import cue_column
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.metrics.bootstrap import BootstrapConfig, Interval
+from rescore.results.candidate_file import ALONE
+from rescore.results.sweep_file import SweptInterval
 from rescore.studies.degrade import dials_named
 from rescore.studies.finished_run import FinishedRun
 from rescore.studies.sweep import (
-    ALONE,
     Figures,
     SweepConfig,
     by_visibility,
-    interval_as_json,
     is_loss,
     sweep,
     tables_of_steps,
@@ -110,7 +110,7 @@ def test_pictures_need_a_right_eye(run: FinishedRun) -> None:
 def test_cars_are_grouped_by_what_is_seen_of_them(run: FinishedRun) -> None:
     table = tables_of_steps(run, [(None, 0.0)], CONFIG)[0]
     groups = by_visibility(run, table, CONFIG)
-    assert [(g["visible"], g["n_cars"]) for g in groups] == [([0.3, 0.6], 1), ([0.85, 1.0], 1)]
+    assert [(g.visible, g.n_cars) for g in groups] == [((0.3, 0.6), 1), ((0.85, 1.0), 1)]
 
 
 @pytest.mark.parametrize(("high", "loss"), [(0.99, True), (1.0, False), (np.inf, False)])
@@ -121,5 +121,5 @@ def test_a_loss_is_significant_where_the_whole_interval_is(high: float, loss: bo
 
 
 def test_numbers_that_json_lacks_have_names() -> None:
-    value = interval_as_json(Interval(np.inf, np.nan, 2.0, 1, 3))
+    value = SweptInterval.of(Interval(np.inf, np.nan, 2.0, 1, 3)).model_dump()
     assert value == {"value": "inf", "low": None, "high": 2.0, "n_undefined": 1, "n_infinite": 3}

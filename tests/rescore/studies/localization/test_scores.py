@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,11 +8,17 @@ from recon.errors import Failure, Reason
 from recon.localization.single_plane import UprightSurface
 from recon.localization.standing_box import StandingBox
 from recon.pixels import linear_from_srgb
+from rescore.studies.localization.result_file import (
+    Placement,
+    TablePose,
+    localization_result,
+    read_localization,
+    scores_by_car,
+    write_localization,
+)
 from rescore.studies.localization.scores import (
     METHODS,
     Score,
-    as_row,
-    from_row,
     markdown_table,
     score,
     summary,
@@ -39,21 +46,32 @@ def test_scores_of_a_box_and_of_a_surface() -> None:
 def test_lost_placements_are_counted_and_do_not_count_as_zero() -> None:
     scores = [Score(0.8, 4.0, 1.0), LOST, Score(0.6, 8.0, 3.0)]
     mean = summary(scores)
-    assert mean == {
+    assert mean.model_dump() == {
         "overlap": pytest.approx(0.7),
         "centroid_mm": pytest.approx(6),
         "orientation_deg": pytest.approx(2),
         "n": 2,
         "lost": 1,
     }
-    assert summary([LOST])["centroid_mm"] is None
-    assert json.loads(json.dumps(as_row(LOST)))["reason"] == "no_outline"
-    assert [from_row(json.loads(json.dumps(as_row(s)))) for s in scores] == scores
+    assert summary([LOST]).centroid_mm is None
     table = markdown_table({"a": dict.fromkeys(METHODS, scores), "b": {m: [LOST] for m in METHODS}})
     lines = table.splitlines()
     assert len(lines) == 5
     assert len({line.count("|") for line in lines}) == 1
     assert "70.0 (1 lost)" in lines[2]
+
+
+def test_results_come_back_from_their_file(tmp_path: Path) -> None:
+    scores = [Score(0.8, 4.0, 1.0), LOST, Score(None, 8.0, 3.0)]
+    pose = TablePose(x_mm=1.0, y_mm=-2.0, yaw_deg=30.0)
+    placements = [Placement(car="a", pose=pose, methods=dict.fromkeys(METHODS, s)) for s in scores]
+    result = localization_result(placements)
+    assert result.methods["3dp"] == summary(scores)
+    assert scores_by_car(result.placements) == {"a": dict.fromkeys(METHODS, scores)}
+    write_localization(tmp_path / "localization.json", result)
+    text = json.loads((tmp_path / "localization.json").read_text())
+    assert text["placements"][1]["methods"]["3dp"]["reason"] == "no_outline"
+    assert read_localization(tmp_path / "localization.json") == result
 
 
 EVERYWHERE = np.ones((120, 160), bool)

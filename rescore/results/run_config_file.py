@@ -1,0 +1,125 @@
+"""What a run was made with: the file config.json of a run folder, written and read here."""
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+
+from recon.errors import RescoreError
+from recon.stereo.sgbm import SgbmConfig
+from rescore.evidence.cues import CueConfig
+from rescore.evidence.settings import RescoreConfig
+from rescore.files import read_json_object, versions, write_json
+from rescore.formats.checked_json import first_difference, merged, refuse_unknown_keys
+
+RESCORE = "rescore"
+"""Key of the settings of rescoring in the settings of `rescore reproduce`."""
+_RESCORE_CONFIG = TypeAdapter(RescoreConfig)
+
+
+class RunConfigFile(BaseModel):
+    """The content of config.json; what files of older versions lack has a default."""
+
+    model_config = ConfigDict(frozen=True)
+
+    command: str | None = None
+    """The command that made the run."""
+    seed: int | None = None
+    data: str | None = None
+    """Folder of the data set; None for ``data`` of the run folder."""
+    stereo: SgbmConfig = SgbmConfig()
+    """How measured depth is computed where the data set has none."""
+    config: dict[str, Any] = {}
+    """Effective settings of the command; of `rescore reproduce` those of
+    ``rescore.experiment.config.RunConfig``."""
+    versions: dict[str, str] = {}
+
+    @property
+    def preset(self) -> str | None:
+        """The preset of `rescore reproduce`."""
+        return _text(self.config.get("preset"))
+
+    @property
+    def class_name(self) -> str:
+        """The class of the run, as the data set names it."""
+        return _text(self.config.get("class_name")) or "car"
+
+    @property
+    def split(self) -> str:
+        """The split that was evaluated; "all" for the whole data set."""
+        return _text(self.config.get("split")) or "test"
+
+    @property
+    def other_system(self) -> bool:
+        """Whether depth that another system predicted led to scores of the run."""
+        return bool(self.config.get("predicted"))
+
+    @property
+    def cues(self) -> CueConfig | None:
+        """Settings of the parts of the depth evidence; None where the file has none.
+
+        Raises:
+            ValueError: a value of another kind; its text is one line.
+        """
+        rescoring = self.config.get(RESCORE)
+        settings = rescoring.get("cues") if isinstance(rescoring, dict) else None
+        if not isinstance(settings, dict):
+            return None
+        try:
+            return TypeAdapter(CueConfig).validate_python(settings)
+        except ValidationError as error:
+            raise ValueError(first_difference(error)) from error
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of the file as JSON values."""
+        return self.model_dump(exclude_unset=True)
+
+
+def _text(value: Any) -> str | None:
+    return None if value is None else str(value)
+
+
+def rescore_config(changes: dict[str, Any]) -> RescoreConfig:
+    """The default settings of rescoring with changes of JSON values, at any depth.
+
+    Raises:
+        ValueError: an unknown setting, or a value of another kind; its text is one line.
+    """
+    refuse_unknown_keys("settings", RescoreConfig, changes)
+    default = _RESCORE_CONFIG.dump_python(RescoreConfig(), mode="json")
+    try:
+        return _RESCORE_CONFIG.validate_python(merged(default, changes))
+    except ValidationError as error:
+        raise ValueError(first_difference(error)) from error
+
+
+def write_run_config(
+    path: Path,
+    command: str,
+    config: dict[str, Any],
+    seed: int | None,
+    *,
+    stereo: SgbmConfig,
+    data: Path | None = None,
+) -> None:
+    """Write config.json: effective config, seed, versions, and where the data set is."""
+    place = {} if data is None else {"data": str(data.resolve())}
+    content = RunConfigFile(
+        command=command, seed=seed, stereo=stereo, config=config, versions=versions(), **place
+    )
+    write_json(path, content.as_json())
+
+
+def read_run_config(path: Path) -> RunConfigFile:
+    """What config.json of a run folder says.
+
+    Raises:
+        RescoreError: no such file, or something else in it.
+    """
+    value = read_json_object(path, "the settings of a run")
+    try:
+        return RunConfigFile.model_validate(value)
+    except ValidationError as error:
+        raise RescoreError(
+            f"{path}: expected the settings of a run, got {first_difference(error)}; evaluate again"
+        ) from error

@@ -1,0 +1,88 @@
+"""What a study of localization found, as typed values, and the file localization.json that holds it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import TypeAdapter
+
+from recon.errors import Failure
+from rescore.files import write_json
+from rescore.formats.checked_json import read_checked
+from rescore.results.sweep_file import StudyPart
+from rescore.studies.localization.scores import METHODS, REPORTED, MeanErrors, Score, summary
+
+ORIENTATION_PERIOD_DEG = {"3dp": 360, "3dp_report": 360, "single_plane": 180}
+
+
+class TablePose(StudyPart):
+    """Where a car stands on the table."""
+
+    x_mm: float
+    y_mm: float
+    yaw_deg: float
+
+
+class Placement(StudyPart):
+    """One car on the table, with the errors of every method."""
+
+    car: str
+    pose: TablePose
+    methods: dict[str, Score | Failure]
+    """By method: its errors, or why there is no estimate."""
+
+
+class ReportedErrors(StudyPart):
+    """Errors that the report gives for a method."""
+
+    overlap: float | None
+    centroid_mm: float
+    orientation_deg: float
+
+
+class LocalizationResult(StudyPart):
+    """The content of localization.json."""
+
+    methods: dict[str, MeanErrors]
+    """Means by method."""
+    report: dict[str, ReportedErrors]
+    """Figures of the report by method."""
+    orientation_period_deg: dict[str, int]
+    """By method: after how many degrees an orientation is the same."""
+    placements: tuple[Placement, ...]
+
+
+def localization_result(placements: Sequence[Placement]) -> LocalizationResult:
+    """The placements with the means of every method beside the figures of the report."""
+    return LocalizationResult(
+        methods={m: summary([p.methods[m] for p in placements]) for m in METHODS},
+        report={
+            m: ReportedErrors(overlap=overlap, centroid_mm=centroid, orientation_deg=orientation)
+            for m, (overlap, centroid, orientation) in REPORTED.items()
+        },
+        orientation_period_deg=ORIENTATION_PERIOD_DEG,
+        placements=tuple(placements),
+    )
+
+
+def scores_by_car(placements: Sequence[Placement]) -> dict[str, dict[str, list[Score | Failure]]]:
+    """The results of every car by method, cars in the order in which they come."""
+    found: dict[str, dict[str, list[Score | Failure]]] = {}
+    for placement in placements:
+        own = found.setdefault(placement.car, {m: [] for m in METHODS})
+        for method in METHODS:
+            own[method].append(placement.methods[method])
+    return found
+
+
+def write_localization(path: Path, result: LocalizationResult) -> None:
+    """Write localization.json."""
+    write_json(path, result.model_dump(mode="json"))
+
+
+def read_localization(path: Path) -> LocalizationResult:
+    """The results of a finished `rescore localize`.
+
+    Raises:
+        RescoreError: no such file, or something else in it.
+    """
+    return read_checked(path, TypeAdapter(LocalizationResult), "a finished `rescore localize`")

@@ -1,0 +1,78 @@
+"""Files of results read into types and written again say the same, byte for byte."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import TypeAdapter
+
+from recon.errors import RescoreError
+from rescore.results.metrics_file import read_metrics, write_metrics
+from rescore.results.run_config_file import read_run_config
+from rescore.results.sweep_file import read_sweep, write_sweep
+from rescore.studies.ablation import AblationRow, write_ablation
+from rescore.studies.distractors import BankResult, write_bank
+from rescore.studies.localization.result_file import read_localization, write_localization
+from rescore.studies.weight import WeightRecord
+
+PUBLISHED = Path(__file__).parents[3] / "reports" / "published"
+
+
+def read_ablation(path: Path) -> tuple[AblationRow, ...]:
+    return TypeAdapter(tuple[AblationRow, ...]).validate_json(path.read_bytes())
+
+
+def read_bank(path: Path) -> BankResult:
+    return BankResult.model_validate_json(path.read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("name", "read", "write"),
+    [
+        ("roc/metrics.json", read_metrics, write_metrics),
+        ("evidence/sweep/sweep.json", read_sweep, write_sweep),
+        ("evidence/ablation.json", read_ablation, write_ablation),
+        ("evidence/distractors.json", read_bank, write_bank),
+        ("localization/localization.json", read_localization, write_localization),
+    ],
+)
+def test_published_files_are_written_as_they_were(
+    name: str, read: Callable[[Path], Any], write: Callable[[Path, Any], None], tmp_path: Path
+) -> None:
+    write(tmp_path / "again.json", read(PUBLISHED / name))
+    assert (tmp_path / "again.json").read_text() == (PUBLISHED / name).read_text()
+
+
+def test_published_settings_and_weights_are_known_whole() -> None:
+    config = PUBLISHED / "roc" / "config.json"
+    assert read_run_config(config).as_json() == json.loads(config.read_text())
+    rows = json.loads((PUBLISHED / "weight" / "weight.json").read_text())
+    assert [WeightRecord.model_validate(row).model_dump(mode="json") for row in rows] == rows
+
+
+def test_figures_of_another_kind_are_named_with_their_place(tmp_path: Path) -> None:
+    value = json.loads((PUBLISHED / "roc" / "metrics.json").read_text())
+    value["rows"][1]["auc"] = "large"
+    path = tmp_path / "metrics.json"
+    path.write_text(json.dumps(value))
+    with pytest.raises(RescoreError, match=r"expected the figures of a run, got rows\[1\]\.auc: .*'large'"):
+        read_metrics(path)
+    del value["rows"]
+    path.write_text(json.dumps(value))
+    with pytest.raises(RescoreError, match="expected key 'rows', found none"):
+        read_metrics(path)
+
+
+def test_settings_of_another_kind_are_named_with_their_place(tmp_path: Path) -> None:
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"seed": "many"}))
+    with pytest.raises(RescoreError, match=r"expected the settings of a run, got seed: .*'many'"):
+        read_run_config(path)
+    path.write_text(json.dumps({"config": {"rescore": {"cues": {"guarded": {"scale_limits": 3}}}}}))
+    with pytest.raises(ValueError, match=r"guarded\.scale_limits: .*\(3\)"):
+        _ = read_run_config(path).cues
+    path.write_text("{}")
+    older = read_run_config(path)
+    assert (older.class_name, older.split, older.other_system, older.cues) == ("car", "test", False, None)
