@@ -89,7 +89,7 @@ def _values(soup: Soup, lines: BodyLines, zones: tuple[int, ...], level: Level) 
 
 
 def divide(soup: Soup, lines: BodyLines, zones: tuple[int, ...], *levels: Level) -> tuple[Soup, BoolArray]:
-    """The surface cut along each level's outline in turn, and its faces inside all of them.
+    """The surface cut along each level's outline in turn, and a mask of the faces inside all levels.
 
     Several levels keep a corner sharp that one level, being interpolated over a face, would bevel.
     """

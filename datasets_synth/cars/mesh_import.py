@@ -35,7 +35,7 @@ class ImportedCar:
     """A car mesh from a file."""
 
     shape_id: str
-    """The file's name without its suffix (with it, where two files share the name)."""
+    """Name of the mesh file without its suffix (with it, where two files share the name)."""
     mesh: Mesh
     size_m: tuple[float, float, float]
     """Length, width, height of the body: no mirrors or aerials, as in a car's papers."""

@@ -21,11 +21,11 @@ class CarShape:
     body_type: str
     length: float
     width: float
-    """Without the mirrors, as in a car's papers."""
+    """Width without the mirrors, as in a car's papers."""
     height: float
     wheelbase: float
     front_overhang: float
-    """From the nose to the front axle."""
+    """Distance from the nose to the front axle."""
     wheel_radius: float
     clearance: float
     """Height of the underside."""
@@ -165,7 +165,7 @@ _RANGES: dict[str, dict[str, _Range]] = {
 
 @lru_cache(maxsize=1)
 def car_shapes() -> tuple[CarShape, ...]:
-    """All shapes of the family, always the same: `SHAPES_PER_TYPE` of each body type."""
+    """All cars of the family, always the same: `SHAPES_PER_TYPE` of each body type."""
     shapes: list[CarShape] = []
     for number, body_type in enumerate(BODY_TYPES):
         draws = latin_hypercube(_RANGES[body_type], SHAPES_PER_TYPE, [20090411, number])
@@ -218,11 +218,11 @@ class CarModel(Protocol):
 
     @property
     def shape_id(self) -> str:
-        """Its name, the same in every frame."""
+        """Name of the car, the same in every frame."""
 
     @property
     def size_m(self) -> tuple[float, float, float]:
         """Length, width and height."""
 
     def build(self, rng: np.random.Generator) -> Mesh:
-        """Its mesh with a paint of its own."""
+        """Mesh of the car with a paint of its own, picked by ``rng``."""

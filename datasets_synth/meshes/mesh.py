@@ -57,7 +57,7 @@ class Placed:
     world_from_object: FloatArray
     """Shape (4, 4); a rotation, a uniform scale and a translation."""
     kind: str
-    """What it is: "car", "road", "facade", "poster", "hedge", ... Truth and error analysis use it."""
+    """What the thing is: "car", "road", "facade", "poster", "hedge", ... Truth and error analysis use it."""
     shape_id: str = ""
     """Name of the car shape; empty for everything else."""
     casts_shadow: bool = True

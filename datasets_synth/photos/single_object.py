@@ -1,4 +1,4 @@
-"""Photographs of one object on the ground, with everything that is known of them."""
+"""Photographs of one object on the ground, with the true pose, parts and box of the object."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ _TILE_M = {"street": TILE_M, "room": {"planks": 1.5, "cloth": 0.6, "slabs": 1.2,
 
 
 _LARGE_M = 3.0
-"""Around larger things textures grow with them, so that their repeats do not show."""
+"""Radius in metres of a thing above which the textures around it grow with it, so that no repeats show."""
 
 
 def surroundings(
@@ -119,7 +119,8 @@ class Viewpoint:
     elevation_rad: float
     """How far the camera stands above the middle, and looks down."""
     distance_m: float | None = None
-    """From the camera to the middle; None brings the object to fill ``FILL`` of the picture."""
+    """Distance from the camera to the middle of the object; None brings the object to fill ``FILL`` of the
+    picture."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -216,7 +216,7 @@ def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
 
 
 def _interpolate(corner_values: Float32Array, hits: Hits) -> Float32Array:
-    """Values (k, n) at the hits from those of the corners (m, 3, k)."""
+    """Values (k, n) at the hits, interpolated between the values at the corners (m, 3, k)."""
     u, v = hits.barycentric[:, 0].copy(), hits.barycentric[:, 1].copy()
     corner = rows(corner_values, hits.face)
     out = np.empty((corner.shape[2], len(corner)), np.float32)

@@ -69,7 +69,7 @@ class Prop:
     """Roles of the strips that it may stand on."""
     needs_pictures: bool = False
     hides: bool = False
-    """Small enough to stand before a car and hide a part of it."""
+    """Whether the thing is small enough to stand before a car and hide a part of the car."""
 
 
 _WALK = ("pavement", "verge", "square")

@@ -65,7 +65,7 @@ def _boundary_distance(carried: FloatArray, pair: BoundaryPair, outlier: float) 
 
 
 def heaviest(pairs: Sequence[BoundaryPair], count: int) -> list[BoundaryPair]:
-    """The pairs that count most, at most so many, in their order."""
+    """The ``count`` pairs of most weight, fewer where there are fewer, in their given order."""
     order = np.argsort([-p.weight for p in pairs], kind="stable")[:count]
     return [pairs[i] for i in sorted(order)]
 

@@ -115,18 +115,18 @@ class LabelledImage:
     view_bin: int
     instance_id: str
     polygons: tuple[PartPolygon, ...]
-    """In the order of painting: later ones lie over earlier ones."""
+    """The polygons in the order of painting: later ones lie over earlier ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledViews:
-    """Part-labelled views with what a user should know of them."""
+    """Part-labelled views with the warnings that a user should read."""
 
     part_views: PartViews
     class_name: str | None
     """The class that the file names, if it names one."""
     warnings: tuple[str, ...]
-    """One line each."""
+    """What a user should know of the views, one line a warning."""
 
 
 def views_of_polygons(
