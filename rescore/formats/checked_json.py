@@ -11,7 +11,7 @@ from recon.errors import RescoreError
 
 
 def merged(base: Any, changes: Any) -> Any:
-    """The JSON value with that of ``changes`` in place of its own, at any depth of its objects."""
+    """The JSON value with the values of ``changes`` put in place of its own, at any depth of its objects."""
     if isinstance(base, dict) and isinstance(changes, dict):
         return base | {key: merged(base.get(key), value) for key, value in changes.items()}
     return changes

@@ -62,9 +62,10 @@ class Tuning:
     """How well the validation set determines w; None where that was not asked for, or of fewer than two
     images."""
     learned: LearnedFusion | None = None
-    """A fusion with free weights, fitted on the same set, to hold eq. 7 against."""
+    """A fusion with free weights, fitted on the validation set too, for comparison with eq. 7."""
     depth_of: str = CLASS_MODEL
-    """Whose depth it was chosen with (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
+    """Name of what predicted the depth that w was chosen with
+    (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
 
     @property
     def sentence(self) -> str:

@@ -17,11 +17,11 @@ class Outcome(StrEnum):
     HIT = "hit"
     """The best-ranked candidate on a car that no better-ranked one had taken."""
     FALSE_ALARM = "false_alarm"
-    """On no car."""
+    """The candidate lies on no car."""
     DUPLICATE = "duplicate"
-    """On a car that a better-ranked candidate has taken: counts as a false alarm."""
+    """The candidate lies on a car that a better-ranked one has taken: counts as a false alarm."""
     IGNORED = "ignored"
-    """On an ignore region: counts neither for nor against."""
+    """The candidate lies on an ignore region: counts neither for nor against."""
 
 
 OUTCOMES = tuple(Outcome)
