@@ -70,7 +70,7 @@ def ablation_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def ablation_sentence(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Which parts are needed beyond chance, in words."""
+    """A sentence on the parts that are needed beyond chance."""
     tested = [row for row in rows if row["factor"]]
     needed = [row["without"] for row in tested if as_float(row["factor"]["low"]) > 1]
     harmful = [row["without"] for row in tested if as_float(row["factor"]["high"]) < 1]

@@ -28,11 +28,11 @@ class PublicFigure:
     pictures: str
     density: float | None
     wrong_measured: float | None
-    """Of the measured pixels."""
+    """Share of the measured pixels that are wrong, in per cent."""
     wrong_seen_twice: float
-    """Holes filled, pixels seen in both pictures."""
+    """Share of the pixels seen in both pictures that are wrong after filling holes, in per cent."""
     wrong_all: float
-    """Holes filled, all pixels."""
+    """Share of all pixels that are wrong after filling holes, in per cent."""
     source: str
 
 
