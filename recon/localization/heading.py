@@ -65,7 +65,7 @@ class Posed:
 
 
 def learn_heading(readings: Sequence[FloatArray], config: HeadingConfig) -> Heading:
-    """From readings (cells,) of training pictures with the right heading: ridge logistic regression."""
+    """Ridge logistic regression on readings (cells,) of training pictures with the right heading."""
     data = np.stack([_difference(r, config) for r in readings])
 
     def loss(w: FloatArray) -> tuple[float, FloatArray]:
@@ -116,7 +116,7 @@ def _cells(config: HeadingConfig) -> int:
 
 
 def _difference(reading: FloatArray, config: HeadingConfig) -> FloatArray:
-    """What a reading and that with front and rear exchanged differ in, (cells,)."""
+    """A reading less the same reading with front and rear exchanged, shape (cells,)."""
     long = config.along * (config.across + config.up)
     body = reading[:long].reshape(config.along, -1)
     front, rear = np.split(reading[long:], 2)
@@ -157,7 +157,7 @@ def _surface(shape: Posed, side: float, config: HeadingConfig) -> tuple[FloatArr
 
 
 def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: float) -> BoolArray:
-    """Which points (n, 3) of the surface the eye sees past the rest of the object."""
+    """Whether the eye sees each surface point (n, 3) past the rest of the object, shape (n,)."""
     toward = (eye_unit - unit) / np.abs(eye_unit - unit).max(axis=1, keepdims=True)
     hidden = np.zeros(len(unit), bool)
     nx, ny, nz = shape.hull.shape
