@@ -42,7 +42,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             os.fsync(written.fileno())
         os.replace(beside, path)
     except OSError as error:
-        # what the caller reads meanwhile can fail too, and is not for here
+        # an OSError from a file that the caller was reading is re-raised unchanged
         if error.filename not in {None, str(beside), str(path), *map(str, path.parents)}:
             raise
         raise RescoreError(

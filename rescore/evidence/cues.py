@@ -1,4 +1,4 @@
-"""The parts of the depth evidence of a candidate, kept for inspection, and the modes made of them."""
+"""Cues, the parts of the depth evidence of a candidate, and the modes made of cues."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -55,7 +55,8 @@ class EvidenceModel:
         return out
 
     def shifted(self, log_odds: float) -> "EvidenceModel":
-        """The model with ``log_odds`` added to those of every candidate (``rescore.evidence.car_share``)."""
+        """The model with ``log_odds`` added to the log odds of every candidate
+        (``rescore.evidence.car_share``)."""
         return replace(self, bias=self.bias + log_odds)
 
     @property
@@ -72,12 +73,12 @@ class EvidenceModel:
         return np.where(self.complete(cues) & self.believable(cues), d, np.nan)
 
     def complete(self, cues: FloatArray) -> BoolArray:
-        """Which candidates (n, k) have enough of the cues, shape (n,)."""
+        """Whether each candidate's cues (n, k) are enough of those that the model reads, shape (n,)."""
         own = cues[:, [CUES.index(name) for name in self.knots]]
         return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
 
     def believable(self, cues: FloatArray) -> BoolArray:
-        """Which candidates (n, k) pass all checks, shape (n,)."""
+        """Whether each candidate's cues (n, k) pass all checks of plausibility, shape (n,)."""
         passed = np.ones(len(cues), np.bool_)
         for name, floor in self.floors.items():
             passed &= ~(cues[:, CUES.index(name)] < floor)

@@ -64,8 +64,8 @@ class PredictedDepth:
     """
 
     values: NDArray[np.floating] | NDArray[np.integer]
-    """Shape (h, w), that of the left picture. NaN and infinity: none. Relative numbers may be 0 or less, for
-    metric ones that means none too."""
+    """Predicted values, shape (h, w) of the left picture. NaN and infinity: none. Relative numbers may be 0
+    or less, for metric ones that means none too."""
     predicted_as: PredictedAs | str
     """"depth" or "inverse"."""
     unit: PredictedUnit | str = PredictedUnit.RELATIVE
@@ -169,7 +169,7 @@ def _cut(
 
 
 def _most_frequent_object(numbers: NDArray[Any]) -> BoolArray:
-    """Pixels of the object that has most of them; none where there is no object."""
+    """Pixels of the object with the most pixels, shape of ``numbers``; none where there is no object."""
     found, counts = np.unique(numbers[numbers != 0], return_counts=True)
     if not len(found):
         return np.zeros(numbers.shape, np.bool_)
@@ -212,7 +212,7 @@ def prediction_doubts(table: CandidateTable) -> tuple[str, ...]:
 
 
 MIN_DOUBTED = 5
-"""With fewer candidates nothing is doubted."""
+"""Smallest number of candidates with which a prediction can be doubted."""
 UNLIKELY_RATIO = 2.0
 """A metric prediction that is off by more than this in the middle is doubted."""
 
