@@ -1,7 +1,8 @@
 """How sure the figures of an evaluation are: intervals of each row, and what rescoring changes, as JSON.
 
 JSON has neither infinity nor NaN. A figure is ``value``, ``interval`` and two counts of resamples. Where it
-is undefined, its interval is null. An end of null is infinity, and so is a value of null with an interval.
+is undefined, its interval is null. ``null`` at an end, or as a value that has an interval, stands for
+infinity.
 """
 
 from collections.abc import Mapping
@@ -36,9 +37,9 @@ class Certainty:
     """What a bootstrap over images says of one detector in all its modes, as JSON values."""
 
     intervals: dict[str, Any]
-    """By mode: ``intervals`` of its row in metrics.json."""
+    """Intervals by mode, as ``intervals`` of the mode's row in metrics.json."""
     comparisons: list[dict[str, Any]]
-    """One for each mode but the first."""
+    """Comparisons with the first mode, one for each other mode."""
 
 
 def certainty(
@@ -76,13 +77,15 @@ def certainty(
 
 
 def on_pictures(match: MatchTable, kind: Kinds) -> BoolArray:
-    """Which false alarms (n,) are on pictures of cars; hits and duplicates are on cars, whatever hides it."""
+    """Whether each candidate (n,) is a false alarm on a picture of a car; hits and duplicates are on cars,
+    whatever hides it."""
     shows_one = np.isin(kind.astype(str), sorted(PICTURE_KINDS))
     return np.asarray((match.outcome == FALSE_ALARM) & shows_one)
 
 
 def without_pictures(match: MatchTable, kind: Kinds) -> MatchTable:
-    """The table without the false alarms on pictures of cars; what became of the others does not change."""
+    """The match table without the false alarms on pictures of cars; the outcomes of other rows do not
+    change."""
     keep = ~on_pictures(match, kind)
     columns = {name: getattr(match, name)[keep] for name in ("image", "ranking", "outcome", "annotation_id")}
     return replace(match, **columns)
@@ -112,7 +115,7 @@ def _compared(
 
 
 def _p_value(before: MatchTable, after: MatchTable) -> float | None:
-    """That of Obuchowski's test of the areas; None where hits or false positives are in too few images."""
+    """p-value of Obuchowski's test of the areas; None where hits or false positives are in too few images."""
     try:
         return compare_areas(before, after).p_value
     except ValueError:

@@ -45,7 +45,7 @@ def evaluate(
     min_iou: float = 0.5,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Write ``candidates.parquet`` and ``metrics.json`` of detections into a run folder; returns the latter.
+    """Write ``candidates.parquet`` and ``metrics.json`` of detections into a run folder; returns the metrics.
 
     Each detector gives a row "detector" and one for each mode in which it was rescored.
 
@@ -143,7 +143,7 @@ def _check(data: DataSet, files: Sequence[DetectionFile]) -> None:
 
 
 def _by_detector(files: Sequence[DetectionFile]) -> list[list[DetectionFile]]:
-    """The files of each detector, that of eq. 6 first: its columns are always there."""
+    """The files of each detector, the one of eq. 6 first: its columns are always there."""
     groups: dict[str, list[DetectionFile]] = {}
     for file in files:
         groups.setdefault(file.detector, []).append(file)
@@ -351,7 +351,7 @@ def _stereo(data: DataSet) -> Any:
 
 
 def _tuning(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, Any]:
-    """By detector: the choice of w for eq. 6 as printed (or the first there is), the others under "modes"."""
+    """The choice of w by detector: for eq. 6 as printed (or the first there is), the others under "modes"."""
     found: dict[str, Any] = {}
     for (name, mode), t in sorted(tunings.items(), key=lambda item: item[0][1] != Registration.PAPER):
         one = {

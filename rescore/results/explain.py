@@ -15,7 +15,7 @@ from rescore.results.candidate_file import Columns, difference, status
 from rescore.results.words import favourable, range_text, status_text, words_of
 
 TOLD = 3
-"""So many cues at most are told of a candidate."""
+"""Largest number of cues named in an explanation."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Part:
     """What one cue says of a candidate."""
 
     cue: str
-    """One of ``rescore.evidence.registration.CUES``."""
+    """Name of the cue, one of ``rescore.evidence.registration.CUES``."""
     value: float
-    """As stored, see ``rescore.evidence.surroundings`` and ``rescore.evidence.guarded``."""
+    """Value of the cue as stored, see ``rescore.evidence.surroundings`` and ``rescore.evidence.guarded``."""
     log_odds: float
-    """What it adds to the log odds that the candidate is a car."""
+    """What the cue adds to the log odds that the candidate is a car."""
     text: str
-    """For people."""
+    """The cue in words, for people."""
 
 
 @dataclass(frozen=True)
