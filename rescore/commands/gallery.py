@@ -37,11 +37,11 @@ class Measured:
     """Errors of the class model and of the single plane on one photograph."""
 
     given: "Pair"
-    """With the view bin of the truth."""
+    """Errors of both with the true view bin."""
     right: bool | None
-    """Whether the class model chose that view bin; None where it chose none."""
+    """Whether the class model chose the true view bin; None where it chose none."""
     chosen: "Pair"
-    """With the view bin that it chose."""
+    """Errors of both with the view bin that the class model chose."""
 
 
 @app.command()
