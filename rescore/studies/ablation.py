@@ -39,7 +39,7 @@ class AblationInput:
 
     splits: Splits
     fitting: CandidateTable
-    """On "train" and "calibration"."""
+    """Candidates of splits "train" and "calibration", which evidence models are fitted to."""
     validation: CandidateTable
     test: CandidateTable
 

@@ -30,9 +30,9 @@ class PrimitiveSelection:
     order: NDArray[np.intp]
     """Indices into the library, shape (s,)."""
     cost: FloatArray
-    """Mean cost of all parts with the first 1, 2, ... of them, shape (s,); never rises."""
+    """Mean cost of all parts with the first 1, 2, ... chosen primitives, shape (s,); never rises."""
     full_cost: float
-    """The same with the whole library: the least there can be."""
+    """Mean cost of all parts with the whole library: the least there can be."""
 
 
 def select_primitives(cost: FloatArray, count: int) -> PrimitiveSelection:
@@ -96,7 +96,7 @@ class AccuracyRow:
 
 @dataclass(frozen=True, eq=False)
 class ModelStudy:
-    """All of it."""
+    """Selection of primitives, accuracy of learned models, and models to look at."""
 
     selection: SelectionStudy
     accuracy: tuple[AccuracyRow, ...]
@@ -107,7 +107,7 @@ class ModelStudy:
 ELEVATION_DEG = 20.0
 """View space in which the classes are compared: high enough that level parts are not seen edge-on."""
 STREET_ELEVATION_DEG = 5.0
-"""That of the experiment with cars."""
+"""Elevation in degrees of the views in the experiment with cars."""
 SIZE_PX = 220
 SELECTION_INSTANCES = 3
 ACCURACY_INSTANCES = 3
@@ -118,7 +118,7 @@ ACCURACY_CLASSES = ("car", "chair", "bicycle", "airplane")
 
 
 def study(jobs: int = 1) -> ModelStudy:
-    """Selection, accuracy, and models to look at; always the same."""
+    """The whole study of class models: selection, accuracy, and models to look at; always the same."""
     tasks = [(name, ELEVATION_DEG) for name in ACCURACY_CLASSES] + [("car", STREET_ELEVATION_DEG)]
     rows = Parallel(n_jobs=jobs)(delayed(accuracy)(name, elevation) for name, elevation in tasks)
     return ModelStudy(selection_study(), tuple(row for group in rows for row in group), two_view_models())

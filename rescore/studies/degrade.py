@@ -35,7 +35,7 @@ class Dial:
 
     name: str
     what: str
-    """For people, with the unit of the level."""
+    """Description of the dial for people, with the unit of the level."""
     levels: tuple[float, ...]
     """Levels of a sweep, without 0."""
     pictures: Callable[[Pair, float, Rng], Pair] | None = None
@@ -216,7 +216,7 @@ def _numbers(levels: str) -> tuple[float, ...]:
 
 
 def _blobs(shape: tuple[int, ...], share: float, rng: Rng) -> BoolArray:
-    """Blobs that cover a share of the picture, shape (h, w); those of a smaller share lie within them."""
+    """Blobs that cover a share of the picture, shape (h, w); the blobs of a smaller share lie within them."""
     if share >= 1:
         return np.ones(shape, np.bool_)
     field: NDArray[Any] = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), BLOB_PX / 3)

@@ -22,7 +22,8 @@ from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.parallel import in_order, one_thread
 
 _PICTURE_STREAM = 3_000_000
-"""Beyond every number of a kind, so that prints draw from a stream of their own."""
+"""Seed number of printed pictures, larger than any index of a kind, so that no kind draws the same
+numbers."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Judge:
     class_model: ClassModel
     config: RescoreConfig
     models: Mapping[Registration, EvidenceModel]
-    """Of the learned modes; eq. 6 needs none."""
+    """Evidence models of the learned modes; eq. 6 needs none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +43,11 @@ class Judged:
     kind: str
     distance_m: float
     item: BankItem | None
-    """None where its pictures are kept no longer."""
+    """The thing with its pictures; None where they are kept no longer."""
     difference: Mapping[Registration, float]
 
     def without_pictures(self) -> "Judged":
-        """What is counted of it."""
+        """The judged thing without its pictures: what is counted in the figures."""
         return replace(self, item=None)
 
 
@@ -90,7 +91,8 @@ def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
 
 
 def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall: float) -> float:
-    """How many times fewer of the others pass the threshold on D that lets a share of the cars pass.
+    """How many times fewer things of ``is_other`` than cars pass the threshold on D that admits ``recall`` of
+    the cars.
 
     Without evidence the same share of both passes. A candidate without evidence is judged like a car of
     middling D, since it keeps its likelihood. Infinity where none of the others passes.
@@ -109,7 +111,7 @@ def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall:
 
 
 def is_true_car(kinds: Sequence[str]) -> BoolArray:
-    """Which kinds are cars seen from the side, shape (n,)."""
+    """Whether each kind is a car seen from the side, shape (n,)."""
     return np.array([k in TRUE_CARS for k in kinds])
 
 

@@ -38,9 +38,9 @@ class FinishedRun:
     """What a sweep needs of a run: nothing of it is fitted again."""
 
     data: DataSet
-    """Its test frames."""
+    """Test frames of the run."""
     candidates: Mapping[int, Candidates]
-    """Of one detector, by image id."""
+    """Candidates of one detector, by image id."""
     class_model: ClassModel
     config: RescoreConfig
     sgbm: SgbmConfig
@@ -79,7 +79,7 @@ class Point:
 
     level: float
     figures: Mapping[str, Figures]
-    """By mode; ``ALONE`` is the detector."""
+    """Figures by mode; ``ALONE`` is the detector."""
 
 
 Step = tuple[Dial | None, float]

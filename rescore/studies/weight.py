@@ -44,13 +44,13 @@ class WeightStudy:
     n_cars: int
     n_draws: int
     w: float
-    """Chosen on all images."""
+    """Weight of the detector chosen on all images."""
     grid: FloatArray
     """Every w tried, shape (n_grid,)."""
     value: FloatArray
-    """The objective on all images at each, shape (n_grid,)."""
+    """The objective on all images at each w of ``grid``, shape (n_grid,)."""
     widths: tuple[WeightWidth, ...]
-    """One for each size."""
+    """Width of w at each size of subset."""
 
 
 def study_weight(

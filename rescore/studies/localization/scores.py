@@ -31,7 +31,7 @@ class Score:
     """Volume of the intersection over that of the union; None for a surface, which has no volume."""
     centroid_mm: float
     orientation_deg: float
-    """In [0, 180]; in [0, 90] for a surface, which has no front."""
+    """Error of the direction in degrees, in [0, 180]; in [0, 90] for a surface, which has no front."""
 
 
 def score(estimate: StandingBox | UprightSurface | Failure, truth: StandingBox) -> Score | Failure:
