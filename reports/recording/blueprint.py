@@ -24,7 +24,7 @@ from reports.recording.threshold import CurvePlots, sheet_size_px, threshold_tab
 from rescore.results.candidate_file import ALONE
 
 TABS = ("overview", "frame", "candidate", "threshold", "more curves")
-"""The tabs of the first detector; those of the others follow."""
+"""The tabs of the first detector; the tabs of further detectors follow."""
 _SKY = [34, 37, 45]
 
 
@@ -116,7 +116,7 @@ def _picture_view(
     size_px: tuple[int, int],
     name: str,
 ) -> rrb.Spatial2DView:
-    """A view of the boxes of some modes, of which one is shown and the others can be switched on."""
+    """A view of the boxes of some modes: one mode is shown, the others can be switched on."""
     paths = [boxes_path(detector, m) for m in modes]
     hidden = {boxes_path(detector, m): rrb.EntityBehavior(visible=False) for m in modes if m != shown}
     w, h = size_px

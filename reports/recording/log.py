@@ -44,7 +44,8 @@ from rescore.parallel import one_thread, track
 from rescore.results.run_folder import Run, load_run
 
 MAX_EXPLAINED = 30
-"""So many candidates a frame and detector have pictures of their own: the best before or after rescoring."""
+"""Largest number of candidates a frame and detector with pictures of their own: the best before or after
+rescoring."""
 
 
 _FRAMES_WORTH_A_PROCESS = 12
@@ -52,7 +53,7 @@ _FRAMES_WORTH_A_PROCESS = 12
 
 
 _BLOCK = 8
-"""So many frames a process are on their way at most: what waits to be written must not grow."""
+"""At most this many frames per process are in flight, so that memory stays bounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ class RecordedFrame:
 
     tape: Tape
     tile: Tile | None
-    """For the sheet; None beyond its last place."""
+    """Tile of the frame for the sheet; None beyond the sheet's last place."""
     view: FrameView | None
     """The frame itself, of the first alone."""
 
@@ -73,7 +74,7 @@ class FrameMaker:
     story: Story
     reader: FrameReader
     model: ClassModel | None
-    """For the size of the class."""
+    """Class model, for the size of the class."""
     stride: int
     """Steps of the candidates' timeline from one frame to the next."""
     size_px: tuple[int, int]
@@ -101,7 +102,7 @@ class FrameMaker:
 
 
 def recorded_frames(maker: FrameMaker, image_ids: NDArray[int64], jobs: int) -> Iterator[RecordedFrame]:
-    """The frames of images in their order, prepared by at most so many processes."""
+    """The frames of images in their order, prepared by at most ``jobs`` processes."""
     places = list(enumerate(image_ids.tolist()))
     jobs = min(jobs, 1 + len(places) // _FRAMES_WORTH_A_PROCESS)
     if jobs == 1:

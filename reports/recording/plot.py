@@ -24,7 +24,7 @@ _AXIS = (150, 156, 165)
 _LABEL = (225, 228, 232)
 _DASH = 0.022 * HEIGHT
 _MARK_LABEL = np.array([0.17 * WIDTH, 0.02 * HEIGHT])
-"""From a point to the middle of the upper edge of its label."""
+"""Offset from a point to the middle of the upper edge of its label."""
 _BAND_OPACITY = 0.16
 _LEGEND_X, _LEGEND_STEP = 1.4 * WIDTH, 0.115 * HEIGHT
 
@@ -71,7 +71,7 @@ class Marks:
     y: FloatArray
     colours: tuple[str, ...]
     labels: tuple[str, ...]
-    """One a point; an empty one shows nothing."""
+    """Label of each point; an empty one shows nothing."""
 
 
 @dataclass(frozen=True)

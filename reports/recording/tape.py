@@ -62,7 +62,7 @@ class Tape:
         self._entries.append(_Data(entity_path, descriptors, tuple(b.as_arrow_array() for b in batches)))
 
     def play(self, rec: rr.RecordingStream) -> None:
-        """Log all that was kept, beside the other times that are set."""
+        """Log all that was kept, with the other times that are set on the recording."""
         for entry in self._entries:
             if isinstance(entry, _Time):
                 rec.set_time(entry.timeline, sequence=entry.sequence)

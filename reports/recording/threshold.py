@@ -53,7 +53,7 @@ class Tile:
     picture: UInt8Array
     zoom: float
     shown: dict[str, Shown]
-    """By detector, in the mode that is explained."""
+    """Candidates of the frame by detector, in the mode that is explained."""
     truth: Truth
 
     @classmethod
