@@ -59,12 +59,12 @@ class Line:
     name: str
     """Name in the legend and where values are read off."""
     figure: str
-    """What the legend says of it, such as its area."""
+    """Text of the legend on the line, such as its area."""
     look: Look
     x: ArrayLike
     y: ArrayLike
     tags: tuple[str, ...]
-    """Names of switches; the line is shown while all of them are on."""
+    """Names of the switches of the line, which is shown while all of them are on."""
     threshold: ArrayLike | None = None
     """Score of the worst candidate that is accepted at each point."""
     text: tuple[str, ...] = ()
@@ -89,7 +89,7 @@ class Chart:
 
     title: str
     alt: str
-    """What it shows, for those who do not see it."""
+    """Description of the chart, for those who do not see it."""
     x: Axis
     y: Axis
     lines: tuple[Line, ...]
@@ -114,7 +114,7 @@ class ChartGroup:
     """Charts that share their switches."""
 
     name: str
-    """Unique within a page; names of elements begin with it."""
+    """Name of the group, unique within a page; names of its elements begin with it."""
     kinds: Mapping[str, tuple[Chart, ...]]
     """Charts by what they show; of several kinds one is shown at a time."""
     notes: Mapping[str, str]

@@ -166,7 +166,7 @@ CARS, CANDIDATES, PRECISION = "Cars found", "Candidate ROC", "Precision and reca
 RIGHT_EDGE_FPPI = 20.0
 RIGHT_EDGE_LINEAR_FPPI = 5.0
 Bands = Mapping[tuple[str, str], CurveBands | None]
-"""By detector and mode."""
+"""Bands of the curves by detector and mode."""
 
 
 def curve_group(
@@ -292,6 +292,6 @@ def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def _count(metrics: Sequence[Mapping[str, Any]], key: str) -> str:
-    """A number and a space where all runs have the same one, else nothing."""
+    """Text of a figure that all runs share, with a space; empty where runs differ."""
     values = {m[key] for m in metrics}
     return f"{values.pop()} " if len(values) == 1 else ""

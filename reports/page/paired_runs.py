@@ -31,7 +31,7 @@ class Evaluated:
     """A run with the truth that it was evaluated on."""
 
     name: str
-    """For people; unique on a page."""
+    """Name of the run for people, unique on a page."""
     run: Run
 
     @cached_property
@@ -87,7 +87,7 @@ class PairedRuns:
     first: str
     other: str
     note: str
-    """On which frames they were compared, or why they were not."""
+    """Note on the frames on which the runs were compared, or why they were not."""
     table: Table | None
 
 

@@ -165,7 +165,7 @@ def draw_reliability(ax: Axes, shown: Sequence[Mapping[str, Any]]) -> None:
 
 
 def style(curve: CurveSet) -> dict[str, Any]:
-    """Line style of a curve by mode, the same for all detectors."""
+    """Line style of a curve by its mode; all detectors share it."""
     alone = curve.mode == "detector"
     return {"color": mode_colour(curve.mode), "lw": 1.6 if alone else 2.2, "ls": mode_dash(curve.mode)}
 

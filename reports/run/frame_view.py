@@ -29,11 +29,11 @@ class CandidateView:
     """One candidate of one detector with all that led to its score."""
 
     row: int
-    """Its row in the table of candidates of its detector."""
+    """Row of the candidate in the table of candidates of its detector."""
     rank: int
     """Place by detector score in its frame, 0 is best."""
     new_rank: int
-    """Place after rescoring."""
+    """Place by rescored score in its frame, 0 is best."""
     xyxy_px: FloatArray
     likelihood: float
     posterior: float
@@ -73,11 +73,11 @@ class FrameView:
     ground: GroundPlane
     truth: Truth
     candidates: Mapping[str, tuple[CandidateView, ...]]
-    """By detector, best detector score first, in the mode shown."""
+    """Candidates by detector, best detector score first, in the mode shown."""
     file: str
     """Path of the left picture in the data set."""
     right_rgb: UInt8Array | None
-    """None where the data set has no right picture."""
+    """Right picture, shape (h, w, 3); None where the data set has none."""
     baseline: float
     """Distance of the two eyes, metres; 0 where it is not known."""
     other_modes: Mapping[tuple[str, str], tuple[CandidateView, ...]]

@@ -42,7 +42,7 @@ PLAIN_COLUMNS = (
 )
 """Columns of the lines for other tools, as ``Inspection.columns`` names them."""
 WIDE = 120
-"""With fewer columns the terminal has no room for rank and scores."""
+"""Number of columns below which a terminal has no room for rank and scores."""
 
 
 def inspect_run(

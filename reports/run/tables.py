@@ -26,7 +26,8 @@ class Table:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     text_columns: int = 1
-    """The first so many columns hold text; the others hold numbers and are aligned to the right."""
+    """Number of columns of text, counted from the first; the others hold numbers and are aligned to the
+    right."""
 
     def markdown(self) -> str:
         """The table in GitHub's Markdown, without its title."""
@@ -237,7 +238,8 @@ def comparison_table(metrics: Mapping[str, Any]) -> Table | None:
 
 
 def terminal_comparison(metrics: Mapping[str, Any]) -> Table | None:
-    """The same for a terminal of 80 columns: short names, one recall, intervals below the figures."""
+    """The change against the detector alone for 80 columns: short names, one recall, intervals below the
+    figures."""
     rows = []
     for c in metrics.get("comparisons", ()):
         factors = (c["reduction"].get(LEVEL), (c["reduction_without_pictures"] or {}).get(LEVEL))
@@ -320,7 +322,7 @@ def weight_text(tuned: Mapping[str, Any]) -> str:
 
 
 def in_interval(tuned: Mapping[str, Any]) -> list[bool]:
-    """Which w of the grid lie in the interval of the chosen one, which is known."""
+    """Whether each w of the grid lies in the interval of the chosen w, which must be known."""
     u = tuned["uncertainty"]
     return [u["low"] <= w <= u["high"] for w in tuned["w_grid"]]
 
