@@ -91,8 +91,7 @@ def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
 
 
 def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall: float) -> float:
-    """How many times fewer things of ``is_other`` than cars pass the threshold on D that admits ``recall`` of
-    the cars.
+    """How many times fewer others than cars pass the threshold on D that lets ``recall`` of the cars pass.
 
     Without evidence the same share of both passes. A candidate without evidence is judged like a car of
     middling D, since it keeps its likelihood. Infinity where none of the others passes.
