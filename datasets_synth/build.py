@@ -121,7 +121,7 @@ def build_dataset(
 
 
 def _run(function: Any, arguments: Sequence[tuple[Any, ...]], jobs: int) -> Iterator[Any]:
-    """Results as they come, in order."""
+    """Results of ``function`` for each tuple of arguments, in their order, as they are done."""
     if jobs == 1 or len(arguments) < 2:
         return (function(*a) for a in arguments)
     results: Iterator[Any] = Parallel(n_jobs=jobs, return_as="generator")(

@@ -67,7 +67,9 @@ class Points:
     t: FloatArray
     """Distance from the nose as built."""
     y: FloatArray
+    """Distance to the left of the middle."""
     z: FloatArray
+    """Height above the ground."""
     s: FloatArray
     """Station: distance from the nose before nose and tail were bent."""
 

@@ -221,7 +221,7 @@ def _linear(srgb: FloatArray) -> FloatArray:
 
 
 def _as_mesh(corners: FloatArray, pieces: list[_Piece]) -> Mesh:
-    """The pieces in one mesh; corners (m, 3, 3) are those of the pieces in the object frame."""
+    """One mesh of the pieces, with their corners (m, 3, 3) in the object frame."""
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     keep = area > 1e-12
     first = np.cumsum([0] + [len(p.materials) for p in pieces[:-1]])

@@ -250,7 +250,8 @@ def join(soups: Iterable[Soup]) -> Soup:
 
 
 def mirrored(soup: Soup, part_map: UInt8Array) -> Soup:
-    """The soup on the other side of the plane y = 0; part_map (256,) gives the part labels there."""
+    """The soup mirrored in the plane y = 0; part_map (256,) gives the label of each part on the other
+    side."""
     flip = np.array([1.0, -1.0, 1.0])
     return Soup(
         (soup.corners_m * flip)[:, ::-1],

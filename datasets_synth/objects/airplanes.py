@@ -239,7 +239,7 @@ def _fin(draft: MeshDraft, s: AirplaneShape, skin: Material) -> None:
 
 
 def _tailplane(draft: MeshDraft, s: AirplaneShape, skin: Material) -> None:
-    """Both halves are one part."""
+    """Add both halves of the tailplane, as one part."""
     chord = 0.09 * s.length if s.style != "light" else 0.115 * s.length
     lean = np.tan(0.25 if s.style == "light" else 0.62 if s.style != "turboprop" else 0.5)
     high = s.tail_height > 0.5

@@ -24,13 +24,17 @@ class MaterialTable:
     """The materials of a scene as arrays over the index of the material."""
 
     rgb: Float32Array
+    """Linear albedo in [0, 1], shape (k, 3)."""
     texture: NDArray[np.int32]
     """Index into the textures, -1 for none."""
     texture_px: Float32Array
     """Root of the number of texels of the texture."""
     specular: Float32Array
+    """Share of light reflected as a highlight, in [0, 1], shape (k,)."""
     shininess: Float32Array
+    """Blinn-Phong exponent, shape (k,)."""
     mirror: Float32Array
+    """Share of the sky that is mirrored at normal incidence, in [0, 1], shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)

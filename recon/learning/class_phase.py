@@ -27,6 +27,7 @@ class BoundaryPair:
     rotation_a: FloatArray
     """T_alpha of the first view, shape (3, 3)."""
     rotation_b: FloatArray
+    """T_alpha of the second view, shape (3, 3)."""
     a: FloatArray
     """Shape (m, 2)."""
     b: FloatArray

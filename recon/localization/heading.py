@@ -48,6 +48,7 @@ class Heading:
     """Log odds of a heading against its reverse are ``weights`` times the difference of the readings."""
 
     weights: FloatArray
+    """Weight of each cell of a reading, shape (cells,)."""
     config: HeadingConfig
 
     def log_odds(self, reading: FloatArray) -> float:
@@ -60,6 +61,7 @@ class Posed:
     """A shape on the ground: hull function on its grid, and the box in metres of the ground frame."""
 
     hull: Float32Array
+    """Hull function on its grid in metres, below 0 inside, shape (nx, ny, nz)."""
     reach: tuple[float, float, float]
     box: StandingBox
 

@@ -61,10 +61,12 @@ class FittedInstance:
     """An instance of a shape space on the ground, in metres of the shape space (ground frame over scale)."""
 
     xy_m: FloatArray
+    """Place of the middle of the footprint on the ground, shape (2,)."""
     yaw_rad: float
     log_rest: FloatArray
     """Logarithms of the size less those that the coefficients give, shape (3,)."""
     coefficients: FloatArray
+    """Coefficients of the shape space, shape (k,)."""
     cost: float
     """Half the weighted sum of squares with the priors."""
 

@@ -34,7 +34,7 @@ class ScaledViews:
         return np.asarray((points @ self.rotation[view, :2].T + self.shift[view]) / self.scale[view])
 
     def moved(self, factor: float, origin: FloatArray) -> "ScaledViews":
-        """These views in other object units: new point = factor * (point - origin)."""
+        """The views in other object units: new point = factor * (point - origin)."""
         shift = self.shift + self.rotation[:, :2] @ origin
         return ScaledViews(self.views, self.rotation, self.scale * factor, shift * factor)
 

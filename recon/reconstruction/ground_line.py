@@ -23,9 +23,9 @@ class GroundLineConfig:
     """Columns of a part whose lowest pixel is within this share of the object's height of the part's lowest
     are its contact; at least one pixel."""
     slope_from_view: float = 1.0
-    """How far the slope of the line is that of the view bin: 1 takes the direction in which the parts
-    stand in the class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of
-    error in one contact is metres of depth far away, so that a free line tilts far objects at random."""
+    """Weight of the view bin's slope in the slope of the line: 1 takes the direction in which the parts stand
+    in the class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of error in
+    one contact is metres of depth far away, so that a free line tilts far objects at random."""
     line_tolerance: float = 0.08
     """Parts whose contact is within this share of the object's height of the line stand on it."""
 

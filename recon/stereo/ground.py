@@ -161,7 +161,7 @@ class _Points:
         seen = disparity_px[np.ix_(rows, columns)]
         focal_baseline = camera.left.fx_px * camera.baseline_m
         least = max(config.min_disparity_px, focal_baseline / config.farthest_m)
-        # of infinity there is nothing to fit to
+        # a disparity of infinity gives nothing to fit to
         i, j = np.nonzero(np.isfinite(seen) & (seen >= least))
         uv = np.stack([columns[j], rows[i]], axis=1).astype(float)
         rays = camera.left.rays(uv) * focal_baseline

@@ -53,7 +53,9 @@ class Line:
     name: str
     legend: str
     x: FloatArray
+    """Values of the horizontal axis, shape (n,)."""
     y: FloatArray
+    """Values of the vertical axis, shape (n,)."""
     colour: str
     dashed: bool = False
     steps: bool = False
@@ -68,7 +70,9 @@ class Marks:
     """Points on the curves of a plot."""
 
     x: FloatArray
+    """Values of the horizontal axis, shape (n,)."""
     y: FloatArray
+    """Values of the vertical axis, shape (n,)."""
     colours: tuple[str, ...]
     labels: tuple[str, ...]
     """Label of each point; an empty one shows nothing."""

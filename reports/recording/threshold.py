@@ -51,6 +51,7 @@ class Tile:
     """One frame of the sheet: a small picture, and its candidates by detector and mode."""
 
     picture: UInt8Array
+    """Small left picture, shape (h, w, 3)."""
     zoom: float
     shown: dict[str, Shown]
     """Candidates of the frame by detector, in the mode that is explained."""

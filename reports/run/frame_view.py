@@ -35,6 +35,7 @@ class CandidateView:
     new_rank: int
     """Place by rescored score in its frame, 0 is best."""
     xyxy_px: FloatArray
+    """Box of the candidate, pixel edges, shape (4,)."""
     likelihood: float
     posterior: float
     depth_difference: float
@@ -65,6 +66,7 @@ class FrameView:
 
     image_id: int
     rgb: UInt8Array
+    """Left picture, shape (h, w, 3)."""
     measured: Float32Array
     """Metres where the camera is known, else 1 / disparity; NaN in holes."""
     metric: bool

@@ -109,7 +109,7 @@ def _summary(value: Mapping[str, Any]) -> str:
     ]
     for method in METHODS:
         mean = value["methods"][method]
-        # both of ours answer to the one 3DP row of the report
+        # the joint fit and the report's construction both answer to the one 3DP row of the report
         theirs = value["report"]["single_plane" if method == "single_plane" else "3dp"]
         turns = [
             r["methods"][method]["orientation_deg"]

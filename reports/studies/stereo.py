@@ -153,7 +153,7 @@ def beside_public_table(
 
 
 def consistency_table(pairs: Sequence[Consistency], short: bool = False) -> Table:
-    """A row a pair without truth, and all of them together; short names fit a terminal of 80 columns."""
+    """Table of the pairs without truth, a row a pair, and all of them together; fits 80 columns."""
     rows = [
         (
             c.name,

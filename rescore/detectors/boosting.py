@@ -42,7 +42,7 @@ class Stumps:
         return np.unique(self.feature)
 
     def renumbered(self, used: IntArray) -> "Stumps":
-        """These stumps with column numbers for a matrix that holds only the ``used`` columns."""
+        """The stumps with column numbers for a matrix that holds only the ``used`` columns."""
         return Stumps(np.searchsorted(used, self.feature), self.threshold, self.below, self.above)
 
 

@@ -184,6 +184,7 @@ class Scene:
     """A picture made of crops."""
 
     picture: UInt8Array
+    """Grey picture, shape (h, w)."""
     truth: Truth
 
 

@@ -1,5 +1,4 @@
-"""Eq. 6: how far the predicted depth of a candidate is from the measured depth, after the best scale and
-offset.
+"""Eq. 6: how far a candidate's predicted depth is from the measured one after the best scale and offset.
 
 ``D = min over a1, a2 of sqrt(mean((Zs - (a1 Zi + a2))^2))``, over the depth region inside the box: the pixels
 that have both a predicted depth Zi and a measured depth Zs. The report leaves three things open; here they

@@ -30,7 +30,7 @@ class Adapted:
     share: float
     """Share of cars among the candidates with depth evidence, in (0, 1)."""
     log_odds_shift: float
-    """Log odds added to those of every candidate."""
+    """Number added to the log odds of every candidate."""
 
 
 def log_odds_shift(car_given_depth: FloatArray, share: float) -> float:

@@ -86,7 +86,7 @@ class EvidenceModel:
 
 
 def with_difference(table: CandidateTable, model: EvidenceModel | None) -> CandidateTable:
-    """The candidates with D and status of a learned mode in place of those of eq. 6; unchanged for None.
+    """The candidates with D and status of a learned mode in place of those of eq. 6; as they are for None.
 
     A candidate without evidence gets the D of silent cues. Its likelihood alone would not do: eq. 7 lowers
     that of all others, since most candidates are no cars, and a false alarm that nothing is known of would

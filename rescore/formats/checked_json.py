@@ -18,8 +18,7 @@ def merged(base: Any, changes: Any) -> Any:
 
 
 def refuse_unknown_keys(place: str, kind: Any, value: Any) -> None:
-    """Raises ValueError where the JSON value of a dataclass has a key that is none of its fields, at any
-    depth.
+    """Raises ValueError where the JSON value of a dataclass has a key, at any depth, that is no field.
 
     ``place`` names the value in the error. Anything that is no dataclass passes.
     """

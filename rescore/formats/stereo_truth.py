@@ -29,6 +29,7 @@ class TruePair:
     left_rgb: UInt8Array
     """Shape (h, w, 3), like the right one."""
     right_rgb: UInt8Array
+    """Shape (h, w, 3), like the left one."""
     truth_px: Float32Array
     """Shape (h, w); NaN where it is not known."""
     seen_twice: BoolArray

@@ -25,7 +25,9 @@ class Band:
     x: FloatArray
     """Places on the horizontal axis, rising."""
     low: FloatArray
+    """Lower end of the curve's interval at each x."""
     high: FloatArray
+    """Upper end of the curve's interval at each x."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,4 @@
-"""Variances and test of areas under candidate ROCs without resampling: DeLong 1988, and Obuchowski 1997 for
-images.
+"""Variances and test of areas under candidate ROCs without resampling: DeLong 1988, Obuchowski 1997.
 
 An area is a mean over pairs of a hit and a false positive. Its variance comes from the placement of each hit
 (the share of false positives that it beats, ties half) and of each false positive (the share of hits that

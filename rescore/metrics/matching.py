@@ -91,8 +91,7 @@ class MatchTable:
 
 
 def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
-    """A ranking (n,), larger is better: by posterior, and where posteriors are equal by the detector's raw
-    score.
+    """A ranking (n,), larger is better: by posterior, then by the detector's raw score where posteriors tie.
 
     Platt scaling saturates: two scores can both become likelihood 1. The second key keeps the detector's
     order there. Rows that are equal in both get the same value.

@@ -92,8 +92,9 @@ class OperatingPoint:
         return f"{self.false_positives:g} false positives an image"
 
     def threshold(self, match: MatchTable) -> float:
-        """Ranking of the worst candidate accepted; infinity where none is, minus infinity where no car is
-        annotated and none counts.
+        """Ranking of the worst candidate accepted; infinity where none is.
+
+        Minus infinity where no car is annotated and every candidate is ignored.
 
         Raises:
             RescoreError: the recall is never reached.

@@ -74,7 +74,7 @@ def explain(
         RescoreError: the model is that of another mode or does not give the D of the rows.
     """
     d, why = difference(rows, mode), status(rows, mode)
-    # of eq. 6: what another mode lacks can have another cause
+    # the detail is that of eq. 6: what another mode lacks can have another cause
     detail = np.where(why == rows["status"], rows.get("reason_detail", ""), "")
     cues = cues_of(rows)
     told = _Teller(mode, model, config or ExplainConfig())
@@ -176,7 +176,7 @@ class _Teller:
             return ": no cue speaks for it" if rose else ": no cue speaks against it"
         if (total > 0) == rose:
             return f": {'; '.join(told)}"
-        # it moved the other way than its own depth says: that of the others says more
+        # it moved the other way than its own depth says: the depth of other candidates says more
         return f", cues together {total:+.2f}; {'for' if rose else 'against'} it: {'; '.join(told)}"
 
     def without_evidence(self, why: str, detail: str, cues: FloatArray, rose: bool) -> str:

@@ -1,5 +1,4 @@
-"""Ways to spoil the input of depth evidence, one dial each: the pictures that the matcher sees, the measured
-disparity, or what is believed of the camera.
+"""Ways to spoil the input of depth evidence, a dial each: pictures, disparity, or the camera as believed.
 
 The picture that the detector and the reconstruction see stays as it is. So a curve over a dial shows what the
 measured depth, or the calibration, is worth, and nothing else.

@@ -135,7 +135,8 @@ def figures_of(
 
 
 def by_visibility(run: FinishedRun, table: CandidateTable, config: SweepConfig) -> list[dict[str, Any]]:
-    """The figures on the cars of each group of ``VISIBILITY`` with enough of them; the others are ignored."""
+    """The figures on the cars of each group of ``VISIBILITY`` that has enough cars; other cars are
+    ignored."""
     out = []
     for low, high in VISIBILITY:
         truth = {

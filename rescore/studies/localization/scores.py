@@ -28,7 +28,8 @@ class Score:
     """Errors of one estimate."""
 
     overlap: float | None
-    """Volume of the intersection over that of the union; None for a surface, which has no volume."""
+    """Volume of the intersection with the truth over the volume of the union; None for a surface, which has
+    no volume."""
     centroid_mm: float
     orientation_deg: float
     """Error of the direction in degrees, in [0, 180]; in [0, 90] for a surface, which has no front."""
