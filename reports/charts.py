@@ -68,7 +68,7 @@ class Line:
     threshold: ArrayLike | None = None
     """Score of the worst candidate that is accepted at each point."""
     text: tuple[str, ...] = ()
-    """What is read off at each point, in place of y."""
+    """Texts that are read off at each point, in place of y."""
     read: str = "nearest"
     """Point that is read off at an x: "last" with at most that x, "first" with at least it, or "nearest"."""
     step: bool = False
@@ -78,9 +78,9 @@ class Line:
     bars: Mapping[str, ArrayLike] | None = None
     """``low`` and ``high`` of an interval at each point."""
     broad: tuple[float, float] | None = None
-    """Between these x the line is underlaid with a broad one."""
+    """Values of x between which the line is underlaid with a broad one."""
     mark: tuple[float, float] | None = None
-    """A point to mark."""
+    """Point of the line that is marked, as (x, y)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,13 +33,13 @@ class CarShape:
     """Height of the hood's front edge."""
     cowl_t: float
     cowl_z: float
-    """Foot of the windscreen."""
+    """Height of the foot of the windscreen."""
     roof_front_t: float
     roof_rear_t: float
     roof_rear_z: float
     tail_t: float
     tail_z: float
-    """Foot of the rear window."""
+    """Height of the foot of the rear window."""
     deck_z: float
     """Height of the rear edge of the trunk lid (of the tailgate's shoulder where there is none)."""
     belt_front_z: float
@@ -47,9 +47,9 @@ class CarShape:
     lean_rad: float
     """How far the side windows lean inwards."""
     pillar_t: float
-    """Where the middle pillar stands."""
+    """Station of the middle pillar."""
     doors: int
-    """2 or 4 side doors."""
+    """Number of side doors, 2 or 4."""
     spokes: int
 
     @property

@@ -80,7 +80,8 @@ class Light:
 
 @dataclass(frozen=True)
 class Imaging:
-    """From radiance to what a cheap stereo head delivers; one set for each eye where a pair is given."""
+    """How a cheap stereo head turns radiance into pixels; one set of numbers for each eye where a pair is
+    given."""
 
     exposure: tuple[float, float]
     """Gain of the left and the right eye."""

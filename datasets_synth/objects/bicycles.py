@@ -106,7 +106,7 @@ class _Joints:
     head_low: FloatArray
     head_top: FloatArray
     crown: FloatArray
-    """Where the fork splits."""
+    """The point where the fork splits."""
     stem: FloatArray
     """Top of the steering axis."""
 

@@ -39,7 +39,7 @@ class ChairShape:
     seat_depth: float
     seat_thickness: float
     seat_power: float
-    """Exponent of the superellipse of its outline: larger is squarer."""
+    """Exponent of the superellipse of the seat's outline: larger is squarer."""
     back_z: float
     """Height of the top of the back."""
     back_lean_rad: float

@@ -28,7 +28,7 @@ from rescore.data.frames import Frame
 MAX_ATTEMPTS = 200
 _EMPTY = ClutterConfig(0.0, 0.0, 0.0, 0.0, mural_share=0.0, occluder_share=0.0)
 _BEHIND_M = 0.3
-"""Gap to the houses."""
+"""Smallest gap in metres between a thing and the houses behind it."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ class BoundaryPair:
     b: FloatArray
     """Shape (m, 2)."""
     weight: float
-    """How much the pair counts."""
+    """Weight of the pair in the cost of a primitive."""
 
     @property
     def size(self) -> float:

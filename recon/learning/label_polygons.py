@@ -92,7 +92,7 @@ def _shown(point: FloatArray) -> str:
 
 
 MAX_PARTS = 255
-"""Labels are 8-bit."""
+"""Largest number of parts of a class, since labels are 8-bit."""
 
 
 @dataclass(frozen=True, eq=False)

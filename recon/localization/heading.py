@@ -33,7 +33,7 @@ class HeadingConfig:
     up: int = 4
     """Cells from the ground to the top, on the side and at the ends."""
     smooth_sigma_px: float = 1.0
-    """Gaussian over the picture."""
+    """Standard deviation in pixels of the Gaussian over the picture."""
     redness: float = 10.0
     """A difference of a (of Lab) from the paint that is much; larger ones count little more."""
     clearance_m: float = 0.06

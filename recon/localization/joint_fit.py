@@ -28,11 +28,11 @@ class JointFitConfig:
     """Size of the object over the size of the objects that the shape space was learned from: 1 / 18 for model
     cars."""
     coarse_points: int = 60
-    """Rays while the view bin is looked for."""
+    """Number of rays while the view bin is looked for."""
     coarse_steps: int = 10
-    """Steps with the mean shape from the middle of each view bin."""
+    """Number of steps with the mean shape from the middle of each view bin."""
     kept_starts: int = 4
-    """Best starts that are refined."""
+    """Number of best starts that are refined."""
     middle_steps: int = 6
     """Number of first steps of the refinement, with ``middle_outlier_m``."""
     middle_outlier_m: float = 0.15
@@ -92,7 +92,7 @@ class GroundRays:
     """Rays from one eye in the ground frame, in metres of the shape space."""
 
     origin: FloatArray
-    """Shape (3,)."""
+    """Place of the eye, shape (3,)."""
     direction: FloatArray
     """Shape (n, 3), going down by 1: origin height less t is the height."""
     outside_weight: FloatArray

@@ -189,7 +189,7 @@ def _from_outline(
     ground: GroundPlane,
     config: ReconstructConfig,
 ) -> Reconstruction | Failure:
-    """From the outline on: register parts, find the ground line, place the planes."""
+    """The reconstruction from an outline on: parts registered, ground line found, planes placed."""
     parts = register_parts(outline, view, config.registration)
     if isinstance(parts, Failure):
         return parts
@@ -209,7 +209,7 @@ def _instance(
     ground: GroundPlane,
     config: ReconstructConfig,
 ) -> Reconstruction | Failure:
-    """From the registered parts on: find the ground line, place the planes."""
+    """The reconstruction from registered parts on: ground line found, planes placed."""
     outline_px = to_image(outline)
     labels, x0_px, y0_px = _part_labels(parts, outline_px, to_image, camera)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}

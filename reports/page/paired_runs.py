@@ -21,7 +21,7 @@ from rescore.results.comparisons import figure_as_json
 from rescore.results.run_folder import Run
 
 MIN_SHARED = 2
-"""Fewer frames give no interval."""
+"""Smallest number of shared frames that gives an interval."""
 LEVEL = 0.7
 """Recall at which false positives are compared."""
 

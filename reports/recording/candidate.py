@@ -62,7 +62,7 @@ class Crop:
     """The window of the picture around a box, drawn at a fixed size so that all candidates fill the view."""
 
     left: float
-    """Pixel edge of the picture."""
+    """Left edge of the window in the picture, in pixels."""
     top: float
     zoom: float
 

@@ -40,7 +40,7 @@ class CurveSet:
     """x: false positives an image; y: share of all annotated cars found."""
     precision: PrecisionRecall
     row: dict[str, Any]
-    """The row of metrics.json."""
+    """Row of metrics.json of the detector and mode."""
 
     @property
     def name(self) -> str:

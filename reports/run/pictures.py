@@ -25,7 +25,7 @@ _ASPECT = 1.8
 """Width over height of what is cut out, so that cards are alike."""
 _HOLE = (105, 105, 105)
 _STEPS = 256
-"""Colours of a map of matplotlib."""
+"""Number of colours of a map of matplotlib."""
 _QUALITY = 80
 _FRAME_QUALITY = 72
 

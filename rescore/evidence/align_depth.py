@@ -58,9 +58,9 @@ class DepthAlignment:
     """The solution of eq. 6 for one candidate."""
 
     scale: float
-    """a1: normalised stereo depth a unit of predicted depth."""
+    """a1 of eq. 6: normalised stereo depth a unit of predicted depth."""
     offset: float
-    """a2, in normalised stereo depth."""
+    """a2 of eq. 6, in normalised stereo depth."""
     difference: float
     """D in [0, 1]; never above 0.5, since a1 = 0 with a2 = 0.5 is among the choices."""
     valid_share: float

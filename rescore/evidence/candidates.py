@@ -80,9 +80,9 @@ class CandidateTable:
     depth_difference: FloatArray
     """D of eq. 6 in [0, 1], shape (n,); this and the next five are NaN where ``status`` is not "ok"."""
     scale: FloatArray
-    """a1, shape (n,)."""
+    """a1 of eq. 6, shape (n,)."""
     offset: FloatArray
-    """a2, shape (n,)."""
+    """a2 of eq. 6, shape (n,)."""
     valid_share: FloatArray
     """Measured share of the predicted depth region, shape (n,)."""
     stereo_low: FloatArray

@@ -41,18 +41,18 @@ class PredictedAs(StrEnum):
     """What grows with the predicted numbers."""
 
     DEPTH = "depth"
-    """Depth along the optical axis."""
+    """The numbers are depth along the optical axis."""
     INVERSE = "inverse"
-    """1 / depth, as disparity does."""
+    """The numbers are 1 / depth, which grows as disparity does."""
 
 
 class PredictedUnit(StrEnum):
     """What is known of their scale."""
 
     RELATIVE = "relative"
-    """Nothing: scale and offset are free, and may differ from picture to picture."""
+    """Nothing is known of the scale: scale and offset are free, and may differ from picture to picture."""
     METRIC = "metric"
-    """Metres, or 1 / metres."""
+    """The numbers are metres, or 1 / metres."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -230,7 +230,7 @@ class Doubt:
     """Something unlikely about a calibration."""
 
     text: str
-    """What is, and what to do."""
+    """What is unlikely, and what to do."""
     serious: bool
     """Whether depth must be wrong if it is as it looks."""
 

@@ -26,7 +26,7 @@ class TuneConfig:
     """How w is chosen."""
 
     n_grid: int = 101
-    """w = 0, 1 / (n - 1), ..., 1."""
+    """Number of weights w that are tried, 0 to 1 in even steps."""
     min_iou: float = 0.5
     """Overlap from which a candidate counts as having found a car."""
     n_resamples: int = 1000
@@ -50,9 +50,9 @@ class Tuning:
     detector: str
     w: float
     grid: FloatArray
-    """Every w tried, shape (n_grid,)."""
+    """All weights w that were tried, rising, shape (n_grid,)."""
     value: FloatArray
-    """Average precision at each, shape (n_grid,)."""
+    """Average precision at each w of ``grid``, shape (n_grid,)."""
     n_images: int
     """Size of the validation set."""
     n_cars: int

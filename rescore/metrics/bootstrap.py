@@ -49,12 +49,12 @@ class Kind:
     """How the interval of a kind of figure is taken."""
 
     least: float
-    """Smallest possible value."""
+    """Smallest possible value of the figure."""
     most: float
     shift: float = 0.0
-    """s of the module's docstring."""
+    """s of the formula in the docstring of this module."""
     widening: float = 0.0
-    """k of the module's docstring is 1 + widening / sqrt(number of images)."""
+    """k of the formula in the docstring of this module is 1 + widening / sqrt(number of images)."""
 
 
 KINDS = {

@@ -37,7 +37,7 @@ class Summary:
     auc: float
     """Area under the candidate ROC; NaN where there are only hits or only false alarms."""
     average_precision: float
-    """NaN where no car is annotated."""
+    """Average precision, NaN where no car is annotated."""
     recall_ceiling: float
     """Share of the cars found when every candidate counts."""
     fppi_at_recall: dict[float, float | None]
@@ -115,7 +115,7 @@ def recall_ceiling(curve: Curve) -> float:
 
 
 def summarise(match: MatchTable) -> Summary:
-    """All figures of one match table."""
+    """The figures of one match table."""
     recall = recall_curve(match)
     return Summary(
         area_under_roc(candidate_roc(match)),

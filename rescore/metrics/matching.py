@@ -60,7 +60,7 @@ class TruthTable:
 
     @property
     def n_images(self) -> int:
-        """All images, those without a car too: the denominator of false positives per image."""
+        """Number of all images, with and without a car: the denominator of false positives per image."""
         return len(self.image_id)
 
     @property

@@ -171,7 +171,7 @@ class Tally:
     became_false: int
     """Candidates accepted before and after that became false positives: hits whose car another box took."""
     became_hit: int
-    """The reverse."""
+    """Candidates accepted before and after that were false positives and are none now."""
 
 
 @dataclass(frozen=True, eq=False)

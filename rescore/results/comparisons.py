@@ -29,7 +29,7 @@ Kinds = NDArray[np.object_]
 
 _NO_PICTURES = " without pictures"
 MIN_IMAGES = 2
-"""Fewer images give no interval."""
+"""Smallest number of images that gives an interval."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,7 @@ class Explanation:
     """Why a candidate has its D."""
 
     text: str
-    """One line."""
+    """The explanation in one line."""
     parts: tuple[Part, ...] = ()
     """All cues that say something, those that say most first; empty in mode ``paper``, without evidence, and
     where the model of the evidence is not known."""

@@ -30,7 +30,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "depth ratio": ("depth_ratio",),
     "measured share": ("measured",),
 }
-"""Cues that are left out together."""
+"""Cues by the name of the group in which they are left out together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class AblationRow:
 
     without: str
     n_cues: int
-    """Cues that are left out."""
+    """Number of cues that are left out."""
     w: float
     fppi: Interval
     """False positives an image at ``sweep.RECALL``."""

@@ -87,11 +87,11 @@ class AccuracyRow:
     normal_deg: float
     """Median angle of the normals, in degrees."""
     normal_deg_90: float
-    """90th percentile."""
+    """90th percentile of the angle of the normals, in degrees."""
     centroid: float
     """Median distance of the centroids, in lengths of the object's longest side."""
     centroid_90: float
-    """90th percentile."""
+    """90th percentile of the distance of the centroids, in lengths of the object's longest side."""
 
 
 @dataclass(frozen=True, eq=False)

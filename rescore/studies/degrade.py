@@ -38,7 +38,7 @@ class Dial:
     levels: tuple[float, ...]
     """Levels of a sweep, without 0."""
     pictures: Callable[[Pair, float, Rng], Pair] | None = None
-    """Changes what the matcher sees."""
+    """Changes the two pictures that the matcher sees."""
     disparity: Callable[[Float32Array, float, Rng], Float32Array] | None = None
     """Changes the measured disparity; NaN are holes."""
     calibration: Callable[[Calibration, float], Calibration] | None = None
@@ -176,7 +176,7 @@ DIALS: dict[str, Dial] = {
         Dial("baseline", "baseline taken too large, per cent", _PER_CENT, calibration=_baseline),
     )
 }
-"""All dials by name."""
+"""The dials by name."""
 
 
 def dials_named(names: str | None, levels: str | None) -> tuple[Dial, ...]:

@@ -47,7 +47,7 @@ class FinishedRun:
     """The matcher that made the disparity of the data set."""
     models: Mapping[Registration, EvidenceModel]
     weights: Mapping[Registration, float]
-    """w of each mode."""
+    """Weight w of the detector by mode."""
 
 
 @dataclass(frozen=True)

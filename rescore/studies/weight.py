@@ -26,7 +26,7 @@ class WeightWidth:
     median: float
     upper_quartile: float
     high: float
-    """97.5 % quantile."""
+    """97.5 % quantile of the chosen w."""
     loss: float
     """Mean of what the choices lose on all images against the best w there, in units of the objective."""
     n_undefined: int
