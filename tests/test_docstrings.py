@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("recon", "rescore", "datasets_synth", "reports")
 WITHOUT_SUBJECT = re.compile(
     r"(Of|That|Those|This|These|Which|Both|Neither|Nor|So|So many|The same|Such|Or|And|But|As above|"
-    r"It|Its|They|Them|Their|Likewise|For people)\b(?!\w)"
+    r"It|Its|They|Them|Their|Likewise|For people)\b"
 )
 """First words that point at something outside the docstring."""
 ARRAYS = re.compile(r"(Array\b|NDArray\[)")

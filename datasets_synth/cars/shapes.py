@@ -225,4 +225,4 @@ class CarModel(Protocol):
         """Length, width and height."""
 
     def build(self, rng: np.random.Generator) -> Mesh:
-        """Mesh of the car with a paint of its own, picked by ``rng``."""
+        """Mesh of the car; ``rng`` picks its paint where the model leaves it open."""

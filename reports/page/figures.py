@@ -292,6 +292,6 @@ def _notes(metrics: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def _count(metrics: Sequence[Mapping[str, Any]], key: str) -> str:
-    """Text of a figure that all runs share, with a space; empty where runs differ."""
+    """Number of a metric that all runs share, as text with a space after it; empty where runs differ."""
     values = {m[key] for m in metrics}
     return f"{values.pop()} " if len(values) == 1 else ""

@@ -29,7 +29,7 @@ class Calibration:
     disparity_offset_px: float = 0.0
     """cx of the right less cx of the left picture."""
     width_px: int | None = None
-    """Width of the pictures as the file says; None where it does not say."""
+    """Width and height of the pictures as the file says; None where it does not say."""
     height_px: int | None = None
     depth_factor: float | None = None
     """Value of depth PNGs for one metre, where the file says."""

@@ -17,8 +17,8 @@ class WeightUncertainty:
     """What resamples of the validation images say of w."""
 
     w: float
-    """Chosen weight of the detector: the middle of the plateau, farthest from weights that the data can tell
-    are worse."""
+    """Chosen weight of the detector, the middle of the plateau: where the data cannot tell weights apart, the
+    one farthest from those that they can tell are worse."""
     low: float
     """Ends of the interval of w: quantiles of the w that resamples choose. A resample without cars chooses no
     w; it widens the interval as if it had chosen 0 or 1."""
