@@ -33,11 +33,11 @@ class CameraConfig:
     width_px: int = 640
     height_px: int = 480
     focal_px: float = 620.0
-    """At the full width of 640; scaled with the width."""
+    """Focal length in pixels at the full width of 640; scaled with the width."""
     baseline_m: tuple[float, float] = (0.30, 0.40)
     height_m: tuple[float, float] = (1.2, 1.7)
     pitch_deg: tuple[float, float] = (-1.0, 4.0)
-    """Positive looks down."""
+    """Pitch of the camera in degrees; positive looks down."""
     yaw_deg: float = 11.0
     """The camera looks across the street within plus and minus this."""
 
@@ -49,12 +49,12 @@ class CarConfig:
     near_m: float = 8.0
     far_m: float = 45.0
     bin_half_width_deg: float = 14.0
-    """Every car is seen within this of azimuth 90 degrees."""
+    """Every car is seen within this many degrees of azimuth 90 degrees."""
     heading_jitter_deg: float = 3.0
     min_visibility: float = 0.3
     """Cars with a smaller visible share are annotated with ignore = 1."""
     max_truncation: float = 0.25
-    """So are cars of which more than this share lies outside the picture."""
+    """Cars of which more than this share lies outside the picture are annotated with ignore = 1."""
     other_view_share: float = 0.12
     """Share of frames with a car seen from its front or rear, annotated with ignore = 1."""
 

@@ -45,7 +45,8 @@ def rendered_chair() -> tuple[Photo, np.ndarray, ClassModel]:
 
 
 def own_picture(picture: Path, box: str, model: Path) -> tuple[Photo, np.ndarray, ClassModel]:
-    """The same from files. Nothing is known of the camera, so sizes are as right as the default one."""
+    """The picture, box and class model that a user gives. Nothing is known of the camera, so sizes are as
+    right as the default one."""
     rgb = np.asarray(Image.open(picture).convert("RGB"))
     left, top, width, height = (float(part) for part in box.split(","))
     seen_from = GroundedCamera(default_camera(rgb.shape[1], rgb.shape[0]), DEFAULT_GROUND)

@@ -22,6 +22,6 @@ class DepthMap:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Index of the same pixels in an image-sized array, rows first."""
+        """Index of this map's pixels in an array of the whole image, rows first."""
         h, w = self.depth.shape
         return slice(self.y0_px, self.y0_px + h), slice(self.x0_px, self.x0_px + w)

@@ -18,7 +18,7 @@ def mask_rings(mask: BoolArray) -> tuple[IntArray, ...]:
 
 
 def fill_rings(rings: Sequence[IntArray], height_px: int, width_px: int) -> BoolArray:
-    """The mask (h, w) inside rings by the even-odd rule; the rings' own pixels belong to it."""
+    """The mask (h, w) inside rings (m, 2) by the even-odd rule; pixels on a ring belong to the mask."""
     image = np.zeros((height_px, width_px), np.uint8)
     if rings:
         cv2.drawContours(image, [np.ascontiguousarray(r).reshape(-1, 1, 2) for r in rings], -1, 1, cv2.FILLED)

@@ -24,7 +24,7 @@ class PartView:
     labels: UInt8Array
     """Shape (h, w): 0 for none, i for part ``part_names[i - 1]``."""
     instance_id: str
-    """Views with the same id show the same object."""
+    """Name of the object that the view shows; views with the same id show the same object."""
 
     def __post_init__(self) -> None:
         if self.labels.ndim != 2 or self.labels.dtype != np.uint8:

@@ -75,7 +75,7 @@ def match(
     b_context: Float32Array,
     config: ShapeContextConfig,
 ) -> tuple[NDArray[np.intp], float]:
-    """For each point of a the index of its partner in b, shape (m,), and the mean chi-squared cost in [0, 1].
+    """The index in b of the partner of each point of a, shape (m,), and the mean chi-squared cost in [0, 1].
 
     One to one (the Hungarian method); b has at least as many points as a.
     """

@@ -53,7 +53,7 @@ class ViewBins:
         return rotation(self.azimuth_rad(view_bin), self.elevation_rad)
 
     def level_view_from_object(self, view_bin: int) -> FloatArray:
-        """T_alpha for the same azimuth at elevation 0, shape (3, 3): its y axis is the object's down."""
+        """T_alpha at the bin's azimuth and elevation 0, shape (3, 3): its y axis is the object's down."""
         return rotation(self.azimuth_rad(view_bin), 0.0)
 
 

@@ -90,16 +90,16 @@ class Line:
     name: str
     """Name in the legend and where values are read off."""
     figure: str
-    """What the legend says of it, such as its area."""
+    """Text of the legend on the line, such as its area."""
     look: Look
     x: ArrayLike
     y: ArrayLike
     tags: tuple[str, ...]
-    """Names of switches; the line is shown while all of them are on."""
+    """Names of the switches of the line, which is shown while all of them are on."""
     threshold: ArrayLike | None = None
     """Score of the worst candidate that is accepted at each point."""
     text: tuple[str, ...] = ()
-    """What is read off at each point, in place of y."""
+    """Texts that are read off at each point, in place of y."""
     read: str = "nearest"
     """Point that is read off at an x: "last" with at most that x, "first" with at least it, or "nearest"."""
     step: bool = False
@@ -113,7 +113,7 @@ class Line:
     ceiling: float | None = None
     """Largest y that the line could reach; a PNG picture shows it dotted."""
     mark: tuple[float, float] | None = None
-    """A point to mark."""
+    """Point of the line that is marked, as (x, y)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class Chart:
 
     title: str
     alt: str
-    """What it shows, for those who do not see it."""
+    """Description of the chart, for those who do not see it."""
     x: Axis
     y: Axis
     lines: tuple[Line, ...]
@@ -149,7 +149,7 @@ class ChartGroup:
     """Charts that share their switches."""
 
     name: str
-    """Unique within a page; names of elements begin with it."""
+    """Name of the group, unique within a page; names of its elements begin with it."""
     kinds: Mapping[str, tuple[Chart, ...]]
     """Charts by what they show; of several kinds one is shown at a time."""
     notes: Mapping[str, str]

@@ -87,7 +87,7 @@ def seconds(work: Callable[[], object]) -> float:
 def paired(
     what: str, limit: float, pairs: Iterator[tuple[Callable[[], object], Callable[[], object]]]
 ) -> Row:
-    """Both sides in turn on each pair, after one warm-up; medians, and the median of the ratios."""
+    """Medians of both sides, run in turn on each pair after one warm-up, and the median of the ratios."""
     ours: list[float] = []
     bare: list[float] = []
     for our_call, bare_call in pairs:

@@ -33,7 +33,7 @@ class Ends:
     radius_t: float
     """Length over which the plan view narrows to the corner."""
     radius_y: float
-    """How much it narrows."""
+    """How much the plan view narrows to the corner."""
     sag: float
     """How far the corners lie behind the middle."""
     tuck: float

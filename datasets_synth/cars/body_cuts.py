@@ -67,7 +67,9 @@ class Points:
     t: FloatArray
     """Distance from the nose as built."""
     y: FloatArray
+    """Distance to the left of the middle."""
     z: FloatArray
+    """Height above the ground."""
     s: FloatArray
     """Station: distance from the nose before nose and tail were bent."""
 
@@ -89,7 +91,7 @@ def _values(soup: Soup, lines: BodyLines, zones: tuple[int, ...], level: Level) 
 
 
 def divide(soup: Soup, lines: BodyLines, zones: tuple[int, ...], *levels: Level) -> tuple[Soup, BoolArray]:
-    """The surface cut along each level's outline in turn, and its faces inside all of them.
+    """The surface cut along each level's outline in turn, and a mask of the faces inside all levels.
 
     Several levels keep a corner sharp that one level, being interpolated over a face, would bevel.
     """

@@ -18,7 +18,7 @@ __all__ = ["CarShape", "car_mesh", "car_shapes"]
 
 
 def car_mesh(shape: CarShape, rng: np.random.Generator) -> Mesh:
-    """The mesh of a car in the object frame; rng picks paint and trim, the geometry is that of the shape.
+    """The mesh of a car in the object frame; rng picks paint and trim, the geometry follows from the shape.
 
     Nose at +x, left at +y, z up, metres, the origin on the ground below the middle. The body measures
     `shape.size_m`; the outside mirrors stand out beyond its width. The arrays are shared between cars of one

@@ -36,7 +36,7 @@ class ImportedCar:
     """A car mesh from a file."""
 
     shape_id: str
-    """The file's name without its suffix (with it, where two files share the name)."""
+    """Name of the mesh file without its suffix (with it, where two files share the name)."""
     mesh: Mesh
     size_m: tuple[float, float, float]
     """Length, width, height of the body: no mirrors or aerials, as in a car's papers."""
@@ -217,7 +217,7 @@ def _colour_materials(rgb: FloatArray) -> tuple[IntArray, tuple[Material, ...]]:
 
 
 def _as_mesh(corners: FloatArray, pieces: list[_Piece]) -> Mesh:
-    """The pieces in one mesh; corners (m, 3, 3) are those of the pieces in the object frame."""
+    """One mesh of the pieces, with their corners (m, 3, 3) in the object frame."""
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     keep = area > 1e-12
     first = np.cumsum([0] + [len(p.materials) for p in pieces[:-1]])

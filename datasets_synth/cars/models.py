@@ -1,4 +1,4 @@
-"""Which cars each split may show: parametric shapes, or a user's own meshes; no shape in two splits."""
+"""The cars that each split may show: parametric shapes, or a user's own meshes; no shape in two splits."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -21,11 +21,11 @@ class CarShape:
     body_type: str
     length: float
     width: float
-    """Without the mirrors, as in a car's papers."""
+    """Width without the mirrors, as in a car's papers."""
     height: float
     wheelbase: float
     front_overhang: float
-    """From the nose to the front axle."""
+    """Distance from the nose to the front axle."""
     wheel_radius: float
     clearance: float
     """Height of the underside."""
@@ -33,13 +33,13 @@ class CarShape:
     """Height of the hood's front edge."""
     cowl_t: float
     cowl_z: float
-    """Foot of the windscreen."""
+    """Height of the foot of the windscreen."""
     roof_front_t: float
     roof_rear_t: float
     roof_rear_z: float
     tail_t: float
     tail_z: float
-    """Foot of the rear window."""
+    """Height of the foot of the rear window."""
     deck_z: float
     """Height of the rear edge of the trunk lid (of the tailgate's shoulder where there is none)."""
     belt_front_z: float
@@ -47,9 +47,9 @@ class CarShape:
     lean_rad: float
     """How far the side windows lean inwards."""
     pillar_t: float
-    """Where the middle pillar stands."""
+    """Station of the middle pillar."""
     doors: int
-    """2 or 4 side doors."""
+    """Number of side doors, 2 or 4."""
     spokes: int
 
     @property
@@ -165,7 +165,7 @@ _RANGES: dict[str, dict[str, _Range]] = {
 
 @lru_cache(maxsize=1)
 def car_shapes() -> tuple[CarShape, ...]:
-    """All shapes of the family, always the same: `SHAPES_PER_TYPE` of each body type."""
+    """All cars of the family, always the same: `SHAPES_PER_TYPE` of each body type."""
     shapes: list[CarShape] = []
     for number, body_type in enumerate(BODY_TYPES):
         draws = latin_hypercube(_RANGES[body_type], SHAPES_PER_TYPE, [20090411, number])
@@ -218,11 +218,11 @@ class CarModel(Protocol):
 
     @property
     def shape_id(self) -> str:
-        """Its name, the same in every frame."""
+        """Name of the car, the same in every frame."""
 
     @property
     def size_m(self) -> tuple[float, float, float]:
         """Length, width and height."""
 
     def build(self, rng: np.random.Generator) -> Mesh:
-        """Its mesh with a paint of its own."""
+        """Mesh of the car; ``rng`` picks its paint where the model leaves it open."""

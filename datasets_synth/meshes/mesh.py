@@ -57,7 +57,7 @@ class Placed:
     world_from_object: FloatArray
     """Shape (4, 4); a rotation, a uniform scale and a translation."""
     kind: str
-    """What it is: "car", "road", "facade", "poster", "hedge", ... Truth and error analysis use it."""
+    """What the thing is: "car", "road", "facade", "poster", "hedge", ... Truth and error analysis use it."""
     shape_id: str = ""
     """Name of the car shape; empty for everything else."""
     casts_shadow: bool = True
@@ -80,7 +80,8 @@ class Light:
 
 @dataclass(frozen=True)
 class Imaging:
-    """From radiance to what a cheap stereo head delivers; one set for each eye where a pair is given."""
+    """How a cheap stereo head turns radiance into pixels; one set of numbers for each eye where a pair is
+    given."""
 
     exposure: tuple[float, float]
     """Gain of the left and the right eye."""

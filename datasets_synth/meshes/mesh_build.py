@@ -50,7 +50,7 @@ class Soup:
         )
 
     def painted(self, where: BoolArray, material: int | None = None, part: int | None = None) -> "Soup":
-        """The same faces, those chosen with another material or part."""
+        """The soup with another material or part on the faces that ``where`` chooses."""
         out = self
         if material is not None:
             out = replace(out, material=np.where(where, material, out.material).astype(np.int32))
@@ -59,7 +59,7 @@ class Soup:
         return out
 
     def moved(self, offset_m: tuple[float, float, float]) -> "Soup":
-        """The same faces, shifted by offset_m."""
+        """The soup with all faces shifted by offset_m."""
         return replace(self, corners_m=self.corners_m + np.asarray(offset_m))
 
 
@@ -175,7 +175,7 @@ def _pairs_of_equal(group: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[
 
 
 def cut(soup: Soup, values: FloatArray, level: float = 0.0) -> Soup:
-    """The same surface with its faces split along the line values = level; order of faces may change.
+    """The soup with its faces split along the line values = level; order of faces may change.
 
     Args:
         soup: the faces.
@@ -237,7 +237,7 @@ def _between(a: FloatArray, b: FloatArray, va: FloatArray, vb: FloatArray) -> Fl
 
 
 def join(soups: Iterable[Soup]) -> Soup:
-    """All faces in one soup."""
+    """One soup with the faces of all."""
     parts = list(soups)
     return Soup(
         np.concatenate([s.corners_m for s in parts]),
@@ -250,7 +250,8 @@ def join(soups: Iterable[Soup]) -> Soup:
 
 
 def mirrored(soup: Soup, part_map: UInt8Array) -> Soup:
-    """The soup on the other side of the plane y = 0; part_map (256,) gives the part labels there."""
+    """The soup mirrored in the plane y = 0; part_map (256,) gives the label of each part on the other
+    side."""
     flip = np.array([1.0, -1.0, 1.0])
     return Soup(
         (soup.corners_m * flip)[:, ::-1],

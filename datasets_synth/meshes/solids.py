@@ -40,7 +40,8 @@ class MeshDraft:
     _panels: list[FloatArray] = field(default_factory=list)
     """Panels that wait to be turned into triangles together, each (k, 4, 3)."""
     _panel_meta: list[tuple[float, float, float, float, int, int, int]] = field(default_factory=list)
-    """Of each block of panels: tile across and up, uv of the corner, material, part, k."""
+    """Tile across and up, uv of the corner, material, part and number of panels (k) of each block of
+    panels."""
     _part: int = 0
     """Part label of what is added next."""
 

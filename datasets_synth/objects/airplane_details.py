@@ -27,7 +27,7 @@ class Airfoil:
     root_chord_m: float
     tip_chord_m: float
     thickness: float
-    """In chords."""
+    """Thickness of the section in chords."""
 
     def at(self, share: float) -> tuple[FloatArray, float]:
         """Leading edge (3,) and chord at a share of the way from root to tip."""

@@ -36,13 +36,13 @@ class AirplaneShape:
     one in the nose."""
     length: float
     radius: float
-    """Of the fuselage, which is round."""
+    """Radius of the fuselage, which is round."""
     span: float
     sweep_rad: float
-    """Of the wing's quarter chord."""
+    """Sweep of the wing's quarter chord, in radians."""
     dihedral_rad: float
     wing_station: float
-    """Of the leading edge where the wing meets the fuselage."""
+    """How far behind the nose the leading edge of the wing meets the fuselage."""
     root_chord: float
     taper: float
     """Chord at the tip over chord at the root."""
@@ -91,7 +91,7 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
 
 @lru_cache(maxsize=1)
 def airplane_shapes() -> tuple[AirplaneShape, ...]:
-    """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
+    """All airplanes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         AirplaneShape(
             shape_id=shape_id,
@@ -239,7 +239,7 @@ def _fin(draft: MeshDraft, s: AirplaneShape, skin: Material) -> None:
 
 
 def _tailplane(draft: MeshDraft, s: AirplaneShape, skin: Material) -> None:
-    """Both halves are one part."""
+    """Add both halves of the tailplane, as one part."""
     chord = 0.09 * s.length if s.style != "light" else 0.115 * s.length
     lean = np.tan(0.25 if s.style == "light" else 0.62 if s.style != "turboprop" else 0.5)
     high = s.tail_height > 0.5

@@ -27,10 +27,10 @@ class BasketShape:
     shape_id: str
     style: str
     length: float
-    """Of the rim, along x."""
+    """Length of the rim along x."""
     width: float
     height: float
-    """Of the rim, without the handle."""
+    """Height of the rim, without the handle."""
     taper: float
     """Size of the bottom over size of the rim."""
     power: float
@@ -38,7 +38,7 @@ class BasketShape:
     wall: float
     rim_radius: float
     handle_height: float
-    """Of the top of the handle, from the ground."""
+    """Height of the top of the handle above the ground."""
     handle_radius: float
     handle_power: float
     """Exponent of the superellipse of the handle's arch: 2 is a half circle, larger is squarer."""
@@ -65,7 +65,7 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
 
 @lru_cache(maxsize=1)
 def basket_shapes() -> tuple[BasketShape, ...]:
-    """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
+    """All baskets of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         BasketShape(
             shape_id=shape_id,
@@ -136,7 +136,7 @@ def _side(draft: MeshDraft, s: BasketShape, quarter: int, weave: Material, rod: 
 
 
 def _handle(draft: MeshDraft, s: BasketShape, rod: Material) -> None:
-    """An arch of two rods over the middle, from one side to the other."""
+    """Add the handle: an arch of two rods over the middle, from one side to the other."""
     half, rise = s.width / 2, s.handle_height - s.height * 0.55 - s.handle_radius
     arch = superellipse(half, rise, s.handle_power, 48)[:25]
     for x in (-0.9, 0.9):

@@ -27,9 +27,9 @@ class BicycleShape:
     """"road" has a drop bar, "mountain" a straight one and thick tyres, "city" and "step_through" a swept
     one and mudguards; "step_through" has no top tube."""
     wheel_radius: float
-    """To the outside of the tyre."""
+    """Radius of a wheel to the outside of its tyre."""
     tyre_radius: float
-    """Of the tyre's section."""
+    """Radius of the tyre's section."""
     wheelbase: float
     chainstay: float
     """Length from the crank to the rear axle."""
@@ -71,7 +71,7 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
 
 @lru_cache(maxsize=1)
 def bicycle_shapes() -> tuple[BicycleShape, ...]:
-    """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
+    """All bicycles of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         BicycleShape(
             shape_id=shape_id,
@@ -106,7 +106,7 @@ class _Joints:
     head_low: FloatArray
     head_top: FloatArray
     crown: FloatArray
-    """Where the fork splits."""
+    """The point where the fork splits."""
     stem: FloatArray
     """Top of the steering axis."""
 

@@ -39,7 +39,7 @@ class ChairShape:
     seat_depth: float
     seat_thickness: float
     seat_power: float
-    """Exponent of the superellipse of its outline: larger is squarer."""
+    """Exponent of the superellipse of the seat's outline: larger is squarer."""
     back_z: float
     """Height of the top of the back."""
     back_lean_rad: float
@@ -82,7 +82,7 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
 
 @lru_cache(maxsize=1)
 def chair_shapes() -> tuple[ChairShape, ...]:
-    """All shapes of the family, always the same: `SHAPES_PER_STYLE` of each style."""
+    """All chairs of the family, always the same: `SHAPES_PER_STYLE` of each style."""
     return tuple(
         ChairShape(
             shape_id=shape_id,
@@ -122,7 +122,7 @@ def chair_mesh(shape: ChairShape, rng: np.random.Generator) -> Mesh:
 
 
 def _materials(shape: ChairShape, rng: np.random.Generator) -> tuple[Material, Material]:
-    """Of the frame (legs, posts), and of seat and back."""
+    """Materials of the frame (legs, posts), and of seat and back."""
     stains = ((1.0, 1.0, 1.0), (0.62, 0.52, 0.44), (0.30, 0.22, 0.17), (1.25, 1.3, 1.35))
     wood = surface("wood", int(rng.integers(3)), stains[int(rng.integers(len(stains)))], 0.08)
     paints = (

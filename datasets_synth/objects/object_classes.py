@@ -60,7 +60,7 @@ class ObjectClass:
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """All shapes, those of ``train`` first."""
+        """All shapes of the class, the shapes of ``train`` first."""
         return self.train + self.test
 
     @property

@@ -29,7 +29,7 @@ from rescore.data.rendered_kinds import GROUND_KINDS
 MAX_ATTEMPTS = 200
 _EMPTY = ClutterConfig(0.0, 0.0, 0.0, 0.0, mural_share=0.0, occluder_share=0.0)
 _BEHIND_M = 0.3
-"""Gap to the houses."""
+"""Smallest gap in metres between a thing and the houses behind it."""
 
 
 @dataclass(frozen=True)
@@ -37,25 +37,28 @@ class BankConfig:
     """Where things stand, and how boxes lie around them."""
 
     distance_m: tuple[float, float] = (8.0, 35.0)
-    """To the side that faces the camera; of a toy, that of the car it looks like."""
+    """Least and greatest distance from the camera to the near side of a thing of full size."""
     toy_distance_m: tuple[float, float] = (20.0, 35.0)
-    """Nearer, it is nearer to the camera than 2 m, where nothing is measured."""
+    """Least and greatest distance of the car that a toy looks like; a nearer toy would stand less than 2 m
+    from the camera, where nothing is measured."""
     aspect: float = 2.75
     """Width over height of a detector's boxes: that of the mean car from its side."""
     shift: float = 0.04
     """Spread of a detector's boxes to the side, as a share of their width; hits of both detectors on
     calibration frames have 0.034 and 0.060."""
     lift: float = 0.08
-    """Spread up and down as a share of their height (0.078 and 0.120)."""
+    """Spread of a detector's boxes up and down, as a share of their height; hits of both detectors on
+    calibration frames have 0.078 and 0.120."""
     size: float = 0.1
-    """Spread of the logarithm of their size (0.097 and 0.161)."""
+    """Spread of the logarithm of a detector's box sizes; hits of both detectors on calibration frames have
+    0.097 and 0.161."""
     synth: SynthConfig = field(default_factory=SynthConfig)
     """Camera, light, sensor and matcher, as of the data set."""
 
 
 @dataclass(frozen=True, eq=False)
 class BankItem:
-    """One thing with its box."""
+    """One thing of the bank with its box."""
 
     kind: str
     distance_m: float

@@ -37,16 +37,17 @@ class BankKind:
 
     name: str
     title: str
-    """For people."""
+    """Name of the kind, for people."""
     build: Build
     target: str = ""
-    """The box goes around the faces of this material; around everything where it is empty."""
+    """Material whose faces the box goes around; around all faces where it is empty."""
     inset: float = 1.0
     """Size of what the target shows as a share of the target: a print is larger than the car on it."""
     part: bool = False
     """The thing goes on beyond a box of a car's size: the box is put somewhere on it."""
     scale: float = 1.0
-    """Size and distance as a share of those of a thing at its place; below 1 it stands on a post."""
+    """Factor on size and distance: below 1 the thing is a toy on a post, with the picture of a full-size
+    thing."""
 
 
 def _car(yaw_rad: tuple[float, ...], spread_rad: float) -> Build:
@@ -139,7 +140,7 @@ def _joined(a: Mesh, b: Mesh) -> Mesh:
 
 
 def vertices_of(mesh: Mesh, material: str) -> Float32Array:
-    """Vertices (n, 3) of the faces of a material; all of them for an empty name."""
+    """Vertices (n, 3) of the faces of a material; every vertex of the mesh for an empty name."""
     if not material:
         return mesh.vertices_m
     named = [m.name == material for m in mesh.materials]

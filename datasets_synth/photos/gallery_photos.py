@@ -29,7 +29,7 @@ class OccludedBasket:
 
     shape_id: str
     photo: ObjectPhoto
-    """With the card in the picture."""
+    """Photograph of the basket with the card before its handle."""
     card: BoolArray
     """Pixels of the card, shape (h, w)."""
     xyxy_px: FloatArray

@@ -1,4 +1,4 @@
-"""Photographs of one object on the ground, with everything that is known of them."""
+"""Photographs of one object on the ground, with the true pose, parts and box of the object."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ _GROUNDS = {
 _WALLS = {"street": ("bricks", "plaster", "concrete", "planks"), "room": ("plaster",)}
 _TILE_M = {"street": TILE_M, "room": {"planks": 1.5, "cloth": 0.6, "slabs": 1.2, "plaster": 4.0}}
 _LARGE_M = 3.0
-"""Around larger things textures grow with them, so that their repeats do not show."""
+"""Radius in metres of a thing above which the textures around it grow with it, so that no repeats show."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ SCALE = 1 / 18
 TABLE_M = (1.2, 1.0)
 """Width and depth of the table."""
 CAMERA_DISTANCE_M = 1.4
-"""From the camera to the middle of the table."""
+"""Distance from the camera to the middle of the table."""
 ELEVATION_RAD = float(np.deg2rad(35.0))
 """Elevation of the camera seen from the middle of the table."""
 CAMERA = PinholeCamera(1270.0, 1270.0, 799.5, 599.5, 1600, 1200)

@@ -1,4 +1,4 @@
-"""From radiance to the bytes of a cheap stereo head: blur, vignetting, exposure, noise, gamma."""
+"""The model of a cheap stereo head, from radiance to bytes: blur, vignetting, exposure, noise, gamma."""
 
 import cv2
 import numpy as np

@@ -31,7 +31,8 @@ class PartTruth:
 
     @property
     def planarity(self) -> float:
-        """In [0, 1]: 1 for a flat part, 0 for one whose two small axes are equal (a rod, a ball)."""
+        """How flat the part is, in [0, 1]: 1 for a flat part, 0 for one whose two small axes are equal (a
+        rod, a ball)."""
         return float(1 - self.spread_m[2] / max(self.spread_m[1], 1e-12))
 
     @property

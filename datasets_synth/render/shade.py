@@ -24,13 +24,17 @@ class MaterialTable:
     """The materials of a scene as arrays over the index of the material."""
 
     rgb: Float32Array
+    """Linear albedo in [0, 1], shape (k, 3)."""
     texture: NDArray[np.int32]
     """Index into the textures, -1 for none."""
     texture_px: Float32Array
     """Root of the number of texels of the texture."""
     specular: Float32Array
+    """Share of light reflected as a highlight, in [0, 1], shape (k,)."""
     shininess: Float32Array
+    """Blinn-Phong exponent, shape (k,)."""
     mirror: Float32Array
+    """Share of the sky that is mirrored at normal incidence, in [0, 1], shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +220,7 @@ def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
 
 
 def _interpolate(corner_values: Float32Array, hits: Hits) -> Float32Array:
-    """Values (k, n) at the hits from those of the corners (m, 3, k)."""
+    """Values (k, n) at the hits, interpolated between the values at the corners (m, 3, k)."""
     u, v = hits.barycentric[:, 0].copy(), hits.barycentric[:, 1].copy()
     corner = rows(corner_values, hits.face)
     out = np.empty((corner.shape[2], len(corner)), np.float32)

@@ -69,7 +69,7 @@ class Prop:
     on: tuple[str, ...]
     """Roles of the strips that it may stand on."""
     hides: bool = False
-    """Small enough to stand before a car and hide a part of it."""
+    """Whether the thing is small enough to stand before a car and hide a part of the car."""
 
     @property
     def needs_pictures(self) -> bool:

@@ -24,7 +24,8 @@ PREVIEW_STEP = 4
 SIDE_VIEW_DEG = (75.0, 105.0)
 """Azimuths of view bin 3."""
 _SCHEDULE_STREAM = 1_000_000
-"""Beyond every frame index, so that the schedule draws from a stream of its own."""
+"""Seed number of the schedule, larger than any frame index, so that no frame draws the same random
+numbers."""
 
 
 @dataclass(frozen=True, eq=False)

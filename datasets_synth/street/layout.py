@@ -27,7 +27,7 @@ _BOX_KINDS = ("kiosk", "stall", "shelter", "container", "skip", "cart")
 MOST_COVERED = 0.35
 """Share of a car's length that a large thing put anywhere may hide."""
 MOST_COVERED_BY_SMALL = 0.5
-"""The same for small things, which stand before cars in every street."""
+"""Share of a car's length that a small thing may hide; small things stand before cars in every street."""
 _FURNITURE_KINDS = tuple(p.kind for p in PROPS if p.kind not in _PICTURE_KINDS + _WHEELED_KINDS + _BOX_KINDS)
 _HIDING = tuple(p.kind for p in PROPS if p.hides)
 
@@ -211,7 +211,7 @@ def _put_clutter(plan: _Plan, pictures: Pictures) -> None:
 
 
 def _put_before(plan: _Plan, car: Placed, pictures: Pictures) -> None:
-    """Something small between the camera and a car, that hides a part of it."""
+    """Put something small between the camera and a car, so that it hides a part of the car."""
     rng = plan.rng
     x, y = car.world_from_object[0, 3], car.world_from_object[1, 3]
     for _ in range(12):

@@ -27,12 +27,13 @@ class BoundaryPair:
     rotation_a: FloatArray
     """T_alpha of the first view, shape (3, 3)."""
     rotation_b: FloatArray
+    """T_alpha of the second view, shape (3, 3)."""
     a: FloatArray
     """Shape (m, 2)."""
     b: FloatArray
     """Shape (m, 2)."""
     weight: float
-    """How much the pair counts."""
+    """Weight of the pair in the cost of a primitive."""
 
     @property
     def size(self) -> float:
@@ -65,7 +66,7 @@ def _boundary_distance(carried: FloatArray, pair: BoundaryPair, outlier: float) 
 
 
 def heaviest(pairs: Sequence[BoundaryPair], count: int) -> list[BoundaryPair]:
-    """The pairs that count most, at most so many, in their order."""
+    """The ``count`` pairs of most weight, fewer where there are fewer, in their given order."""
     order = np.argsort([-p.weight for p in pairs], kind="stable")[:count]
     return [pairs[i] for i in sorted(order)]
 

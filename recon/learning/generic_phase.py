@@ -123,7 +123,7 @@ class _Sequence:
         """Many points (d, 2) on the outline in each picture that shows the shape, object units."""
         contexts = {f: shape_contexts(o, config.shape_context) for f, o in self.outline.items()}
         self.step: dict[int, FloatArray] = {}
-        """For each picture the projective transform (3, 3) to the next one."""
+        """The projective transform (3, 3) from each picture to the next one."""
         for f, outline in self.outline.items():
             g = (f + 1) % self.length
             if g in self.outline and facing[f] * facing[g] > 0:
@@ -131,7 +131,7 @@ class _Sequence:
                 self.step[f] = self._step(outline, self.outline[g][partner], g)
 
     def followed(self, view_bin: int) -> dict[int, tuple[FloatArray, FloatArray]]:
-        """For each bin that a bin's points (m, 2) can be followed to: the points here and there.
+        """A bin's points (m, 2) in its own picture and in that of each bin they can be followed to, by bin.
 
         Both ways around are tried; the shorter one has drifted less.
         """
@@ -168,7 +168,7 @@ class _Sequence:
         return step
 
     def _onto_outline(self, points: FloatArray, f: int) -> FloatArray:
-        """Points (m, 2) moved onto the outline of a picture, at right angles to it."""
+        """Points (m, 2) moved onto the outline of a picture, at right angles to the outline."""
         nearest, normal = nearest_on_outline(points, self.outline[f])
         return np.asarray(points - normal * ((points - nearest) * normal).sum(axis=1, keepdims=True))
 

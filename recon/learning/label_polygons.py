@@ -20,7 +20,7 @@ BORDER_TOLERANCE_PX = 1.0
 _BLOCK = 1024
 """Edges compared with all others at a time, which bounds memory for long polygons."""
 MAX_PARTS = 255
-"""Labels are 8-bit."""
+"""Largest number of parts of a class, since labels are 8-bit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +43,18 @@ class LabelledImage:
     view_bin: int
     instance_id: str
     polygons: tuple[PartPolygon, ...]
-    """In the order of painting: later ones lie over earlier ones."""
+    """The polygons in the order of painting: later ones lie over earlier ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledViews:
-    """Part-labelled views with what a user should know of them."""
+    """Part-labelled views with the warnings that a user should read."""
 
     part_views: PartViews
     class_name: str | None
     """The class that the file names, if it names one."""
     warnings: tuple[str, ...]
-    """One line each."""
+    """What a user should know of the views, one line a warning."""
 
 
 def views_of_polygons(

@@ -1,4 +1,4 @@
-"""Learning a class model from part-labelled views (section 3.2). Of the cameras it knows the view bins."""
+"""Learns a class model from part-labelled views (section 3.2) with poses known only up to the view bin."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -136,7 +136,7 @@ class _ClassPhase:
             )
 
     def pairs(self, label: int) -> list[BoundaryPair]:
-        """The boundary of a part in pairs of near views of one instance, those that show most of it."""
+        """The boundary of a part in the pairs of near views of one instance that show most of the part."""
         found = [self._pair(label, a, b) for a, b in self.seen.pairs_of(label, self.config.max_bin_step)]
         return heaviest(found, self.config.max_pairs)
 
@@ -238,7 +238,7 @@ def _in_model_units(parts: Sequence[ClassPart]) -> tuple[ClassPart, ...]:
 
 
 def _canonical_views(views: Sequence[PartView]) -> tuple[PartView, ...]:
-    """For each bin the view whose outline agrees best with the others of the bin (the medoid)."""
+    """The medoid view of each bin: its outline agrees best with the outlines of the bin's other views."""
     chosen = []
     for view_bin in sorted({v.view_bin for v in views}):
         members = [v for v in views if v.view_bin == view_bin]

@@ -12,7 +12,7 @@ from recon.view_bins import ViewBins
 MIN_BOUNDARY_PX = 12
 """A region with a shorter border says nothing of how its part is turned."""
 MIN_AREA_PX = 20
-"""Nor does a smaller one."""
+"""A part that shows fewer pixels in a view says nothing of how it is turned; it counts as not seen there."""
 
 
 class Observations:
@@ -36,7 +36,7 @@ class Observations:
         self.area = np.full((len(views), part_count), np.nan)
         """Shape (v, n): share of the squared unit."""
         self.boundary: dict[tuple[int, int], FloatArray] = {}
-        """By (view, label): points (m, 2) evenly spaced along the boundary of the part's largest region."""
+        """Points (m, 2) evenly spaced along the boundary of a part's largest region, by (view, label)."""
         for i, view in enumerate(views):
             self._observe(i, view, boundary_points, min_part_share)
 
@@ -60,7 +60,7 @@ class Observations:
         return [i for i in range(len(self.views)) if (i, label) in self.boundary]
 
     def pairs_of(self, label: int, max_bin_step: int) -> list[tuple[int, int]]:
-        """Pairs of views of one instance, at most so many bins apart, that both show a part."""
+        """Pairs of views of one instance, at most ``max_bin_step`` view bins apart, that both show a part."""
         shown = self.views_of(label)
         count = self.bins.count
         pairs = []

@@ -17,7 +17,7 @@ class Structure:
     scale: FloatArray
     """Object units a pixel of each view, shape (v,); positive, mean 1 over the views."""
     shift: FloatArray
-    """Shape (v, 2)."""
+    """Offset of each view in object units, shape (v, 2)."""
 
 
 def solve_structure(uv: FloatArray, rotation: FloatArray, weight: FloatArray | None = None) -> Structure:

@@ -33,7 +33,7 @@ class HeadingConfig:
     up: int = 4
     """Cells from the ground to the top, on the side and at the ends."""
     smooth_sigma_px: float = 1.0
-    """Gaussian over the picture."""
+    """Standard deviation in pixels of the Gaussian over the picture."""
     redness: float = 10.0
     """A difference of a (of Lab) from the paint that is much; larger ones count little more."""
     clearance_m: float = 0.06
@@ -48,6 +48,7 @@ class Heading:
     """Log odds of a heading against its reverse are ``weights`` times the difference of the readings."""
 
     weights: FloatArray
+    """Weight of each cell of a reading, shape (cells,)."""
     config: HeadingConfig
 
     def log_odds(self, reading: FloatArray) -> float:
@@ -60,12 +61,13 @@ class Posed:
     """A shape on the ground: hull function on its grid, and the box in metres of the ground frame."""
 
     hull: Float32Array
+    """Hull function on its grid in metres, below 0 inside, shape (nx, ny, nz)."""
     reach: tuple[float, float, float]
     box: StandingBox
 
 
 def learn_heading(readings: Sequence[FloatArray], config: HeadingConfig) -> Heading:
-    """From readings (cells,) of training pictures with the right heading: ridge logistic regression."""
+    """Ridge logistic regression on readings (cells,) of training pictures with the right heading."""
     data = np.stack([_difference(r, config) for r in readings])
 
     def loss(w: FloatArray) -> tuple[float, FloatArray]:
@@ -111,7 +113,7 @@ def _cells(config: HeadingConfig) -> int:
 
 
 def _difference(reading: FloatArray, config: HeadingConfig) -> FloatArray:
-    """What a reading and that with front and rear exchanged differ in, (cells,)."""
+    """A reading less the same reading with front and rear exchanged, shape (cells,)."""
     long = config.along * (config.across + config.up)
     body = reading[:long].reshape(config.along, -1)
     front, rear = np.split(reading[long:], 2)
@@ -152,7 +154,7 @@ def _surface(shape: Posed, side: float, config: HeadingConfig) -> tuple[FloatArr
 
 
 def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: float) -> BoolArray:
-    """Which points (n, 3) of the surface the eye sees past the rest of the object."""
+    """Whether the eye sees each surface point (n, 3) past the rest of the object, shape (n,)."""
     toward = (eye_unit - unit) / np.abs(eye_unit - unit).max(axis=1, keepdims=True)
     hidden = np.zeros(len(unit), bool)
     nx, ny, nz = shape.hull.shape

@@ -25,31 +25,33 @@ class JointFitConfig:
     """Settings of the fit."""
 
     model_scale: float = 1.0
-    """Size of the object in units of those the shape space was learned from: 1 / 18 for model cars."""
+    """Size of the object over the size of the objects that the shape space was learned from: 1 / 18 for model
+    cars."""
     coarse_points: int = 60
-    """Rays while the view bin is looked for."""
+    """Number of rays while the view bin is looked for."""
     coarse_steps: int = 10
-    """Steps with the mean shape from the middle of each view bin."""
+    """Number of steps with the mean shape from the middle of each view bin."""
     kept_starts: int = 4
-    """Best starts that are refined."""
+    """Number of best starts that are refined."""
     middle_steps: int = 6
-    """First steps of the refinement."""
+    """Number of first steps of the refinement, with ``middle_outlier_m``."""
     middle_outlier_m: float = 0.15
-    """The bound of residuals in them."""
+    """Residuals beyond this lose weight in the first ``middle_steps`` steps of the refinement, in metres."""
     steps: int = 14
-    """Last steps of the refinement."""
+    """Number of last steps of the refinement, with ``outlier_m``."""
     size_tail: float = 3.0
-    """A size that the shape does not explain costs its square up to about so many standard deviations, and
-    its logarithm beyond: some objects are larger or smaller than any that was learned from."""
+    """Standard deviations up to which a size that the shape does not explain costs its square; beyond, it
+    costs its logarithm, since some objects are larger or smaller than any that was learned from."""
     noise_m: float = 0.014
     """Expected error of the outline at the object, in metres of the shape space."""
     coarse_outlier_m: float = 0.3
-    """The same bound of residuals while the view bin is looked for: the mean shape is a poor fit to unusual
-    objects, and all of their outline must pull."""
+    """Residuals beyond this lose weight while the view bin is looked for, in metres: the mean shape is a poor
+    fit to unusual objects, and all of their outline must pull."""
     outlier_m: float = 0.05
-    """Residuals beyond this lose weight (Cauchy): mirrors, shadows, gaps in the outline."""
+    """Residuals beyond this lose weight (Cauchy) in the last steps, in metres: mirrors, shadows, gaps in the
+    outline."""
     independent_points: float = 40.0
-    """Outline points count as so many independent ones, since neighbours err alike."""
+    """Number of independent points that the outline counts as, since neighbours err alike."""
     depth_samples: int = 32
     """Samples along each ray between the roof and the ground."""
 
@@ -59,10 +61,12 @@ class FittedInstance:
     """An instance of a shape space on the ground, in metres of the shape space (ground frame over scale)."""
 
     xy_m: FloatArray
+    """Place of the middle of the footprint on the ground, shape (2,)."""
     yaw_rad: float
     log_rest: FloatArray
-    """What the logarithms of the size differ from those that the coefficients give, shape (3,)."""
+    """Logarithms of the size less those that the coefficients give, shape (3,)."""
     coefficients: FloatArray
+    """Coefficients of the shape space, shape (k,)."""
     cost: float
     """Half the weighted sum of squares with the priors."""
 
@@ -88,7 +92,7 @@ class GroundRays:
     """Rays from one eye in the ground frame, in metres of the shape space."""
 
     origin: FloatArray
-    """Shape (3,)."""
+    """Place of the eye, shape (3,)."""
     direction: FloatArray
     """Shape (n, 3), going down by 1: origin height less t is the height."""
     outside_weight: FloatArray
@@ -311,17 +315,18 @@ class FitStage:
 
     rays: GroundRays
     free: int
-    """The first so many unknowns move."""
+    """Number of unknowns that move, counted from the first."""
     steps: int
     outlier_m: float
     """Residuals beyond this lose weight."""
     std: FloatArray
     """Standard deviations of log_rest and the coefficients, shape (3 + k,)."""
     size_tail: float
-    """log_rest beyond so many standard deviations is an unusual size, whose cost grows with the logarithm."""
+    """Number of standard deviations beyond which log_rest is an unusual size, whose cost grows with its
+    logarithm."""
 
     def prior_pull(self, vector: FloatArray) -> FloatArray:
-        """Pull of the prior on each unknown (6 + k,) in units of it; pose has none."""
+        """Pull of the prior on each unknown (6 + k,), in multiples of the unknown; pose has none."""
         share = vector[3:] / self.std
         pull = 1 / self.std**2
         pull[:3] /= 1 + (share[:3] / self.size_tail) ** 2

@@ -21,26 +21,27 @@ class OutlineEdgeConfig:
     """Settings of the search along the normals of the outline."""
 
     inward_px: float = 5.0
-    """How far inside the outline an edge may lie."""
+    """Distance in pixels inside the outline up to which an edge may lie."""
     inward_below_px: float = 20.0
-    """The same where the outline faces down: the soft shade under the object lies between the two."""
+    """Distance in pixels inside the outline up to which an edge may lie where the outline faces down: the
+    soft shade under the object lies between outline and edge."""
     shade: float = 1.1
     """Where the outline faces down, light below this multiple of the background's shows no edge: it may be
     shade as well as a dark part."""
     outward_px: float = 3.0
-    """How far outside."""
+    """Distance in pixels outside the outline up to which an edge may lie."""
     step_px: float = 0.5
-    """Distance of samples."""
+    """Distance of samples along the normals, in pixels."""
     smooth_sigma_px: float = 1.0
-    """Gaussian before the gradient."""
+    """Standard deviation in pixels of the Gaussian before the gradient."""
     least_gradient: float = 0.03
     """Smallest gradient of an edge a pixel, of the root of linear light (its noise is even)."""
     share_of_strongest: float = 0.35
-    """Smallest gradient of the edge beside the strongest one on the same normal."""
+    """Smallest gradient of an edge as a share of the strongest gradient on the same normal."""
     weak_weight: float = 0.15
-    """Weight of points without such an edge; they stay where they are."""
+    """Weight of points that find no edge; they stay where they are."""
     below_weight: float = 0.2
-    """How much it counts that the object reaches beyond an edge that faces down: a dark part may follow."""
+    """Weight, in [0, 1], of the object reaching beyond an edge that faces down: a dark part may follow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +51,9 @@ class OutlinePoints:
     uv_px: FloatArray
     """Shape (n, 2), image pixel centres."""
     outside_weight: FloatArray
-    """How much it counts when a point lies outside the object, shape (n,), in [0, 1]."""
+    """Weight of a point that lies outside the object, shape (n,), in [0, 1]."""
     inside_weight: FloatArray
-    """How much it counts when it lies inside."""
+    """Weight of a point that lies inside the object, shape (n,), in [0, 1]."""
 
     def every(self, step: int) -> "OutlinePoints":
         """Each ``step``-th point."""

@@ -27,14 +27,14 @@ class ScaledViews:
     scale: FloatArray
     """Object units a pixel, shape (v,)."""
     shift: FloatArray
-    """Shape (v, 2)."""
+    """Place of the object's origin in each view, in object units, shape (v, 2)."""
 
     def project(self, view: int, points: FloatArray) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) in one view."""
         return np.asarray((points @ self.rotation[view, :2].T + self.shift[view]) / self.scale[view])
 
     def moved(self, factor: float, origin: FloatArray) -> "ScaledViews":
-        """The same views in other object units: new point = factor * (point - origin)."""
+        """The views in other object units: new point = factor * (point - origin)."""
         shift = self.shift + self.rotation[:, :2] @ origin
         return ScaledViews(self.views, self.rotation, self.scale * factor, shift * factor)
 

@@ -25,7 +25,7 @@ class SinglePlane:
     """Direction of the surface on the ground about the up axis, from the camera's right, in [-pi/2, pi/2)."""
 
     def on_ground(self, ground: GroundPlane) -> "UprightSurface":
-        """Where it stands, in the ground frame."""
+        """The surface with its place and direction in the ground frame."""
         pose = cam_from_ground(ground)
         return UprightSurface((self.centroid_m - pose[:3, 3]) @ pose[:3, :3], self.yaw_rad)
 

@@ -1,4 +1,4 @@
-"""Boxes that stand on the ground, the frame they are given in, and how well two of them agree (section 5.1).
+"""Boxes that stand on the ground, the ground frame, and how well two boxes agree (section 5.1).
 
 The ground frame has its origin on the ground below the camera: x right, y away from the camera, z up, metres.
 """
@@ -60,7 +60,7 @@ def turn(yaw_rad: float) -> FloatArray:
 
 
 def volume_overlap(a: StandingBox, b: StandingBox) -> float:
-    """Volume of the intersection over that of the union, in [0, 1]."""
+    """Volume of the intersection over the volume of the union of two boxes, in [0, 1]."""
     plane = polygon_area(clip_convex(a.footprint_m, b.footprint_m))
     both = plane * min(a.size_m[2], b.size_m[2])
     return float(both / (a.size_m.prod() + b.size_m.prod() - both))

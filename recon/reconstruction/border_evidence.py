@@ -29,7 +29,7 @@ class BorderEvidenceConfig:
     directions: int = 8
     """Channels, over half a turn: a border has no light and dark side."""
     smooth_sigma_px: float = 0.7
-    """Gaussian before the gradient."""
+    """Standard deviation in pixels of the Gaussian before the gradient."""
     local_sigma_px: float = 8.0
     """Gradients are compared with their mean around here, so that one strong edge does not outvote many."""
     blur_sigma_px: float = 2.0
@@ -101,7 +101,7 @@ class EdgeWindowConfig:
     """Settings of the comparison."""
 
     longer_side_px: int = 160
-    """Larger windows are reduced to this: edges and borders are compared coarsely."""
+    """Longer side in pixels that larger windows are reduced to: edges and borders are compared coarsely."""
     borders: BorderEvidenceConfig = field(default_factory=BorderEvidenceConfig)
 
 
@@ -114,7 +114,8 @@ class EdgeWindow:
         ring_px: FloatArray,
         config: EdgeWindowConfig,
     ) -> None:
-        """From a picture (h, w, 3), sRGB bytes or linear light in [0, 1], and an outline (m, 2)."""
+        """Finds the edges of a picture (h, w, 3), sRGB bytes or linear light in [0, 1], around an outline (m,
+        2)."""
         self.config = config
         self.low_px = np.maximum(np.floor(ring_px.min(axis=0)).astype(int) - _MARGIN_PX, 0)
         high = np.ceil(ring_px.max(axis=0)).astype(int) + _MARGIN_PX + 1

@@ -11,7 +11,7 @@ from recon.outlines import largest_outline
 from recon.reconstruction.part_registration import CanonicalGrid
 
 _PIECE = 0.1
-"""Share of the object's area above which a separate region is a piece of it."""
+"""Share of the object's area above which a separate region counts as a piece of the object."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ class GroundLineConfig:
     """Columns of a part whose lowest pixel is within this share of the object's height of the part's lowest
     are its contact; at least one pixel."""
     slope_from_view: float = 1.0
-    """How far the slope of the line is that of the view bin: 1 takes the direction in which the parts
-    stand in the class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of
-    error in one contact is metres of depth far away, so that a free line tilts far objects at random."""
+    """Weight of the view bin's slope in the slope of the line: 1 takes the direction in which the parts stand
+    in the class model, seen on the ground at this place; 0 fits it to the contacts alone. A pixel of error in
+    one contact is metres of depth far away, so that a free line tilts far objects at random."""
     line_tolerance: float = 0.08
     """Parts whose contact is within this share of the object's height of the line stand on it."""
 
@@ -35,9 +35,9 @@ class GroundLine:
     """The line l_g and the parts that stand on it, or on the second line of a corner view."""
 
     line_px: FloatArray
-    """Its two ends, shape (2, 2), left one first, pixel centres."""
+    """Ends of the ground line, shape (2, 2), left one first, pixel centres."""
     points_m: dict[int, FloatArray]
-    """For each part that stands on a line the 3D point of its contact, shape (3,), camera frame."""
+    """3D point (3,) of the contact of each part that stands on a line, by label, camera frame."""
 
 
 def ground_line(
@@ -188,7 +188,7 @@ def _second_line(
 def _contacts(
     labels: UInt8Array, x0_px: int, y0_px: int, ground_labels: Sequence[int], config: GroundLineConfig
 ) -> dict[int, FloatArray]:
-    """For each ground part the lowest pixels (n, 2) of the columns that touch, image coordinates."""
+    """Lowest pixels (n, 2) of the columns of each ground part that touch, by label, image coordinates."""
     rows = np.nonzero(labels.any(axis=1))[0]
     if not len(rows):
         return {}

@@ -28,7 +28,8 @@ _MAX_ASTRAY = 0.13
 """A placed plane farther than this share of the box's diagonal from where the class model has the part comes
 from a border that is none in 3D; the part is predicted instead."""
 _MAX_BEYOND = 0.2
-"""So is a part whose outline leaves the box by more than this share of the diagonal."""
+"""A placed part whose outline leaves the box by more than this share of the box's diagonal is predicted
+instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class InstancePart:
 
 @dataclass(frozen=True)
 class InstanceQuality:
-    """How much can be trusted."""
+    """What tells how far an instance can be trusted."""
 
     registration_cost: float
     """Mean chi-squared cost of the outline match, in [0, 1]."""
@@ -127,12 +128,13 @@ class Instance3D:
 
     @property
     def distance_m(self) -> float:
-        """From the camera to the middle of the box."""
+        """Distance in metres from the camera to the middle of the box."""
         return float(np.linalg.norm(self.centroid_m))
 
     @property
     def yaw_rad(self) -> float:
-        """Heading of the nose about the object's up, from the camera's right; positive is away from it."""
+        """Heading of the nose about the object's up, in radians from the camera's right; positive away from
+        the camera."""
         nose, up = self.cam_from_object[:3, 0], self.cam_from_object[:3, 2]
         right = np.array([1.0, 0.0, 0.0]) - up[0] * up
         return float(np.arctan2(nose @ np.cross(up, right), nose @ right))

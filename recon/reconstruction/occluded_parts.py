@@ -48,7 +48,7 @@ class ClassToInstance:
     """The 3D transform of section 4.4: a rotation, a scale for each axis of the object, a translation."""
 
     rotation: FloatArray
-    """From the object frame to the camera frame, shape (3, 3)."""
+    """Rotation from the object frame to the camera frame, shape (3, 3)."""
     scale: FloatArray
     """Metres of a unit of the model along x, y and z of the object, shape (3,)."""
     shift_m: FloatArray

@@ -32,7 +32,7 @@ class RegistrationConfig:
     """Points on the outline of an instance. With no more than on the labelled one, one-to-one matching has to
     pair points far apart wherever one outline has a longer stretch than the other."""
     regularisation: float = 0.02
-    """Of the thin-plate spline (see ``thin_plate_operator``)."""
+    """Regularisation of the thin-plate spline (see ``thin_plate_operator``)."""
     max_cost: float = 0.35
     """A larger mean chi-squared cost of the match is a failure."""
     max_jump: float = 0.1
@@ -74,7 +74,7 @@ class PreparedView:
     context: Float32Array
     """Shape contexts of the outline, shape (m, k)."""
     rings: tuple[tuple[int, slice], ...]
-    """For each region of the labelled image its label and its rows of ``warp``; larger regions first."""
+    """Label and rows of ``warp`` of each region of the labelled image; larger regions first."""
     region_points: FloatArray
     """Shape (p, 2): points on the outlines of all regions, pixels of the labelled image."""
     warp: FloatArray
@@ -83,7 +83,7 @@ class PreparedView:
 
 @lru_cache(maxsize=48)
 def prepare_view(model: ClassModel, view_bin: int, config: RegistrationConfig) -> PreparedView:
-    """The model side of a view bin; remembered, since it is the same for every candidate."""
+    """The model's side of registration to a view bin; remembered, since every candidate shares it."""
     labels = model.view(view_bin).labels
     rows, cols = np.nonzero(labels)
     corner = np.array([cols.min(), rows.min()])

@@ -57,15 +57,15 @@ class Reconstruction:
     x0_px: int
     """Image column of the first column of part_labels and depth."""
     y0_px: int
-    """Image row of their first row."""
+    """Image row of the first row of part_labels and depth."""
     part_labels: UInt8Array
     """Registered parts, shape (h, w): 0 for none."""
     part_planes: dict[int, FloatArray]
     """Plane (a, b, c, d) of each placed part by label, camera frame, metres; in the order of placing."""
     unplaced_parts: dict[int, str]
-    """Why each other part of the image has no plane."""
+    """Why each part of the image without a plane has none, by label."""
     depth: DepthMap
-    """Predicted z-depth of the same window; NaN outside placed parts."""
+    """Predicted z-depth in the window of the part labels; NaN outside placed parts."""
     ground_line_px: FloatArray
     """Left and right end of the ground line, shape (2, 2)."""
     cam_from_object: FloatArray

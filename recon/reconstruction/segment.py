@@ -59,7 +59,8 @@ def signed_distance(mask: BoolArray) -> Float32Array:
 
 
 def _distance(mask: BoolArray) -> Float32Array:
-    """Distance of the pixels of a mask (h, w) to the nearest pixel outside of it, 0 there."""
+    """Distance in pixels from each pixel of a mask (h, w) to the nearest pixel outside; 0 outside the
+    mask."""
     found = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # on one thread the last bits of OpenCV depend on where the arrays lie in memory, on more they are others;
     # squares of these distances are whole numbers

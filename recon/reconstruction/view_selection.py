@@ -38,14 +38,15 @@ class ViewSelectionConfig:
     """
 
     aspect_weight: float = 5.5
-    """Of the logarithm of the box's width to height over that of the labelled outline, without sign."""
+    """Weight of the absolute logarithm of the box's width to height over that of the labelled outline."""
     borders_weight: float = 22.0
-    """Of 1 minus the correlation of labelled borders and edges."""
+    """Weight of 1 minus the correlation of labelled borders and edges."""
     registration_weight: float = 2.5
-    """Of the mean chi-squared cost of matching the labelled outline to that of the level set. It is small
-    because the level set starts on the labelled outline, and stays like it in wrong bins too."""
+    """Weight of the mean chi-squared cost of matching the labelled outline to the outline of the level set.
+    It is small because the level set starts on the labelled outline, and stays like it in wrong bins too."""
     known_registration_weight: float = 22.0
-    """The same for an outline that was known before."""
+    """Weight of the mean chi-squared cost of matching the labelled outline to an outline that was known
+    before."""
     borders: BorderEvidenceConfig = field(default_factory=BorderEvidenceConfig)
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
 
@@ -76,7 +77,8 @@ class ViewChoice:
 
     @property
     def margin(self) -> float:
-        """Cost of the second best bin over that of the best, nats; infinite where all others fail."""
+        """Cost of the second best bin less the cost of the best, in nats; infinite where all other bins
+        fail."""
         order = self.order
         return float(self.cost[order[1]] - self.cost[order[0]]) if len(order) > 1 else float("inf")
 

@@ -13,11 +13,11 @@ from recon.arrays import BoolArray, Float32Array, FloatArray
 
 @dataclass(frozen=True)
 class WrongRule:
-    """From where on a disparity is wrong: off by more than both limits."""
+    """The rule by which a disparity is wrong: off by more than both limits."""
 
     absolute_px: float
     relative: float = 0.0
-    """Share of the true disparity."""
+    """The relative limit, as a share of the true disparity."""
 
     def wrong(self, error_px: FloatArray, truth_px: FloatArray) -> BoolArray:
         """Whether errors (n,) in pixels of true disparities (n,) are wrong; NaN is not."""
@@ -25,14 +25,14 @@ class WrongRule:
 
 
 D1 = WrongRule(3.0, 0.05)
-"""KITTI 2015."""
+"""The rule D1 of KITTI 2015: wrong by more than 3 px and more than 5 % of the true disparity."""
 BAD_1, BAD_2 = WrongRule(1.0), WrongRule(2.0)
-"""Middlebury's bad 1.0 and bad 2.0."""
+"""The rules bad 1.0 and bad 2.0 of Middlebury: wrong by more than 1 px and more than 2 px."""
 
 
 @dataclass(frozen=True)
 class DisparityError:
-    """How far measured disparity is from the truth, over the pixels that have truth and are asked for.
+    """Counts of how far measured disparity is from the truth, over the pixels with truth inside a mask.
 
     Counts, which add up over frames, and the shares that follow. Shares are NaN where they have no pixels.
     """
@@ -40,16 +40,16 @@ class DisparityError:
     n_truth: int = 0
     """Pixels with truth inside the mask."""
     n_measured: int = 0
-    """Of these, pixels with a measurement."""
+    """Pixels with truth inside the mask that have a measurement."""
     absolute_error_px: float = 0.0
     """Sum of the absolute differences over the measured pixels."""
     n_wrong_measured: int = 0
     """Measured pixels that are wrong."""
     n_wrong_filled: int = 0
-    """Pixels that are wrong after filling holes from the background."""
+    """Pixels with truth that are wrong after filling holes from the background."""
 
     def __add__(self, other: "DisparityError") -> "DisparityError":
-        """The error over the pixels of both."""
+        """The error over the pixels of both operands."""
         return DisparityError(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     @property

@@ -19,21 +19,22 @@ from recon.camera import GroundPlane, StereoCamera
 
 @dataclass(frozen=True)
 class GroundFitConfig:
-    """How the plane is searched, and what is asked of it before it is trusted."""
+    """How the ground plane is searched, and what is asked of it before it is trusted."""
 
     farthest_m: float = 40.0
-    """Streets are flat for so far."""
+    """Distance in metres up to which streets are taken to be flat."""
     min_disparity_px: float = 2.0
-    """Smaller ones are mostly noise."""
+    """Smaller disparities, in pixels, are mostly noise and not looked at."""
     tolerance_px: float = 1.0
-    """A disparity so near to that of the plane lies on it."""
+    """A disparity at most this many pixels from the plane's disparity lies on the plane."""
     drop_m: float = 0.3
     """What lies deeper than this below the plane contradicts it; a kerb does not."""
     n_points: int = 4000
     """Pixels that are looked at, on a grid over the whole picture."""
     n_triples: int = 3000
     n_planes: int = 300
-    """Planes that are compared, of those through the triples that could be ground at all."""
+    """Largest number of planes that are compared: the first ones, through sampled triples, that could be
+    ground."""
     n_refined: int = 8
     height_m: tuple[float, float] = (0.5, 4.0)
     pitch_deg: tuple[float, float] = (-10.0, 30.0)
@@ -48,11 +49,11 @@ class GroundFitConfig:
     min_width: float = 0.25
     """Least width of what lies on the plane, as a share of the picture's (5th to 95th percentile)."""
     min_depth_ratio: float = 1.4
-    """Least ratio of far to near on the plane (95th over 5th percentile)."""
+    """Least ratio of far to near depth on the plane (95th over 5th percentile)."""
     max_residual_px: float = 0.9
     """Largest median absolute residual of what is within three tolerances; 1.5 would be chance."""
     max_height_sd: float = 0.04
-    """Largest standard error of the height, as a share of it."""
+    """Largest standard error of the height, as a share of the height."""
     max_pitch_sd_deg: float = 0.4
 
 
@@ -71,7 +72,7 @@ class GroundDoubt(StrEnum):
 
 @dataclass(frozen=True)
 class GroundSupport:
-    """What the measurements say of a plane; the shares are those of ``GroundFitConfig``."""
+    """How well the measurements support a plane; ``GroundFitConfig`` sets a limit for each field."""
 
     on: float
     area: float
@@ -90,12 +91,12 @@ class GroundEstimate:
     """The ground plane that fits the measured disparity of one picture best."""
 
     ground: GroundPlane | None
-    """Exact in the column of the principal point; None where no plane was found."""
+    """The plane without roll, exact in the column of the principal point; None where no plane was found."""
     roll_rad: float = 0.0
-    """Positive when the camera leans to its right; ``ground`` leaves it out."""
+    """Roll of the camera in radians, positive when it leans to its right; ``ground`` leaves it out."""
     support: GroundSupport | None = None
     doubt: GroundDoubt | None = None
-    """None where the estimate is trusted."""
+    """Why the estimate is not trusted; None where it is."""
     detail: str = ""
     """What was expected and what came, for a person; "" where the estimate is trusted."""
 
@@ -213,7 +214,7 @@ def _is_below(
     planes: FloatArray,
     config: GroundFitConfig,
 ) -> BoolArray:
-    """Which points (n,) lie farther than ``drop_m`` below planes (..., 3), shape (..., n), noise apart."""
+    """Whether each point (n,) is over ``drop_m`` below each plane (..., 3), noise apart, shape (..., n)."""
     # a point stands height (1 - expected / seen) above a plane
     drop = config.drop_m * np.linalg.norm(planes, axis=-1)[..., None].astype(residual_px.dtype)
     return np.asarray(residual_px < -np.maximum(2 * config.tolerance_px, drop * seen_px))

@@ -84,7 +84,7 @@ def disparities_to_reach(camera: StereoCamera, nearest_m: float, offset_px: floa
 
 
 def disparities_beyond(largest_px: float) -> int:
-    """The smallest legal ``num_disparities`` whose search goes beyond a disparity of so many pixels."""
+    """The smallest legal ``num_disparities`` whose search goes beyond a disparity of ``largest_px``."""
     return 16 * (int(largest_px) // 16 + 1)
 
 

@@ -27,7 +27,7 @@ _BEHIND = 0.002
 _LIMB = 0.03
 """Half the width of limbs that have no back of their own, in roots of the object's area."""
 _GAP = 0.12
-"""Half the width of gaps in the body that are closed, in the same units."""
+"""Half the width of gaps in the body that are closed, in roots of the object's area."""
 _COMPACT = 0.8
 """Share of the convex hull that the outline of a compact object fills."""
 _SMOOTH_CELLS = 5

@@ -18,15 +18,15 @@ Shift = tuple[int, int]
 _MOST_PX = 640
 """Larger pictures are filled in at this size: what is hidden needs no fine detail."""
 _LEVEL_PX = 2
-"""Largest shift up or down."""
+"""Largest shift up or down, in pixels."""
 _BORDER_PX = 12
 """Width of the border that shifts are judged by."""
 _LEAST_BORDER = 0.1
 """Share of the border for which a shift must have something to compare."""
 _SHIFTS = 40
-"""Shifts that are kept."""
+"""Number of shifts that are kept."""
 _APART_PX = 3
-"""Kept shifts differ by more than this."""
+"""Kept shifts differ by more than this many pixels."""
 _REACH = 0.25
 """How far a place of the border counts, in roots of the hidden area."""
 _SEAM_PX = 1.5

@@ -1,4 +1,4 @@
-"""The picture with what was found in it: outline, parts, ground line and 3D box."""
+"""The picture of an instance, overlaid with its outline, parts, ground line and 3D box."""
 
 import cv2
 import numpy as np

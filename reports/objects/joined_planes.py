@@ -13,7 +13,7 @@ from recon.reconstruction.reconstruct import Reconstruction
 
 _MAX_APART = 0.08
 """Parts whose polygons come nearer to each other than this share of the box's diagonal adjoin in 3D; where
-others adjoin in the picture, one hides the other."""
+parts farther apart adjoin in the picture, one hides the other."""
 _BORDER_WEIGHT = 30.0
 """Weight of a pixel of a border beside one of a part seen face-on."""
 _LEAST_SINE = 0.05
@@ -97,7 +97,7 @@ def joined_planes(found: Reconstruction, instance: Instance3D, camera: PinholeCa
 
 
 def _within(near: float, far: float, first: float, last: float) -> tuple[float, float]:
-    """The limits of a part cut to those of its object."""
+    """The depth limits of a part, cut to the limits of its object."""
     near = min(max(near, first), last)
     return near, max(min(far, last), near)
 

@@ -23,7 +23,8 @@ _INNER_POINTS = 32
 _MOSTLY = 0.6
 """Share of a predicted part that must be hidden, and outside the object's body, for it to be drawn."""
 _SLACK = 0.05
-"""A predicted part that lies behind the body by less than this share of the box's diagonal belongs to it."""
+"""A predicted part that lies behind the body by less than this share of the box's diagonal belongs to the
+body."""
 _MAX_BRIDGE = 0.2
 """Parts that adjoin in the picture are joined over gaps up to this share of the box's diagonal."""
 
@@ -224,7 +225,8 @@ def _border_strips(label: UInt8Array, corner: IntArray) -> list[IntArray]:
 
 
 def _mirrored_labels(instance: Instance3D, shown: set[int]) -> dict[int, int]:
-    """Label of each part in the picture and that of the hidden part on the other side that looks like it."""
+    """Label of the hidden part that mirrors a part in the picture, by the label of the part in the
+    picture."""
     by_name = {p.name: p.label for p in instance.parts}
     out = {}
     for name, label in by_name.items():

@@ -1,4 +1,4 @@
-"""Which candidates rescoring moved most, for better and for worse, with their pictures."""
+"""Gallery of the candidates that rescoring moved most, for better and for worse, with their pictures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,29 +28,29 @@ class Mover:
 
     detector: str
     gain: bool
-    """Whether it moved the right way."""
+    """Whether the candidate moved the right way."""
     group: Group
     reason: str
-    """Why it moved, in words."""
+    """Why the candidate moved, in words."""
     image_id: int
     before: int
     """Place among all candidates of the detector by its score, 1 is best."""
     after: int
-    """The same after rescoring."""
+    """Place among all candidates of the detector after rescoring, 1 is best."""
     n: int
     view: CandidateView
     panels: CandidatePanels
     metric: bool
-    """Whether its depths are in metres."""
+    """Whether the depths of the candidate's pictures are in metres."""
 
     @property
     def outcome(self) -> str:
-        """What became of it, for people."""
+        """Outcome of the candidate, for people."""
         return OUTCOME_NAME[self.view.outcome]
 
     @property
     def thing(self) -> str:
-        """What it shows, for people; empty where unknown."""
+        """What the candidate's box shows, for people; empty where unknown."""
         return self.view.kind.replace("_", " ")
 
     @property
@@ -63,7 +63,8 @@ class Mover:
 
     @property
     def move(self) -> str:
-        """Which way it moved: a gain or a loss, or where nothing is known of it a rise or a fall."""
+        """Direction in which the candidate moved: gain or loss, or, where nothing is known of it, rise or
+        fall."""
         if self.group is Group.IGNORED:
             return "rise" if self.after < self.before else "fall"
         return "gain" if self.gain else "loss"

@@ -21,7 +21,7 @@ class Tile:
     title: str
     before: str
     after: str | None
-    """None where nothing was rescored."""
+    """Figure after rescoring; None where nothing was rescored."""
     what: str
     factor: str
     """What changed, with its interval; empty where there is none."""

@@ -57,7 +57,7 @@ class Section:
     tables: Mapping[str, Table | None]
     gallery: Gallery | None
     gallery_note: str
-    """Why there is no gallery, or what to know of it."""
+    """Note on the gallery: why there is none, or what to know of it."""
     mode: str
     """Name of the mode of the gallery."""
     weight: ChartGroup | None
@@ -68,12 +68,12 @@ class Section:
 
     @property
     def groups(self) -> tuple[ChartGroup, ...]:
-        """All its charts."""
+        """All groups of charts of the section."""
         return tuple(g for g in (self.curves, self.weight, self.reliability, self.sweep) if g is not None)
 
 
 def build_report(run_dirs: Path | Sequence[Path], out: Path | None = None) -> Path:
-    """Draw the curves of run folders as PNG and write one page on all of them; the path of the page.
+    """Path of the page that is written on one or several run folders; one run's curves are drawn as PNG too.
 
     Args:
         run_dirs: one run folder or several; the others are compared with the first.

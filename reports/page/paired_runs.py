@@ -21,7 +21,7 @@ from rescore.results.comparisons import estimate
 from rescore.results.run_folder import Run
 
 MIN_SHARED = 2
-"""Fewer frames give no interval."""
+"""Smallest number of shared frames that gives an interval."""
 LEVEL = 0.7
 """Recall at which false positives are compared."""
 
@@ -31,7 +31,7 @@ class Evaluated:
     """A run with the truth that it was evaluated on."""
 
     name: str
-    """For people; unique on a page."""
+    """Name of the run for people, unique on a page."""
     run: Run
 
     @cached_property
@@ -86,7 +86,7 @@ class PairedRuns:
     first: str
     other: str
     note: str
-    """On which frames they were compared, or why they were not."""
+    """Note on the frames on which the runs were compared, or why they were not."""
     table: Table | None
 
 

@@ -90,7 +90,8 @@ def made_from(run: Run) -> list[tuple[str, str]]:
 
 
 def differing_settings(runs: Mapping[str, Run]) -> Table | None:
-    """A row a setting, seed or version that is not the same in all runs; None where all are."""
+    """Table of the settings, seeds and versions that differ between runs, a row each; None where none
+    does."""
     flat = {name: _flat(_comparable(run.config)) for name, run in runs.items()}
     # what only one kind of command has cannot differ
     keys = [key for key in next(iter(flat.values())) if all(key in values for values in flat.values())]

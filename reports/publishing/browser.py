@@ -37,7 +37,7 @@ class BrowserPage:
     complaints: list[str] = field(default_factory=list)
     """Errors and warnings of the console, and exceptions."""
     requests: list[str] = field(default_factory=list)
-    """Addresses that were asked for, without those of data in the page itself."""
+    """Addresses that the page asked for, without data addresses in the page itself."""
     _seen: list[dict[str, Any]] = field(default_factory=list)
     _rest: bytes = b""
     _last_id: int = 0
@@ -124,7 +124,7 @@ class BrowserPage:
         self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=key, windowsVirtualKeyCode=code)
 
     def picture(self, whole_page: bool = False) -> bytes:
-        """What is seen, as PNG; of the window, or of the page from top to bottom."""
+        """PNG of what the page shows, in the window or from top to bottom of the page."""
         clip = {}
         if whole_page:
             size = self.call("Page.getLayoutMetrics")["cssContentSize"]

@@ -30,7 +30,7 @@ class Shot:
 
     name: str
     text: str
-    """For people who do not see it, and below the picture."""
+    """Description of the picture, for people who do not see it and for the line below it."""
     size_px: tuple[int, int]
     dark: bool
     places: tuple[str, ...]

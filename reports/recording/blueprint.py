@@ -129,7 +129,7 @@ def _picture_view(
     size_px: tuple[int, int],
     name: str,
 ) -> rrb.Spatial2DView:
-    """A view of the boxes of some modes, of which one is shown and the others can be switched on."""
+    """A view of the boxes of some modes: one mode is shown, the others can be switched on."""
     paths = [boxes_path(detector, m) for m in modes]
     hidden = {boxes_path(detector, m): rrb.EntityBehavior(visible=False) for m in modes if m != shown}
     w, h = size_px

@@ -29,7 +29,7 @@ class Shown:
     accepted: BoolArray
     """Shape (n,)."""
     labelled: BoolArray
-    """Whose label is shown, shape (n,); the others have theirs where the pointer is."""
+    """Whether each candidate's label is shown, shape (n,); else it appears where the pointer is."""
     alone: bool
     """Whether this is the detector alone."""
 
@@ -62,7 +62,7 @@ def shown(story: Story, view: FrameView, detector: str, mode: str, least_score: 
 
 
 def labelled(story: Story, view: FrameView, detector: str) -> BoolArray:
-    """Which candidates of a frame have their label shown, the same before and after: the foremost."""
+    """Whether each candidate of a frame has its label shown, the same before and after: the foremost have."""
     before = story.accepted(detector, ALONE)
     after = story.accepted(detector, story.mode_of(detector))
     some = view.candidates[detector]

@@ -43,7 +43,7 @@ from reports.run.pictures import RESIDUAL_LIMIT_M, colourise
 
 CROP_WIDTH_PX, CROP_HEIGHT_PX = 160, 96
 SHOWN_MODELS = 3
-"""So many best candidates show their models in the 3D view of a frame."""
+"""Number of best candidates that show their models in the 3D view of a frame."""
 _AROUND = 1.45
 _OUTLINE_POINTS = 90
 _VIEWED_WIDTH_M = 4.4
@@ -60,7 +60,7 @@ class Crop:
     """The window of the picture around a box, drawn at a fixed size so that all candidates fill the view."""
 
     left: float
-    """Pixel edge of the picture."""
+    """Left edge of the window in the picture, in pixels."""
     top: float
     zoom: float
 
@@ -73,7 +73,7 @@ class Crop:
         return cls((x0 + x1 - width) / 2, (y0 + y1 - height) / 2, CROP_WIDTH_PX / width)
 
     def points(self, edges_px: FloatArray) -> FloatArray:
-        """Pixel edges (..., 2) of the picture as those of the crop."""
+        """Pixel edges (..., 2) of the crop at pixel edges (..., 2) of the picture."""
         return (edges_px - [self.left, self.top]) * self.zoom
 
     def matrix(self, camera_matrix: FloatArray) -> FloatArray:

@@ -28,10 +28,12 @@ class Marks:
     """Points on the curves of a plot."""
 
     x: FloatArray
+    """Values of the horizontal axis, shape (n,)."""
     y: FloatArray
+    """Values of the vertical axis, shape (n,)."""
     colours: tuple[str, ...]
     labels: tuple[str, ...]
-    """One a point; an empty one shows nothing."""
+    """Label of each point; an empty one shows nothing."""
 
 
 @dataclass(frozen=True, eq=False)

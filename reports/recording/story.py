@@ -24,13 +24,13 @@ _DISAGREEING = 0.2
 
 
 class Frames(StrEnum):
-    """Which frames a recording shows."""
+    """The choice of frames that a recording shows."""
 
     ALL = "all"
     FLIPS = "flips"
-    """Those where a candidate counts otherwise after rescoring."""
+    """Frames where a candidate counts otherwise after rescoring."""
     WORST = "worst"
-    """Those where a car is lost or a false alarm newly accepted."""
+    """Frames where a car is lost or a false alarm newly accepted."""
 
     @classmethod
     def named(cls, name: str) -> "Frames":
@@ -54,15 +54,16 @@ class Story:
     mode: str
     """The way of scoring that is compared with the detector alone."""
     points: Mapping[str, OperatingPoint]
-    """By detector: where its curves are compared."""
+    """Operating points by detector: where its curves are compared."""
     tables: Mapping[tuple[str, str], MatchTable]
-    """By detector and mode."""
+    """Match tables by detector and mode."""
     changes: Mapping[tuple[str, str], Changes]
-    """By detector and mode, against the detector alone."""
+    """Changes against the detector alone, by detector and mode."""
     explanations: Mapping[str, tuple[Explanation, ...]]
-    """By detector: why each of its candidates rose or fell; empty where it was not rescored in the mode."""
+    """Why each candidate of a detector rose or fell, by detector; empty where it was not rescored in the
+    mode."""
     models: Mapping[str, EvidenceModel]
-    """By detector: the model of depth evidence that was used, where the run folder has it."""
+    """Models of depth evidence that were used, by detector, where the run folder has them."""
     data: DataSet
     """The frames that the run was evaluated on."""
 
@@ -99,7 +100,7 @@ class Story:
         return tuple(m for d, m in self.tables if d == detector)
 
     def accepted(self, detector: str, mode: str) -> BoolArray:
-        """Which candidates (n,) of a detector are accepted at its operating point."""
+        """Whether each candidate (n,) of a detector is accepted at its operating point."""
         return self.changes[detector, mode].after.accepted
 
     def threshold(self, detector: str, mode: str) -> float:
@@ -180,7 +181,7 @@ def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | No
 
 
 def count_flips(story: Story) -> int:
-    """In how many frames a candidate counts otherwise after rescoring."""
+    """Number of frames in which a candidate counts otherwise after rescoring."""
     ids = np.array([f.image_id for f in story.data.frames], dtype=np.int64)
     most = [_most_moved(story, d, Frames.FLIPS, ids) for d in story.run.detectors]
     return int((np.max(most, axis=0) > 0).sum())
@@ -197,7 +198,7 @@ def _most_moved(story: Story, detector: str, which: Frames, ids: IntArray) -> Fl
 
 
 def _keeps_a_car(story: Story, detector: str, ids: IntArray) -> BoolArray:
-    """In which images a car is found after rescoring, shape of ``ids``."""
+    """Whether a car is found after rescoring in each image, shape of ``ids``."""
     found = story.changes[detector, story.mode_of(detector)].after.found
     return np.isin(ids, story.run.of(detector)["image_id"][found])
 

@@ -42,9 +42,10 @@ class SheetTile:
     """One frame of the sheet: a small picture, and its candidates by detector and mode."""
 
     picture: UInt8Array
+    """Small left picture, shape (h, w, 3)."""
     zoom: float
     shown: dict[str, Shown]
-    """By detector, in the mode that is explained."""
+    """Candidates of the frame by detector, in the mode that is explained."""
     truth: Truth
 
     @classmethod

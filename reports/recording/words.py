@@ -21,7 +21,7 @@ class ColourRange:
     near: float
     far: float
     residual: float
-    """Of the end colours, both ways."""
+    """Residual of the end colours, in metres, both ways."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _terms_of_eq_7(story: Story, detector: str, c: CandidateView) -> tuple[Bar, 
 
 
 def _short(sentence: str) -> str:
-    """Without what cars usually have, which the words beside the bars say."""
+    """The sentence without what cars usually have, which the words beside the bars say."""
     return sentence.partition(" (cars")[0]
 
 

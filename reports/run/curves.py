@@ -27,8 +27,11 @@ class PrecisionRecall:
     """Precision at every point of the recall curve but its first, where nothing is accepted."""
 
     recall: FloatArray
+    """Share of all cars that are found, shape (t,)."""
     precision: FloatArray
+    """Share of the accepted candidates that are hits, shape (t,)."""
     threshold: FloatArray
+    """Score of the worst candidate that is accepted, shape (t,)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,12 +29,13 @@ class CandidateView:
     """One candidate of one detector with all that led to its score."""
 
     row: int
-    """Its row in the table of candidates of its detector."""
+    """Row of the candidate in the table of candidates of its detector."""
     rank: int
     """Place by detector score in its frame, 0 is best."""
     new_rank: int
-    """Place after rescoring."""
+    """Place by rescored score in its frame, 0 is best."""
     xyxy_px: FloatArray
+    """Box of the candidate, pixel edges, shape (4,)."""
     likelihood: float
     posterior: float
     depth_difference: float
@@ -65,6 +66,7 @@ class FrameView:
 
     image_id: int
     rgb: UInt8Array
+    """Left picture, shape (h, w, 3)."""
     measured: Float32Array
     """Metres where the camera is known, else 1 / disparity; NaN in holes."""
     metric: bool
@@ -73,11 +75,11 @@ class FrameView:
     ground: GroundPlane
     truth: Truth
     candidates: Mapping[str, tuple[CandidateView, ...]]
-    """By detector, best detector score first, in the mode shown."""
+    """Candidates by detector, best detector score first, in the mode shown."""
     file: str
     """Path of the left picture in the data set."""
     right_rgb: UInt8Array | None
-    """None where the data set has no right picture."""
+    """Right picture, shape (h, w, 3); None where the data set has none."""
     baseline: float
     """Distance of the two eyes, metres; 0 where it is not known."""
     other_modes: Mapping[tuple[str, str], tuple[CandidateView, ...]]

@@ -42,7 +42,7 @@ PLAIN_COLUMNS = (
 )
 """Columns of the lines for other tools, as ``Inspection.columns`` names them."""
 WIDE = 120
-"""With fewer columns the terminal has no room for rank and scores."""
+"""Number of columns below which a terminal has no room for rank and scores."""
 
 
 def inspect_run(
@@ -110,7 +110,7 @@ def model_of(run: Run, detector: str, mode: str, file: Path | None = None) -> Ev
     if mode not in models:
         raise RescoreError(f"{path}: expected a model for {mode}, got {', '.join(models)}; name another file")
     rows = run.of(detector)
-    # of a candidate without evidence D is that of silent cues
+    # a candidate without evidence has the D of silent cues, which is none of its own
     d = np.where(status(rows, mode) == OK, difference(rows, mode), np.nan)
     return as_used_for(models[mode], cues_of(rows), d)
 

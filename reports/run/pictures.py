@@ -15,7 +15,7 @@ from reports.run.frame_view import CandidateView, FrameView
 PICTURE_WIDTH_PX = 480
 """Width of the enlarged left picture."""
 DEPTH_COLOURS, RESIDUAL_COLOURS = "viridis", "RdBu"
-"""Both can be told apart by the colour-blind."""
+"""Colour maps of depth and of residuals, whose colours the colour-blind can tell apart."""
 RESIDUAL_LIMIT_M = 1.0
 """Residuals beyond this are drawn in the end colours."""
 _DEPTH_WIDTH_PX = 240
@@ -25,7 +25,7 @@ _ASPECT = 1.8
 """Width over height of what is cut out, so that cards are alike."""
 _HOLE = rgb(HOLE_GREY)
 _STEPS = 256
-"""Colours of a map of matplotlib."""
+"""Number of colours of a map of matplotlib."""
 _QUALITY = 80
 _FRAME_QUALITY = 72
 
@@ -49,13 +49,13 @@ class CandidatePanels:
     picture: Picture
     measured: Picture
     predicted: Picture | None
-    """None, like ``residual``, where there is no registered prediction."""
+    """Registered prediction; None, like ``residual``, where there is none."""
     residual: Picture | None
     near: float
     far: float
     """Depth of the first and the last colour, in the unit of the measured depth."""
     limit: float
-    """Residual of the last colour, in the same unit."""
+    """Residual of the last colour, in the unit of the measured depth."""
 
 
 def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
@@ -123,7 +123,7 @@ def crop_window(c: CandidateView, shape: tuple[int, ...]) -> tuple[slice, slice]
 
 
 def _within(middle: float, length: float, size: int) -> slice:
-    """So many pixels around a place, moved into the image."""
+    """A slice of ``length`` pixels around a place, moved into an image of ``size`` pixels."""
     count = int(np.clip(round(length), 2, size))
     first = int(np.clip(round(middle - count / 2), 0, size - count))
     return slice(first, first + count)

@@ -47,7 +47,8 @@ class Table:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     text_columns: int = 1
-    """The first so many columns hold text; the others hold numbers and are aligned to the right."""
+    """Number of columns of text, counted from the first; the others hold numbers and are aligned to the
+    right."""
 
     def markdown(self) -> str:
         """The table in GitHub's Markdown, without its title."""

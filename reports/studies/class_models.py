@@ -20,7 +20,7 @@ from rescore.files import write_json
 from rescore.studies.class_models import AccuracyRow, ModelStudy, SelectionStudy
 
 SHOWN_PRIMITIVES = 4
-"""As many as the report found to suffice."""
+"""Number of primitives drawn: as many as the report found to suffice."""
 _SEEN_FROM = ((30, 20), (90, 5), (150, 20), (270, 35))
 """Azimuth and elevation in degrees from which models are drawn."""
 
@@ -71,7 +71,8 @@ def draw_selection_cost(study: SelectionStudy) -> Figure:
 
 
 def draw_chosen(study: SelectionStudy) -> Figure:
-    """The first primitives, each with the parts that it represents best of them (figure 1 of the report)."""
+    """The first chosen primitives, each over the parts that it costs least among them (figure 1 of the
+    report)."""
     order = study.selection.order[:SHOWN_PRIMITIVES]
     of_part = study.cost[:, order].argmin(axis=1)
     figure = Figure(figsize=(3 * len(order), 5.4), layout="constrained")

@@ -30,8 +30,11 @@ class Example:
     title: str
     caption: str
     left_rgb: UInt8Array
+    """Left picture, shape (h, w, 3)."""
     disparity_px: Float32Array
+    """Measured disparity, shape (h, w); NaN where there is none."""
     xyxy_px: FloatArray
+    """Box of the thing, pixel edges, shape (4,)."""
 
 
 def draw_bank(folder: Path, bank: BankResult, first: Sequence[Judged]) -> None:

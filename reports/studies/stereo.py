@@ -29,11 +29,11 @@ class PublicFigure:
     pictures: str
     density: float | None
     wrong_measured: float | None
-    """Of the measured pixels."""
+    """Share of the measured pixels that are wrong, in per cent."""
     wrong_seen_twice: float
-    """Holes filled, pixels seen in both pictures."""
+    """Share of the pixels seen in both pictures that are wrong after filling holes, in per cent."""
     wrong_all: float
-    """Holes filled, all pixels."""
+    """Share of all pixels that are wrong after filling holes, in per cent."""
     source: str
 
 
@@ -161,7 +161,7 @@ def beside_public_table(
 
 
 def consistency_table(pairs: Sequence[Consistency], short: bool = False) -> Table:
-    """A row a pair without truth, and all of them together; short names fit a terminal of 80 columns."""
+    """Table of the pairs without truth, a row a pair, and all of them together; fits 80 columns."""
     rows = [
         (
             c.name,

@@ -72,7 +72,7 @@ def losses_text(dials: Mapping[str, SweptDial]) -> str:
         for mode, f in point.figures.items()
         if f.significant_loss and f.reduction is not None
     ]
-    return "\n".join(rows) if rows else "None: at no level of no dial is the gain significantly negative."
+    return "\n".join(rows) if rows else "None: at no level of any dial is the gain significantly negative."
 
 
 def dial_table(points: Sequence[SweepPoint]) -> Table:

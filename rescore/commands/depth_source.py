@@ -37,7 +37,7 @@ Predicted = Annotated[
 
 @dataclass(frozen=True)
 class Source:
-    """What was asked for."""
+    """What predicts depth, as the options of a command say: a class model or a folder of predictions."""
 
     model: Path | None
     folder: "PredictionFolder | None"
@@ -112,14 +112,14 @@ def evidence_of(
 
 
 def source_as_json(source: "ClassModel | Predictions") -> dict[str, Any]:
-    """Which predictions were used, for the settings beside a result; empty for the class model."""
+    """The predictions that were used, for the settings beside a result; empty for the class model."""
     from rescore.evidence.predicted_files import Predictions
 
     return {"predicted": source.as_json()} if isinstance(source, Predictions) else {}
 
 
 def predictions_behind(results: "Sequence[Path]") -> dict[str, Any]:
-    """Which predictions made rescored detections, by file, as the settings beside them say."""
+    """The predictions that made rescored detections, by file, as the settings beside them say."""
     found = {str(path): c["predicted"] for path, c in configs_behind(results) if "predicted" in c}
     return {"predicted": found} if found else {}
 

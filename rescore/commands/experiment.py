@@ -178,7 +178,7 @@ def _reasons(status: list[str]) -> str:
 
 
 def _grounds(image_id: list[int], ground: list[str]) -> str:
-    """In how many frames the ground plane comes from where."""
+    """Numbers of frames by what their ground plane comes from, in words."""
     from collections import Counter
 
     from recon.camera import DEFAULT_GROUND

@@ -72,7 +72,8 @@ def evaluate(
 
 
 def _keep_evidence_models(out: Path, detector_of: dict[Path, str]) -> None:
-    """Put what made D of rescored detections into the run folder, where report and recording look for it."""
+    """Copy the evidence models of rescored detections into the run folder, where report and recording
+    look."""
     from rescore.evidence.model import models_of_json, save_models
     from rescore.results.run_folder import RunFolder
 

@@ -46,7 +46,7 @@ def content_digest(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     total = hashlib.sha256()
     for name, array in sorted(arrays(path).items()):
-        # the same numbers on a machine of the other byte order
+        # a machine of the other byte order hashes the same numbers
         little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
         total.update(f"{name}\0{little.dtype.str}\0{array.shape}\0".encode())
         total.update(little.tobytes())

@@ -32,7 +32,7 @@ class FrameRecord:
     height_px: int
     camera: StereoCamera | None
     ground: GroundPlane | None
-    """As the data set states it; None where it does not."""
+    """Ground plane as the data set states it; None where it states none."""
     instance_path: Path | None = None
     """16-bit picture of instance numbers on rendered scenes, 0 where there is none."""
     instance_kinds: Mapping[int, str] = field(default_factory=dict)
@@ -83,7 +83,7 @@ class DataSet:
     category: str
     frames: tuple[FrameRecord, ...]
     truth: Mapping[int, Truth]
-    """By image id; every frame has an entry, empty where it holds no car."""
+    """Annotated objects by image id; every frame has an entry, empty where it holds no car."""
     notes: tuple[str, ...] = ()
     """What the reader left out, mapped or doubts, a line each, for the user to see."""
 
@@ -106,9 +106,10 @@ class GroundSource(StrEnum):
     STATED = "stated"
     """Height and pitch of the camera come with the picture."""
     STEREO = "stereo"
-    """None is stated, and that of the measured disparity is trusted."""
+    """No ground plane is stated, and the one fitted to the measured disparity is trusted."""
     DEFAULT = "default"
-    """Neither: ``recon.camera.DEFAULT_GROUND`` predicts depth, and nothing is asked of the ground."""
+    """No ground plane is stated or trusted: ``recon.camera.DEFAULT_GROUND`` predicts depth, and nothing is
+    asked of the ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +123,10 @@ class Frame:
     """Measured, shape (h, w); NaN where there is no measurement."""
     camera: StereoCamera | None
     ground: GroundPlane | None
-    """Stated, or that of ``ground_estimate`` where it is trusted; None where it is unknown."""
+    """The stated ground plane, else the one of ``ground_estimate`` where it is trusted; None where neither is
+    there."""
     ground_estimate: GroundEstimate | None = None
-    """From the measured disparity where no ground is stated and the camera is known."""
+    """Ground plane fitted to the measured disparity, where none is stated and the camera is known."""
 
     @property
     def ground_source(self) -> GroundSource:

@@ -25,9 +25,9 @@ class Quantity(StrEnum):
     """What a file measures."""
 
     DISPARITY = "disparity"
-    """Left disparity in pixels."""
+    """The file holds left disparity in pixels."""
     DEPTH = "depth"
-    """z of the left camera in metres."""
+    """The file holds z of the left camera in metres."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     """The pixels of a picture file as OpenCV gives them; None where it is no whole picture."""
     # imdecode on bytes, since imread neither takes every path nor says why it failed
     data = path.read_bytes()
-    # of a damaged file OpenCV gives the rows before the damage, and prints lines of its own
+    # OpenCV gives the rows before the damage of a damaged file, and prints lines of its own
     damaged = (data.startswith(PNG_HEAD) and not _is_whole_png(data)) or (
         data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data
     )

@@ -30,12 +30,12 @@ class Detections:
 
 @dataclass(frozen=True)
 class SuppressionConfig:
-    """Which windows of a scan become candidates."""
+    """Limits on overlap and number of the windows of a scan that become candidates."""
 
     max_iou: float = 0.5
-    """A window that overlaps a better one by more is dropped."""
+    """A window whose IoU with a better one is larger is dropped."""
     max_count: int = 15
-    """The report keeps the 15 best of each picture."""
+    """Largest number of candidates of a picture; the report keeps the 15 best."""
 
 
 class Detector(Protocol):

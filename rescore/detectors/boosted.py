@@ -71,7 +71,7 @@ class BoostedDetector:
 
     kind: ClassVar[str] = "boosted_fragments"
     dictionary: Dictionary
-    """Only the fragments that stumps read."""
+    """Fragments of the dictionary that some stump reads."""
     stumps: Stumps
     config: BoostedConfig
     name: str = "boosted"

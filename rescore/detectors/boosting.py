@@ -42,7 +42,7 @@ class Stumps:
         return np.unique(self.feature)
 
     def renumbered(self, used: IntArray) -> "Stumps":
-        """The same stumps on a matrix that holds only the ``used`` columns."""
+        """The stumps with column numbers for a matrix that holds only the ``used`` columns."""
         return Stumps(np.searchsorted(used, self.feature), self.threshold, self.below, self.above)
 
 
@@ -51,7 +51,7 @@ class BoostConfig:
     """How many stumps, and where each looks for its feature."""
 
     rounds: int = 120
-    """Stumps."""
+    """Number of stumps."""
     features_per_round: int = 200
     """Features tried in a round, drawn at random; more is slower and hardly better."""
 

@@ -1,4 +1,4 @@
-"""Training on crops: scenes made of them bring what pictures with boxes bring.
+"""Train a detector from crops alone, laid out in scenes so that false alarms are mined as in whole pictures.
 
 A crop of a car shows the car in its place and nothing beside it. A scan also looks at half a car, at the
 ground between two cars and across the edges of things. Crops of street are therefore laid out as tiles, a
@@ -44,7 +44,7 @@ class WindowConfig(Protocol):
 
     @property
     def suppression(self) -> SuppressionConfig:
-        """Which windows become candidates."""
+        """Limits on the windows that become candidates."""
 
     @property
     def crop_style(self) -> CropStyle:
@@ -61,7 +61,7 @@ class WindowDetector(Detector, Protocol):
 
     @property
     def config(self) -> WindowConfig:
-        """Its settings."""
+        """Settings of the detector: scan, window, mining, suppression."""
 
     def with_scan(self, scan: ScanRange) -> "WindowDetector":
         """The detector, looking for other sizes of cars."""
@@ -161,7 +161,8 @@ def config_for_crops(config: Any, width_px: int, height_px: int) -> Any:
 
 
 LearnerOf = Callable[[Callable[[], UInt8Array], Any, np.random.Generator, int], Learner]
-"""From crops of cars (n, height, width), made when called, settings, random numbers and jobs to a learner."""
+"""Makes a learner from crops of cars (n, height, width), made when called, settings, random numbers and
+jobs."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,7 @@ class Scene:
     """A picture made of crops."""
 
     picture: UInt8Array
+    """Grey picture, shape (h, w)."""
     truth: Truth
 
 
@@ -191,9 +193,9 @@ class CrossValidation:
     """What detectors find in scenes of crops that have not trained them."""
 
     scaling: PlattScaling
-    """Fitted to the candidates of all held-out scenes."""
+    """Platt scaling fitted to the candidates of all held-out scenes."""
     curve: RecallPrecision
-    """By the rule of the UIUC car set."""
+    """Recall and precision on the held-out scenes, by the rule of the UIUC car set."""
 
 
 def train_on_crops(
@@ -204,7 +206,7 @@ def train_on_crops(
     rng: np.random.Generator,
     jobs: int,
 ) -> WindowDetector:
-    """A detector trained on all crops, with rounds of mining in scenes made of them.
+    """A detector trained on all crops, with rounds of mining in scenes made of the crops.
 
     ``config`` is one of ``config_for_crops``. The detector scans for all its sizes of cars; mining looks for
     the crops' own size alone, since scenes hold no other.
@@ -258,7 +260,7 @@ def at_one_size(detector: WindowDetector) -> WindowDetector:
 
 
 def scenes_of(crops: Crops, config: SceneConfig, rng: np.random.Generator) -> Iterator[Scene]:
-    """One scene a car: tiles of street in random order, the car at a random place among them."""
+    """Scenes, one for each car: tiles of street in random order, the car at a random place among them."""
     n_tiles = config.rows * config.columns
     height, width = crops.height_px, crops.width_px
     for car in crops.cars:
@@ -279,7 +281,8 @@ def _turned(crop: UInt8Array, config: SceneConfig, rng: np.random.Generator) -> 
 def _cut(
     crops: UInt8Array, config: WindowConfig, scenes: SceneConfig, copies: int, rng: np.random.Generator
 ) -> UInt8Array:
-    """Canonical crops, and ``copies`` jittered ones of each; the same number again mirrored."""
+    """Each crop on the canonical window with ``copies`` jittered ones; with mirroring, as many again
+    mirrored."""
     window, interpolation = config.window, config.crop_style.interpolation
     mining = replace(config.mining, jitter_copies=copies)
     whole = np.array([[0.0, 0.0, crops.shape[2], crops.shape[1]]])
@@ -310,7 +313,7 @@ def _mined_of(scene: Scene, detector: WindowDetector, max_count: int) -> UInt8Ar
 
 
 def _folds(crops: Crops, n: int, rng: np.random.Generator) -> Iterator[tuple[Crops, Crops]]:
-    """Each part of the crops, (the others, the part); parts are drawn at random, as equal as can be."""
+    """``n`` splits of the crops into (rest, part); parts are drawn at random, as equal as can be."""
     if min(len(crops.cars), len(crops.street)) < n or n < 2:
         raise RescoreError(
             f"crops: expected at least {max(n, 2)} of cars and of street to hold some out, got "

@@ -33,7 +33,7 @@ class FragmentConfig:
     sizes_px: tuple[int, ...] = (9, 15)
     """Sides of the square patches."""
     grid_px: int = 2
-    """Correlations are taken at every so many pixels."""
+    """Step in pixels of the grid on which correlations are taken."""
     mask_radius: int = 2
     """How far from its place a fragment may be found, in grid steps."""
     noise_floor: float = 0.7
@@ -72,7 +72,7 @@ class Dictionary:
         return sum(len(p) for p in self.patches)
 
     def chosen(self, index: IntArray) -> "Dictionary":
-        """The fragments of these ascending indices; groups are kept, some may be empty."""
+        """The fragments at ascending indices; groups are kept, and some may be empty."""
         ends = np.cumsum([0, *(len(p) for p in self.patches)])
         parts = [index[(index >= a) & (index < b)] - a for a, b in pairwise(ends)]
         return Dictionary(

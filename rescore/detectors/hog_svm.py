@@ -53,7 +53,7 @@ class HogConfig:
     floor: float = -1.6
     """Windows that score less are not reported by the scan."""
     mining: MiningConfig = field(default_factory=lambda: MiningConfig(rounds=1))
-    """One round, as in the paper of Dalal and Triggs."""
+    """Settings of mining: one round, as in the paper of Dalal and Triggs."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
 
     def __post_init__(self) -> None:
@@ -116,7 +116,7 @@ class HogDetector:
         return ordered(boxes, np.asarray(score, dtype=float).ravel())
 
     def zoomed(self, rgb: UInt8Array) -> tuple[UInt8Array, float]:
-        """The grey picture that is scanned, with its border, and its size over that of the given one."""
+        """The zoomed grey picture that is scanned, with its border, and its size over that of ``rgb``."""
         zoom = self.config.window.object_width_px / self.config.scan.smallest_car_px
         picture = gray(rgb)
         size = round(picture.shape[1] * zoom), round(picture.shape[0] * zoom)

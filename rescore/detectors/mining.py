@@ -19,7 +19,7 @@ from rescore.detectors.windows import WindowGeometry, crop_windows, gray
 
 @dataclass(frozen=True)
 class MiningConfig:
-    """Which crops a detector learns from."""
+    """Settings of the choice of crops that a detector learns from."""
 
     min_visibility: float = 0.6
     """Cars seen less are neither examples of cars nor of street."""

@@ -34,17 +34,17 @@ class DetectorEntry:
     """What the suite needs to know of a kind of detector."""
 
     title: str
-    """Its name in tables and pictures."""
+    """Name of the detector in tables and pictures."""
     kind: str
-    """Its name in detector files."""
+    """Name of the kind of detector in detector files."""
     stream: int
-    """Number of the stream of random numbers that trains it, its own."""
+    """Number of the stream of random numbers that trains the detector; no two detectors share one."""
     config: type[Any]
     """Settings, a frozen dataclass whose defaults train the detector of the experiment."""
     train: Callable[[DataSet, Any, np.random.Generator, int], Detector]
-    """From frames, settings, random numbers and jobs to a detector."""
+    """Trains a detector from frames, settings, random numbers and a number of jobs."""
     load: Callable[[str, Mapping[str, Any], Mapping[str, Any]], Detector]
-    """From the name, the settings and the arrays of a file to a detector."""
+    """Builds a detector from the name, the settings and the arrays of a detector file."""
     learner: Callable[[Callable[[], UInt8Array], Any, np.random.Generator, int], Learner] | None = None
     """From crops of cars (n, height, width), made when called, settings, random numbers and jobs to what
     learns from crops; None where the detector cannot be trained on crops."""
@@ -109,7 +109,7 @@ def train_detector(name: str, data: DataSet, config: Any, seed: int, jobs: int) 
 def train_detector_on_crops(
     name: str, crops: Crops, config: Any, seed: int, jobs: int
 ) -> tuple[Detector, CrossValidation]:
-    """A detector trained on all crops, and what cross-validation tells of it, with its Platt scaling.
+    """A detector trained on all crops, and its cross-validation, which holds the Platt scaling.
 
     The scaling comes from detectors trained on fewer crops, each on scenes of the crops it has not seen.
 

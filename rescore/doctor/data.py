@@ -18,7 +18,8 @@ from rescore.formats.open import read_dataset
 
 
 def examine_dataset(path: Path, class_name: str, max_frames: int) -> list[Finding]:
-    """Files, sizes, calibration, boxes and splits of all frames; the pixels of ``max_frames`` of them."""
+    """Findings on files, sizes, calibration, boxes and splits of all frames, and on the pixels of
+    ``max_frames`` frames."""
     try:
         data = read_dataset(path, class_name)
     except RescoreError as error:
@@ -49,7 +50,7 @@ def examine_dataset(path: Path, class_name: str, max_frames: int) -> list[Findin
 def _grouped(
     level: Level, advice: str, frames: Sequence[FrameRecord], problem: Callable[[FrameRecord], str | None]
 ) -> list[Finding]:
-    """One finding for a kind of problem: its first place, and how many frames have it."""
+    """One finding for a kind of problem: the first frame that has it, and how many frames have it."""
     places = [(f, text) for f in frames if (text := problem(f))]
     if not places:
         return []
@@ -73,7 +74,8 @@ def _missing(frame: FrameRecord) -> str | None:
 
 
 def _wrong_size(frame: FrameRecord) -> str | None:
-    """Of the pictures that are there, from their heads."""
+    """Error text for the first picture that is there but not of the stated size, read from its head; else
+    None."""
     for path in (frame.left_path, frame.right_path):
         if path is None or not path.is_file():
             continue

@@ -1,5 +1,4 @@
-"""Eq. 6: how far the predicted depth of a candidate is from the measured depth, after the best scale and
-offset.
+"""Eq. 6: how far a candidate's predicted depth is from the measured one after the best scale and offset.
 
 ``D = min over a1, a2 of sqrt(mean((Zs - (a1 Zi + a2))^2))``, over the depth region inside the box: the pixels
 that have both a predicted depth Zi and a measured depth Zs. The report leaves three things open; here they
@@ -59,9 +58,9 @@ class DepthAlignment:
     """The solution of eq. 6 for one candidate."""
 
     scale: float
-    """a1: normalised stereo depth a unit of predicted depth."""
+    """a1 of eq. 6: normalised stereo depth a unit of predicted depth."""
     offset: float
-    """a2, in normalised stereo depth."""
+    """a2 of eq. 6, in normalised stereo depth."""
     difference: float
     """D in [0, 1]; never above 0.5, since a1 = 0 with a2 = 0.5 is among the choices."""
     valid_share: float

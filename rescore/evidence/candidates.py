@@ -86,9 +86,9 @@ class CandidateTable:
     depth_difference: FloatArray
     """D of eq. 6 in [0, 1], shape (n,); this and the next five are NaN where ``status`` is not "ok"."""
     scale: FloatArray
-    """a1, shape (n,)."""
+    """a1 of eq. 6, shape (n,)."""
     offset: FloatArray
-    """a2, shape (n,)."""
+    """a2 of eq. 6, shape (n,)."""
     valid_share: FloatArray
     """Measured share of the predicted depth region, shape (n,)."""
     stereo_low: FloatArray
@@ -100,7 +100,8 @@ class CandidateTable:
     reason_detail: NDArray[np.object_]
     """What was expected and what came, "" where status is "ok"; strings, shape (n,)."""
     cues: FloatArray
-    """Parts of the evidence of the other modes, shape (n, k), columns ``CUES``; NaN where one is missing."""
+    """Parts of the evidence of modes "guarded" and "metric", shape (n, k), columns ``CUES``; NaN where one is
+    missing."""
     azimuth_deg: FloatArray
     """Azimuth from which the detector sees the object (see ``rescore.data.frames.Truth``), shape (n,); NaN
     where it does not say."""

@@ -28,9 +28,9 @@ class Adapted:
 
     model: EvidenceModel
     share: float
-    """Of cars among the candidates with depth evidence, in (0, 1)."""
+    """Share of cars among the candidates with depth evidence, in (0, 1)."""
     log_odds_shift: float
-    """What was added to the log odds of all candidates."""
+    """Number added to the log odds of every candidate."""
 
 
 def log_odds_shift(car_given_depth: FloatArray, share: float) -> float:

@@ -27,8 +27,8 @@ class EvidenceConfig:
     min_share: float = 0.5
     """A candidate with a smaller share of a mode's cues has no evidence."""
     floor_quantile: float = 0.01
-    """A candidate whose checks are lower than this quantile of those fitted to has no evidence: nothing is
-    known of such measurements."""
+    """A candidate with a check below this quantile of the candidates that the model was fitted to has no
+    evidence: nothing is known of such measurements."""
     min_cars: int = 10
     """Fewer cars among the candidates fit nothing that could be trusted."""
 

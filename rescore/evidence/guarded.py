@@ -31,9 +31,9 @@ class GuardedConfig:
     noise_px: float = 0.25
     """Disparity that the matcher is taken to be off by, pixels: gains below it are none."""
     min_valid_px: int = 30
-    """With fewer measured pixels there is no fit."""
+    """Smallest number of measured pixels for a fit."""
     max_pixels: int = 600
-    """So many pixels are looked at, evenly spread."""
+    """Largest number of pixels that are looked at, evenly spread."""
 
 
 @dataclass(frozen=True)

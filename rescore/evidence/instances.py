@@ -19,9 +19,9 @@ class Instances:
     """What is predicted of the candidates of one frame: 3D instances, or depth of another system."""
 
     found: tuple[Predicted, ...]
-    """One a candidate: the prediction, or why there is none."""
+    """Prediction of each candidate, or why there is none."""
     views: Views
-    """From where each is taken to be seen."""
+    """View of each candidate: the side that it is taken to be seen from."""
 
     @property
     def inverse(self) -> bool:

@@ -56,7 +56,8 @@ class EvidenceModel:
         return out
 
     def shifted(self, log_odds: float) -> "EvidenceModel":
-        """The model with ``log_odds`` added to those of every candidate (``rescore.evidence.car_share``)."""
+        """The model with ``log_odds`` added to the log odds of every candidate
+        (``rescore.evidence.car_share``)."""
         return replace(self, bias=self.bias + log_odds)
 
     @property
@@ -78,7 +79,7 @@ class EvidenceModel:
         return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
 
     def believable(self, cues: FloatArray) -> BoolArray:
-        """Which candidates (n, k) pass all checks, shape (n,)."""
+        """Whether each candidate's cues (n, k) pass all checks of plausibility, shape (n,)."""
         passed = np.ones(len(cues), np.bool_)
         for name, floor in self.floors.items():
             passed &= ~(cues[:, cue_column(name)] < floor)
@@ -86,7 +87,7 @@ class EvidenceModel:
 
 
 def with_difference(table: CandidateTable, model: EvidenceModel | None) -> CandidateTable:
-    """The candidates with D and status of a learned mode in place of those of eq. 6; unchanged for None.
+    """The candidates with D and status of a learned mode in place of those of eq. 6; as they are for None.
 
     A candidate without evidence gets the D of silent cues. Its likelihood alone would not do: eq. 7 lowers
     that of all others, since most candidates are no cars, and a false alarm that nothing is known of would

@@ -1,8 +1,8 @@
-"""Whether measured disparity can be believed at all, asked before it is taken as evidence.
+"""Checks whether measured disparity can be believed at all, before it is taken as evidence.
 
-A matcher that has failed still delivers numbers: noise, streaks, or smooth surfaces that are not there. Cues
-of such numbers look like those of nothing that the model of depth evidence was fitted to, and what it says of
-them is chance. Two checks need no truth:
+A matcher that has failed still delivers numbers: noise, streaks, or smooth surfaces that are not there. The
+evidence model has never seen cues computed from such disparity, so its output for them is meaningless. Two
+checks need no truth:
 
 - real surfaces are smooth nearly everywhere, so neighbours agree;
 - before the camera lies the ground, and a calibrated camera says at which disparity.
@@ -30,13 +30,15 @@ class PlausibilityConfig:
     min_pairs: int = 40
     """A box with fewer pairs of measured neighbours is not checked."""
     ground_share: float = 0.15
-    """A disparity within this share of the ground's lies on the ground: two degrees of pitch are more."""
+    """Relative tolerance for lying on the ground, as a share of the ground's disparity: two degrees of pitch
+    are more."""
     ground_px: float = 1.5
-    """Or within so many pixels."""
+    """Absolute tolerance in pixels for lying on the ground; the larger of this and ``ground_share``
+    applies."""
     farthest_px: float = 8.0
     """Rows where the ground has a smaller disparity are not looked at: too much stands before it."""
     min_ground: int = 2000
-    """A picture with fewer measurements there is not checked."""
+    """A picture with fewer measurements in the rows that are looked at is not checked."""
 
 
 def plausibility(

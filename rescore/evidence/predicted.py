@@ -40,18 +40,18 @@ class PredictedAs(StrEnum):
     """What grows with the predicted numbers."""
 
     DEPTH = "depth"
-    """Depth along the optical axis."""
+    """The numbers are depth along the optical axis."""
     INVERSE = "inverse"
-    """1 / depth, as disparity does."""
+    """The numbers are 1 / depth, which grows as disparity does."""
 
 
 class PredictedUnit(StrEnum):
     """What is known of their scale."""
 
     RELATIVE = "relative"
-    """Nothing: scale and offset are free, and may differ from picture to picture."""
+    """Nothing is known of the scale: scale and offset are free, and may differ from picture to picture."""
     METRIC = "metric"
-    """Metres, or 1 / metres."""
+    """The numbers are metres, or 1 / metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,8 @@ class PredictedDepth:
     """
 
     values: NDArray[np.floating] | NDArray[np.integer]
-    """Shape (h, w), that of the left picture. NaN and infinity: none. Relative numbers may be 0 or less, for
-    metric ones that means none too."""
+    """Predicted values, shape (h, w) of the left picture. NaN and infinity: none. Relative numbers may be 0
+    or less, for metric ones that means none too."""
     predicted_as: PredictedAs | str
     """"depth" or "inverse"."""
     unit: PredictedUnit | str = PredictedUnit.RELATIVE
@@ -168,7 +168,7 @@ def _cut(
 
 
 def _most_frequent_object(numbers: NDArray[Any]) -> BoolArray:
-    """Pixels of the object that has most of them; none where there is no object."""
+    """Pixels of the object with the most pixels, shape of ``numbers``; none where there is no object."""
     found, counts = np.unique(numbers[numbers != 0], return_counts=True)
     if not len(found):
         return np.zeros(numbers.shape, np.bool_)

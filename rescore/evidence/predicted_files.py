@@ -132,7 +132,7 @@ class Predictions:
 
     kind: PredictionFolder
     files: Mapping[int, PredictedFile]
-    """By image id."""
+    """File of each frame by image id."""
 
     @staticmethod
     def of(kind: PredictionFolder, data: DataSet, image_ids: Iterable[int]) -> "Predictions":

@@ -14,10 +14,11 @@ class Registration(StrEnum):
     PAPER = "paper"
     """Eq. 6 as printed: free scale and offset, D is the root mean square of what is left."""
     GUARDED = "guarded"
-    """The same two unknowns, the scale positive and bounded, a robust fit, judged against a flat surface.
-    Needs no calibration."""
+    """Scale and offset as in eq. 6, the scale positive and bounded, by a robust fit judged against a flat
+    surface. Needs no calibration."""
     METRIC = "metric"
-    """That, and what a calibrated camera tells: size, depth edges, ground contact, the planes' own depths."""
+    """The guarded fit, and what a calibrated camera tells: size, depth edges, ground contact, the planes' own
+    depths."""
 
     @property
     def learned(self) -> bool:

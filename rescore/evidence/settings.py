@@ -1,4 +1,4 @@
-"""Settings of depth evidence: camera, stereo matcher, view bin, and those of each stage."""
+"""Settings of depth evidence: camera, stereo matcher, view bin, and the settings of each stage."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from rescore.evidence.cues import CueConfig
 
 
 class CameraChoice(StrEnum):
-    """Which camera and ground plane predict depth."""
+    """The choice of camera and ground plane that predict depth."""
 
     CALIBRATED = "calibrated"
     """The camera and ground of the frame, each where it is known; the default ones where it is not.
@@ -46,7 +46,7 @@ class RescoreConfig:
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     align: AlignConfig = field(default_factory=AlignConfig)
     cues: CueConfig = field(default_factory=CueConfig)
-    """Of the modes that go past eq. 6."""
+    """Settings of the cues of the modes that go past eq. 6."""
 
     def __post_init__(self) -> None:
         if not self.nearest_m > 0:

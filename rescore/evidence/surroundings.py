@@ -46,9 +46,10 @@ class SurroundingsConfig:
     min_support: float = 0.25
     """Share of the box that must have such a disparity, or the median of the box is taken in its place."""
     apart_m: float = 1.2
-    """What lies farther than this before or behind the thing is not part of it."""
+    """Depth in metres before or behind the thing beyond which a pixel is not part of the thing."""
     apart_px: float = 1.0
-    """Nor does it count as apart by less than this disparity, which is what the matcher can tell."""
+    """A pixel counts as apart from the thing only if its disparity differs by more than this: the matcher can
+    tell no less."""
     min_samples: int = 8
     """A region with fewer measured samples gives no cue."""
 

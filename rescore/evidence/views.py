@@ -1,4 +1,4 @@
-"""From where each candidate is seen: by its detector, by the class model, or one view for all."""
+"""The view of each candidate, told by its detector, by the class model, or one view for all."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,18 +21,19 @@ NO_BIN = -1
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """From where the candidates of one frame are taken to be seen."""
+    """Views that the candidates of one frame are taken to be seen from."""
 
     view_bin: IntArray
     """The bin that each is reconstructed with, shape (n,); ``NO_BIN`` where none will do."""
     azimuth_rad: FloatArray
-    """Shape (n,): of the detector where it says one, else of the middle of the bin; NaN where neither is."""
+    """Azimuth of the view, shape (n,): the detector's where it says one, else the middle of the bin; NaN
+    where neither is."""
     failures: Mapping[int, Failure]
     """Why each candidate of ``NO_BIN`` has no bin, by its place."""
 
 
 NO_VIEWS = Views(np.zeros(0, np.int64), np.zeros(0), {})
-"""Those of a frame without candidates."""
+"""The views of a frame without candidates."""
 
 
 def views_of(

@@ -99,7 +99,7 @@ def run_preset(name: str) -> RunConfig:
     config = RunConfig(preset=name, synth=synth_preset(name))
     if name != "tiny":
         return config
-    # of three training frames every car must serve, and floors must be low for anything to be found
+    # with three training frames every car must serve, and floors must be low for anything to be found
     hog, boosted = config.detector_settings["hog"], config.detector_settings["boosted"]
     mining = replace(hog.mining, rounds=0, jitter_copies=12, min_visibility=0.3)
     small = {

@@ -43,7 +43,7 @@ class Run:
     seed: int
     jobs: int
     report: Report
-    """Called after each stage."""
+    """Function that is told what became of each stage, after it."""
     train_meshes: Path | None = None
     test_meshes: Path | None = None
 

@@ -63,7 +63,7 @@ def module_file(name: str, root: Path = ROOT) -> Path | None:
 
 
 def imported_modules(file: Path, root: Path = ROOT) -> set[str]:
-    """Modules of this project that a source file imports anywhere in it, by its syntax tree.
+    """Modules of this project that a source file imports anywhere in its syntax tree.
 
     Raises:
         ValueError: the file imports a module of this project that is not there.

@@ -24,13 +24,13 @@ class Stage:
 
     name: str
     config: Any
-    """Whatever of the config it depends on, as JSON values."""
+    """The part of the config that the stage depends on, as JSON values."""
     inputs: tuple[Path, ...]
-    """Files and folders it reads."""
+    """Files and folders that the stage reads."""
     outputs: tuple[Path, ...]
-    """The files and folders it makes."""
+    """Files and folders that the stage makes."""
     code: tuple[ModuleType, ...]
-    """Modules that do the work; an edit of them, or of what they import, makes the result stale."""
+    """Modules that do the work; an edit of one, or of a module that one imports, makes the result stale."""
     resumes: bool = False
     """Whether the work can go on in the folder that a killed run left."""
 
@@ -48,7 +48,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Done:
-    """What became of a stage."""
+    """What became of a stage: done now, or reused from an earlier run."""
 
     name: str
     reused: bool
@@ -78,7 +78,7 @@ def run_stage(root: Path, stage: Stage, work: Callable[[Path], None]) -> Done:
 
 
 def run_stage_in_place(root: Path, stage: Stage, work: Callable[[], None]) -> Done:
-    """The same for work that writes several outputs, each of them in one piece, where they belong."""
+    """Like ``run_stage``, for work that writes several outputs directly to their final paths."""
 
     def build() -> None:
         # what a killed run was writing through atomic_path

@@ -25,11 +25,11 @@ class Calibration:
     cx_px: float
     cy_px: float
     baseline_m: float | None = None
-    """None where the file has one camera only."""
+    """Distance of the two cameras in metres; None where the file has one camera only."""
     disparity_offset_px: float = 0.0
     """cx of the right less cx of the left picture."""
     width_px: int | None = None
-    """As the file says; None where it does not. So is the height."""
+    """Width and height of the pictures as the file says; None where it does not say."""
     height_px: int | None = None
     depth_factor: float | None = None
     """Value of depth PNGs for one metre, where the file says."""
@@ -108,7 +108,7 @@ def _size(path: Path, values: dict[str, FloatArray]) -> tuple[int | None, int | 
 def _of_projections(
     path: Path, left: dict[str, FloatArray], right: dict[str, FloatArray], first: str, second: str
 ) -> Calibration:
-    """From two 3 x 4 projection matrices: column 3 of each is -fx times the camera's x."""
+    """Calibration from two 3 x 4 projection matrices: column 3 of each is -fx times the camera's x."""
     p, q = matrix_of(path, left, first, 3, 4), matrix_of(path, right, second, 3, 4)
     if not p[0, 0] > 0 or abs(q[0, 0] - p[0, 0]) > 0.01 * p[0, 0]:
         raise RescoreError(
@@ -124,7 +124,7 @@ def _of_projections(
 
 
 def _of_q(path: Path, values: dict[str, FloatArray]) -> Calibration:
-    """From OpenCV's Q, which takes (u, v, disparity, 1) to the homogeneous point."""
+    """Calibration from OpenCV's Q, which takes (u, v, disparity, 1) to the homogeneous point."""
     q = matrix_of(path, values, "Q", 4, 4)
     if not q[3, 2] or not q[2, 3] > 0:
         raise RescoreError(f"{path}: Q: expected Q[2, 3] > 0 and Q[3, 2] other than 0; mend Q")
@@ -154,7 +154,8 @@ def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
 
 
 def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
-    """From the matrix of the left camera, or ROS's projection of it, and a baseline if there is one."""
+    """Calibration from the left camera's matrix or ROS's projection matrix, and a baseline if there is
+    one."""
     name = next((n for n in ONE_CAMERA if n in values), None)
     if name is None:
         raise RescoreError(
@@ -229,7 +230,7 @@ class Doubt:
     """Something unlikely about a calibration."""
 
     text: str
-    """What is, and what to do."""
+    """What is unlikely, and what to do."""
     serious: bool
     """Whether depth must be wrong if it is as it looks."""
 
@@ -257,7 +258,7 @@ def doubts(camera: StereoCamera) -> list[Doubt]:
 
 
 def _unit(baseline: float) -> str:
-    """Which unit the baseline is likely in."""
+    """Advice on the unit that the baseline is likely in, for an error message."""
     for name, factor in (("centimetres", 100), ("millimetres", 1000)):
         if baseline > 2 and 0.02 <= baseline / factor <= 0.8:
             return f"if it is in {name}, write {baseline / factor:g}"

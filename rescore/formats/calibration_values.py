@@ -16,7 +16,8 @@ FloatArray = NDArray[np.float64]
 MAX_APART_PX = 0.5
 """Pictures whose rows are at most this far apart count as rectified."""
 MAX_ASIDE = 0.01
-"""So does a right camera that is at most this share of the baseline above, below or behind the left one."""
+"""Pictures count as rectified when the right camera lies at most this share of the baseline above, below or
+behind the left one."""
 
 ONE_CAMERA = (
     "projection_matrix",
@@ -104,7 +105,7 @@ def _numbers(path: Path, name: str, value: object) -> FloatArray:
 
 
 def _parsed(value: object) -> Any:
-    """The number of a text, or the numbers of a text or a list, in lists as they stand.
+    """The number of a text, or the numbers of a text or a list, nested as they stand.
 
     Raises:
         ValueError: there is something else.

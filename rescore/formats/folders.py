@@ -19,13 +19,13 @@ class Pictures:
     """What a folder has of one frame."""
 
     stem: str
-    """Its name, for files of boxes and splits."""
+    """Name of the frame without suffix, by which files of boxes and splits know it."""
     left: Path
     right: Path | None
     measured: MeasuredFile | None
     calibration: Calibration | None
     calibration_path: Path | None
-    """For errors."""
+    """Path of the calibration file, named in errors."""
 
     def camera(self, width_px: int, height_px: int) -> StereoCamera | None:
         """The camera for pictures of a size, None where there is no calibration."""
@@ -106,9 +106,9 @@ def calibration_notes(frames: Sequence[FrameRecord], where: Path) -> tuple[str, 
 
 
 def splits_of(root: Path, stems: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Split by name, from ImageSets/<split>.txt (``val.txt`` is the split validation), and what to say of it.
+    """Split of each frame by its stem, from ImageSets/<split>.txt, and notes for the user.
 
-    All frames are in split "test" where there are no such files.
+    ``val.txt`` is the split validation. All frames are in split "test" where there are no such files.
 
     Raises:
         RescoreError: a file names an unknown frame, or two name the same.

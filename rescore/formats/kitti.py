@@ -28,7 +28,7 @@ UNKNOWN_ALPHA = -10.0
 
 
 def azimuth_of_alpha(alpha_rad: float) -> float:
-    """From where an object is seen, in [0, 360) degrees, of KITTI's observation angle; NaN where unknown.
+    """Azimuth in [0, 360) degrees of KITTI's observation angle; NaN where unknown.
 
     Alpha 0 is a car that faces right, whose right side is seen (270); pi / 2 faces the camera (0).
     """

@@ -25,12 +25,12 @@ class LabelRow:
     """Left, top, right, bottom, pixel edges."""
     ignore: bool = False
     azimuth_deg: float = math.nan
-    """See ``rescore.data.frames.Truth``; NaN where unknown."""
+    """Azimuth as in ``rescore.data.frames.Truth``; NaN where unknown."""
     truncated: float = math.nan
     """Share outside the picture, NaN where unknown."""
     occluded: int = UNKNOWN_OCCLUSION
     score: float | None = None
-    """Of a detection; None in a label."""
+    """Score of a detection; None in a label."""
 
     @property
     def visibility(self) -> float:
@@ -40,16 +40,16 @@ class LabelRow:
 
 @dataclass(frozen=True)
 class ClassMap:
-    """Which class of a file is taken for which; names are compared without regard to case."""
+    """Map from the class names of a file to those of the data set, without regard to case."""
 
     target: str
     """The class of the data set."""
     renamed: Mapping[str, str] = field(default_factory=dict)
-    """New names by the file's names."""
+    """Names in the data set by names in the file."""
 
     @staticmethod
     def of(target: str, pairs: Sequence[str] = ()) -> "ClassMap":
-        """From texts such as ``van=car``.
+        """A map from texts such as ``van=car``.
 
         Raises:
             RescoreError: a text is no such pair, or one name is mapped twice.

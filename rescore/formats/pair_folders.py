@@ -110,7 +110,7 @@ def _measured_in(folder: Path) -> list[Path]:
 
 
 def _factor_of(path: Path, png_factor: float) -> float:
-    """Only PNGs need a factor: the other forms hold pixels or metres."""
+    """Factor of the values of a file: that of PNGs, else 1, since other forms hold pixels or metres."""
     return png_factor if path.suffix.lower() == ".png" else 1.0
 
 
@@ -135,7 +135,8 @@ def _factor(
 
 
 def _paired(lefts: Sequence[Path], others: Sequence[Path]) -> list[tuple[Path, Path]]:
-    """Files of one name but for the words left and right; else those of nearly one time, as TUM has them."""
+    """Pairs of files whose names differ in the words left and right alone; else of nearly one time, as in
+    TUM."""
     by_key = {_key(p.stem): p for p in others}
     same = [(p, by_key[_key(p.stem)]) for p in lefts if _key(p.stem) in by_key]
     if same:

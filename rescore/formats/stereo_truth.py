@@ -29,6 +29,7 @@ class TruePair:
     left_rgb: UInt8Array
     """Shape (h, w, 3), like the right one."""
     right_rgb: UInt8Array
+    """Shape (h, w, 3), like the left one."""
     truth_px: Float32Array
     """Shape (h, w); NaN where it is not known."""
     seen_twice: BoolArray
@@ -40,14 +41,15 @@ class TruePair:
 
 @dataclass(frozen=True)
 class TrueScene:
-    """The files of one such pair."""
+    """Files of one stereo pair with true disparity."""
 
     name: str
     left: Path
     right: Path
     truth: Path
     seen_twice: Path | None
-    """KITTI's truth of pixels seen in both pictures, or Middlebury's mask of them, 255 where they are."""
+    """KITTI's true disparity of the pixels seen in both pictures, or Middlebury's mask, 255 where both see a
+    pixel."""
     objects: Path | None
     """KITTI's map of moving cars, above 0 where one is."""
     calibration: Path | None
@@ -88,11 +90,11 @@ class TrueScenes:
     """The pairs with truth of a folder, in the order of their names."""
 
     kitti: bool
-    """KITTI stereo 2015; else Middlebury scenes."""
+    """Whether the scenes are of KITTI stereo 2015; else they are Middlebury scenes."""
     scenes: tuple[TrueScene, ...]
 
     def __iter__(self) -> Iterator[TruePair]:
-        """The pairs, read one after the other."""
+        """The pairs of all scenes, each read from its files when asked for."""
         return (scene.load() for scene in self.scenes)
 
 

@@ -52,7 +52,7 @@ class LearnedFusion:
     """Weight of log(1 - D)."""
 
     def posterior(self, likelihood: FloatArray, depth_difference: FloatArray) -> FloatArray:
-        """Of candidates (n,), in [0, 1]."""
+        """Posterior of candidates (n,) with the learned weights, in [0, 1]."""
         log_l, log_d = _logarithms(likelihood, depth_difference)
         fused = expit(self.bias + self.on_likelihood * log_l + self.on_depth * log_d)
         return np.where(np.isnan(depth_difference), likelihood, fused)

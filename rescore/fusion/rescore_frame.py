@@ -32,7 +32,8 @@ class Rescoring:
     evidence_model: EvidenceModel | None = None
     """D of the modes that go past eq. 6; None for that of eq. 6, mode "paper"."""
     w: float = 1.0
-    """Weight of the detector in [0, 1]; 1 leaves the likelihoods as they are, for D to be looked at alone."""
+    """Weight of the detector in eq. 7, in [0, 1]; 1 keeps the likelihoods, so that D can be looked at
+    alone."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.w <= 1:
@@ -58,7 +59,7 @@ class RescoredFrame:
 
     table: RescoredTable
     views: Views
-    """From where each candidate is taken to be seen."""
+    """View of each candidate: the side that it is taken to be seen from."""
     instances: tuple[Predicted, ...]
     """The 3D instance of each candidate, or the depth that another system predicts in its box."""
     alignments: tuple[DepthAlignment | Failure, ...]

@@ -39,7 +39,7 @@ class TuneConfig:
     objective: str = "average_precision"
     """A name of ``OBJECTIVES``."""
     n_grid: int = 101
-    """w = 0, 1 / (n - 1), ..., 1."""
+    """Number of weights w that are tried, 0 to 1 in even steps."""
     min_iou: float = 0.5
     """Overlap from which a candidate counts as having found a car."""
     n_resamples: int = 1000
@@ -67,7 +67,7 @@ class Tuning:
     detector: str
     w: float
     grid: FloatArray
-    """Every w tried, shape (n_grid,)."""
+    """All weights w that were tried, rising, shape (n_grid,)."""
     value: FloatArray
     """The objective at each, shape (n_grid,)."""
     n_images: int
@@ -81,9 +81,10 @@ class Tuning:
     """How well the validation set determines w; None where that was not asked for, or of fewer than two
     images."""
     learned: LearnedFusion | None = None
-    """A fusion with free weights, fitted on the same set, to hold eq. 7 against."""
+    """A fusion with free weights, fitted on the validation set too, for comparison with eq. 7."""
     depth_of: str = CLASS_MODEL
-    """Whose depth it was chosen with (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
+    """Name of what predicted the depth that w was chosen with
+    (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
 
     @property
     def sentence(self) -> str:

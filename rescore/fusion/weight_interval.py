@@ -17,14 +17,14 @@ class WeightUncertainty:
     """What resamples of the validation images say of w."""
 
     w: float
-    """The middle of the plateau: where the data cannot tell weights apart, the one farthest from those that
-    they can tell are worse."""
+    """Chosen weight of the detector, the middle of the plateau: where the data cannot tell weights apart, the
+    one farthest from those that they can tell are worse."""
     low: float
-    """Ends of the interval of w: quantiles of the w that resamples choose. One that chooses none, since it
-    has no car, may hide any."""
+    """Ends of the interval of w: quantiles of the w that resamples choose. A resample without cars chooses no
+    w; it widens the interval as if it had chosen 0 or 1."""
     high: float
     standard_error: float
-    """Of the best objective, over resamples where it is finite; NaN where there are none."""
+    """Standard error of the best objective, over resamples where it is finite; NaN where there are none."""
     plateau: tuple[float, float]
     """The run of w around the best one whose objective is within one standard error of the best."""
     separable: BoolArray
@@ -113,7 +113,7 @@ def describe(grid: FloatArray, w: float, uncertainty: WeightUncertainty) -> str:
 
 
 def _beaten(sample: FloatArray, chosen: int) -> BoolArray:
-    """Which rows (g,) of objectives (g, r) the chosen row beats in all but 2.5 % of the columns."""
+    """Whether the chosen row beats each row (g,) of objectives (g, r) in all but 2.5 % of the columns."""
     # a comparison with NaN is false: what is undefined tells nothing
     return np.asarray((sample[chosen] > sample).mean(axis=1) >= (1 + CONFIDENCE) / 2)
 

@@ -26,7 +26,7 @@ MEASURED = ("disparity_px", "depth_m", "right_rgb")
 
 @dataclass(frozen=True)
 class Camera:
-    """A rectified left camera, and how far the right one stands from it; named as in ``annotations.json``."""
+    """A rectified left camera and its distance to the right one, named as in ``annotations.json``."""
 
     fx: float
     """Focal lengths and principal point in pixels; the middle of the first pixel is (0, 0)."""
@@ -63,14 +63,15 @@ class StereoFrame:
     disparity_px: Float | None = None
     """Shape (h, w), column in the left less column in the right picture; NaN, infinity, 0 and less: none."""
     depth_m: Float | None = None
-    """Shape (h, w), z of the left camera; holes as above."""
+    """Shape (h, w), z of the left camera in metres; NaN, infinity, 0 and less: none."""
     right_rgb: UInt8Array | None = None
-    """As ``left_rgb``; disparity is then matched."""
+    """Right picture, of the shape and type of ``left_rgb``; disparity is then matched."""
     camera: Camera | None = None
-    """None: unknown, which ``depth_m`` and mode "metric" cannot do without."""
+    """Camera of the left picture; None where unknown, which ``depth_m`` and mode "metric" cannot do
+    without."""
     ground: GroundPlane | None = None
-    """Height and pitch of the camera over the ground; None: unknown, then that of the measured depth is used
-    where it can be trusted."""
+    """Height and pitch of the camera over the ground; None where unknown: then the ground plane fitted to the
+    measured depth is used where it can be trusted."""
 
     def __post_init__(self) -> None:
         given = [name for name in MEASURED if getattr(self, name) is not None]
@@ -140,8 +141,8 @@ class Boxes:
     score: Number | None = None
     """Raw scores of the detector that the rescorer's Platt scaling was fitted to, shape (n,)."""
     azimuth_deg: Number | None = None
-    """From where each object is seen, shape (n,), counter-clockwise from above: 0 its front, 90 its left
-    side; NaN where unknown. Picks the view of the class model."""
+    """Azimuth from which each object is seen, shape (n,), counter-clockwise from above: 0 its front, 90 its
+    left side; NaN where unknown. Picks the view of the class model."""
 
     def __post_init__(self) -> None:
         _check_boxes(self.xyxy_px)
@@ -191,7 +192,7 @@ class Boxes:
 
 
 def _measured(values: Float) -> Float32Array:
-    """As float32, NaN where nothing was measured."""
+    """Measured values as float32, NaN where nothing was measured."""
     known = np.isfinite(values) & (values > 0)
     return np.where(known, values, np.nan).astype(np.float32)
 

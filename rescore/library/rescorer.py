@@ -59,7 +59,7 @@ class Rescored:
 
     @property
     def has_evidence(self) -> BoolArray:
-        """Which boxes depth said something of, shape (n,)."""
+        """Whether depth gave evidence on each box, shape (n,)."""
         return np.array([s == OK for s in self.status], np.bool_)
 
 
@@ -72,13 +72,13 @@ class Rescorer:
     """
 
     class_model: ClassModel | None
-    """None where another system predicts the depth of every frame."""
+    """Class model that predicts depth; None where another system predicts the depth of every frame."""
     w: float
     """Weight of the detector in eq. 7, in [0, 1]."""
     evidence_model: EvidenceModel | None = None
-    """D of modes "guarded" and "metric"; None for that of eq. 6, mode "paper"."""
+    """Model of D of modes "guarded" and "metric"; None for mode "paper", whose D is that of eq. 6."""
     scaling: PlattScaling | None = None
-    """From raw scores to likelihoods; None where boxes come with likelihoods."""
+    """Platt scaling from raw scores to likelihoods; None where boxes come with likelihoods."""
     config: RescoreConfig = field(default_factory=RescoreConfig)
 
     def __post_init__(self) -> None:

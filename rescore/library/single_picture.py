@@ -1,4 +1,4 @@
-"""One picture and boxes in it: reading, camera and ground, and the 3D instance in a box."""
+"""Reads one picture with its camera and ground, and makes the 3D instance in a box of the picture."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,7 +105,7 @@ def parse_box(text: str, width_px: int, height_px: int) -> FloatArray:
 def open_photo(
     path: Path, camera: str | None, calib: Path | None, height_m: float | None, pitch_deg: float | None
 ) -> Photo:
-    """A picture with its camera and ground, those of the report's defaults where none are given.
+    """A picture with its camera and ground; what is not given is as in the report.
 
     Args:
         path: the picture.

@@ -49,12 +49,12 @@ class Kind:
     """How the interval of a kind of figure is taken."""
 
     least: float
-    """Smallest possible value."""
+    """Smallest possible value of the figure."""
     most: float
     shift: float = 0.0
-    """s of the module's docstring."""
+    """s of the formula in the docstring of this module."""
     widening: float = 0.0
-    """k of the module's docstring is 1 + widening / sqrt(number of images)."""
+    """k of the formula in the docstring of this module is 1 + widening / sqrt(number of images)."""
 
 
 KINDS = {
@@ -94,14 +94,15 @@ class Interval:
     """One figure and where it may lie."""
 
     value: float
-    """On the images as they are: NaN where undefined, infinity where its recall is never reached."""
+    """The figure on the images as they are: NaN where undefined, infinity where its recall is never
+    reached."""
     low: float
     """Lower end; NaN where the value is undefined."""
     high: float
     n_undefined: int
     """Resamples in which the figure is undefined."""
     n_infinite: int
-    """Resamples in which it is infinite."""
+    """Resamples in which the figure is infinite."""
 
 
 @dataclass(frozen=True)
@@ -112,9 +113,9 @@ class FigureIntervals:
     """Area under the candidate ROC."""
     average_precision: Interval
     recall_at_fppi: dict[float, Interval]
-    """By false positives an image."""
+    """Recall at each level of false positives an image."""
     fppi_at_recall: dict[float, Interval]
-    """By recall."""
+    """False positives an image at each level of recall."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class Comparison:
     """What changes from one table to another of the same images."""
 
     difference: FigureIntervals
-    """After less before."""
+    """Figures of the second table less those of the first."""
     reduction: dict[float, Interval]
     """FPPI before / FPPI after by recall: above 1 where the second table has fewer false positives."""
 
@@ -133,7 +134,7 @@ class Bootstrap:
 
     tables: dict[str, FigureIntervals]
     comparisons: dict[tuple[str, str], Comparison]
-    """By (before, after)."""
+    """What changes from one table to another, by (before, after)."""
 
 
 def bootstrap(
@@ -212,7 +213,8 @@ class _Ends:
     n_images: int
 
     def figures(self, rows: FloatArray, suffix: str = "") -> FigureIntervals:
-        """Of one table, or with suffix "_difference" of the difference of two."""
+        """Intervals of the figures of one table; with suffix "_difference", of the difference of two
+        tables."""
         levels = self.config.levels
         recalls, fppis = rows[:, 2 : 2 + len(levels.fppi)], rows[:, 2 + len(levels.fppi) :]
         return FigureIntervals(
@@ -223,7 +225,7 @@ class _Ends:
         )
 
     def comparison(self, before: FloatArray, after: FloatArray) -> Comparison:
-        """Of two tables."""
+        """Intervals of what changes from one table to another."""
         with np.errstate(invalid="ignore"):
             difference = after - before
         first = 2 + len(self.config.levels.fppi)

@@ -23,9 +23,11 @@ class Band:
     """Where a curve may lie, at some x. All of shape (g,)."""
 
     x: FloatArray
-    """Rising."""
+    """Places on the horizontal axis, rising."""
     low: FloatArray
+    """Lower end of the curve's interval at each x."""
     high: FloatArray
+    """Upper end of the curve's interval at each x."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +35,13 @@ class CurveBands:
     """The bands of the three curves of ``rescore.metrics.curves``."""
 
     candidate: Band
-    """Of the candidate ROC: share of the hits over share of the false candidates."""
+    """Band of the candidate ROC: share of the hits over share of the false candidates."""
     cars: Band
-    """Share of all annotated cars over false positives an image, at x that are even on a log axis."""
+    """Band of the share of all annotated cars over false positives an image, at x even on a log axis."""
     precision: Band
-    """Precision where a share of all cars is reached, over that share; up to the share that the candidates
-    hold. Images drawn again that never reach it count as precision 0 there, as for average precision."""
+    """Band of the precision where a share of all cars is reached, over that share; up to the share that the
+    candidates hold. Images drawn again that never reach it count as precision 0 there, as for average
+    precision."""
 
 
 def curve_bands(match: MatchTable, cars_of_image: IntArray, seed: int) -> CurveBands | None:
@@ -89,20 +92,20 @@ def _running(match: MatchTable, weight: NDArray[np.int32]) -> tuple[IntArray, In
 
 
 def _last_within(x: FloatArray, y: FloatArray, levels: FloatArray) -> FloatArray:
-    """In each row, y of the last point whose x is at most each level, (r, g)."""
+    """The y of each row's last point whose x is at most each level, (r, g)."""
     at = [np.searchsorted(row, levels + 1e-12, side="right") - 1 for row in x]
     return np.take_along_axis(y, np.maximum(at, 0), axis=1)
 
 
 def _first_reaching(x: FloatArray, y: FloatArray, levels: FloatArray) -> FloatArray:
-    """In each row, y of the first point whose x is at least each level, (r, g); 0 where none is."""
+    """The y of each row's first point whose x is at least each level, (r, g); 0 where none is."""
     padded = np.concatenate([y, np.zeros((len(y), 1))], axis=1)
     at = [np.searchsorted(row, levels - 1e-12, side="left") for row in x]
     return np.take_along_axis(padded, np.array(at), axis=1)
 
 
 def _band(x: FloatArray, y: FloatArray, n_images: int) -> Band:
-    """The band of readings (1 + r, g), those of the images as they are first."""
+    """The band of readings (1 + r, g): on the images as they are, then on r resamples."""
     ends = [interval(column, KINDS["recall"], CONFIDENCE, n_images) for column in y.T]
     use = np.array([not np.isnan(e.value) for e in ends])
     low, high = (np.array([getattr(e, end) for e in ends]) for end in ("low", "high"))

@@ -37,7 +37,7 @@ class Summary:
     auc: float
     """Area under the candidate ROC; NaN where there are only hits or only false alarms."""
     average_precision: float
-    """NaN where no car is annotated."""
+    """Average precision, NaN where no car is annotated."""
     recall_ceiling: float
     """Share of the cars found when every candidate counts."""
     fppi_at_recall: dict[float, float | None]
@@ -45,7 +45,7 @@ class Summary:
 
 
 def candidate_roc(match: MatchTable) -> Curve:
-    """Over candidates alone: x, share of the false ones kept; y, share of the hits kept.
+    """The ROC over candidates alone: x, share of the false ones kept; y, share of the hits kept.
 
     Cars that no candidate found do not appear here; see ``recall_curve``.
     """
@@ -55,7 +55,7 @@ def candidate_roc(match: MatchTable) -> Curve:
 
 
 def recall_curve(match: MatchTable) -> Curve:
-    """Over all images and all annotated cars: x, false positives per image; y, true-positive rate."""
+    """Recall over all images and all annotated cars: x, false positives per image; y, true-positive rate."""
     hits, false, threshold = _cumulative(match)
     cars = match.n_cars or np.nan
     return Curve(false / max(match.n_images, 1), hits / cars, threshold)
@@ -115,7 +115,7 @@ def recall_ceiling(curve: Curve) -> float:
 
 
 def summarise(match: MatchTable) -> Summary:
-    """All figures of one match table."""
+    """The figures of one match table."""
     recall = recall_curve(match)
     return Summary(
         area_under_roc(candidate_roc(match)),
@@ -126,7 +126,7 @@ def summarise(match: MatchTable) -> Summary:
 
 
 def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
-    """Which rows are hits, and which are false positives."""
+    """Masks of the rows that are hits, and of those that are false positives."""
     return outcome == HIT, (outcome == FALSE_ALARM) | (outcome == DUPLICATE)
 
 

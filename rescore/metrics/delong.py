@@ -1,5 +1,4 @@
-"""Variances and test of areas under candidate ROCs without resampling: DeLong 1988, and Obuchowski 1997 for
-images.
+"""Variances and test of areas under candidate ROCs without resampling: DeLong 1988, Obuchowski 1997.
 
 An area is a mean over pairs of a hit and a false positive. Its variance comes from the placement of each hit
 (the share of false positives that it beats, ties half) and of each false positive (the share of hits that
@@ -24,15 +23,15 @@ class AreaTest:
     """Two paired areas and the test of their being equal."""
 
     area: FloatArray
-    """Before and after, shape (2,)."""
+    """Areas before and after, shape (2,)."""
     covariance: FloatArray
-    """Of the two areas, shape (2, 2)."""
+    """Covariance of the two areas, shape (2, 2)."""
     difference: float
-    """After less before."""
+    """Area after less area before."""
     z: float
     """Difference in standard errors; 0 for equal rankings."""
     p_value: float
-    """Two-sided."""
+    """Two-sided p-value of the two areas being equal."""
 
 
 def compare_areas(before: MatchTable, after: MatchTable) -> AreaTest:
@@ -91,7 +90,7 @@ def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clu
 
 
 def _sums(cluster: IntArray, value: FloatArray, n_clusters: int) -> FloatArray:
-    """Of the values (n,) of each cluster, shape (n_clusters,)."""
+    """Sums of the values (n,) of each cluster, shape (n_clusters,)."""
     return np.bincount(cluster, value, n_clusters).astype(float)
 
 
@@ -105,7 +104,8 @@ def _test(a: _Placements, b: _Placements) -> AreaTest:
 
 
 def _covariance(a: _Placements, b: _Placements) -> float:
-    """Of two areas: hits with hits, false with false, and in an image hits with false, each way round."""
+    """Covariance of two areas: hits with hits, false with false, and in an image hits with false, both
+    ways."""
     n_hits, n_false = a.n_hits * b.n_hits, a.n_false * b.n_false
     hits = _corrected(min(a.clusters_with_hits, b.clusters_with_hits)) * (a.hits @ b.hits) / n_hits
     false = _corrected(min(a.clusters_with_false, b.clusters_with_false)) * (a.false @ b.false) / n_false
@@ -114,5 +114,5 @@ def _covariance(a: _Placements, b: _Placements) -> float:
 
 
 def _corrected(n: int) -> float:
-    """For the mean that was taken off n sums."""
+    """Factor for a variance of n sums whose mean was taken off."""
     return n / (n - 1)

@@ -17,11 +17,11 @@ class Outcome(StrEnum):
     HIT = "hit"
     """The best-ranked candidate on a car that no better-ranked one had taken."""
     FALSE_ALARM = "false_alarm"
-    """On no car."""
+    """The candidate lies on no car."""
     DUPLICATE = "duplicate"
-    """On a car that a better-ranked candidate has taken: counts as a false alarm."""
+    """The candidate lies on a car that a better-ranked one has taken: counts as a false alarm."""
     IGNORED = "ignored"
-    """On an ignore region: counts neither for nor against."""
+    """The candidate lies on an ignore region: counts neither for nor against."""
 
 
 OUTCOMES = tuple(Outcome)
@@ -60,7 +60,7 @@ class TruthTable:
 
     @property
     def n_images(self) -> int:
-        """All images, those without a car too: the denominator of false positives per image."""
+        """Number of all images, with and without a car: the denominator of false positives per image."""
         return len(self.image_id)
 
     @property
@@ -91,8 +91,7 @@ class MatchTable:
 
 
 def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
-    """A ranking (n,), larger is better: by posterior, and where posteriors are equal by the detector's raw
-    score.
+    """A ranking (n,), larger is better: by posterior, then by the detector's raw score where posteriors tie.
 
     Platt scaling saturates: two scores can both become likelihood 1. The second key keeps the detector's
     order there. Rows that are equal in both get the same value.

@@ -23,6 +23,7 @@ class Reliability:
     """Ends of the exact binomial interval of the hit rate (Clopper and Pearson 1934), candidates taken as
     independent."""
     high: FloatArray
+    """Upper end of the interval of the hit rate in each bin."""
     count: IntArray
     """Candidates in each bin."""
     brier_score: float

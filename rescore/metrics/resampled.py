@@ -84,7 +84,7 @@ class _Standing:
         )
 
     def figures(self, cars_of_image: IntArray, weight: Weights, levels: Levels) -> FloatArray:
-        """See ``weighted_figures``."""
+        """Figures for sets of image weights, as ``weighted_figures`` returns them."""
         hits, false = _running(weight, self.hit_image), _running(weight, self.false_image)
         cars, images = weight @ cars_of_image, weight.sum(axis=1)
         # no car, no hit or no false positive makes 0 / 0, which is NaN as it should be

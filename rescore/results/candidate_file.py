@@ -35,19 +35,20 @@ def score_column(mode: str) -> str:
 
 
 def of_mode(rows: Columns, name: str, mode: str) -> NDArray[Any]:
-    """Column ``<name>_<mode>``, or that of the detector alone where the table has none of this mode."""
+    """Column ``<name>_<mode>``, or the detector's own column where the table has none of this mode."""
     own = f"{name}_{mode}"
     return rows[own if own in rows else f"{name}_{ALONE}"]
 
 
 def difference(rows: Columns, mode: str) -> FloatArray:
-    """D of every candidate (n,) in a mode; that of eq. 6 where the table has no other. NaN where none."""
+    """D of every candidate (n,) in a mode, or D of eq. 6 where the table has no other; NaN where there is
+    none."""
     own = f"difference_{mode}"
     return np.asarray(rows[own if own in rows else "depth_difference"], float)
 
 
 def status(rows: Columns, mode: str) -> NDArray[Any]:
-    """Status of every candidate (n,) in a mode; that of eq. 6 where the table has no other."""
+    """Status of every candidate (n,) in a mode, or the status of eq. 6 where the table has no other."""
     own = f"status_{mode}"
     return rows[own if own in rows else "status"]
 

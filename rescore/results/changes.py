@@ -26,32 +26,32 @@ from rescore.results.candidate_file import places
 
 DEFAULT_RECALL = 0.7
 DEFAULT_FALSE_POSITIVES = 1.0
-"""An image; where no car is annotated."""
+"""False positives an image of the default operating point where no car is annotated."""
 
 
 class Group(StrEnum):
     """What became of a candidate; every candidate is in one group."""
 
     LOST_CAR = "lost_car"
-    """It had found a car that no accepted box finds now."""
+    """The candidate had found a car that no accepted box finds now."""
     GAINED_CAR = "gained_car"
-    """It finds a car that no accepted box found before."""
+    """The candidate finds a car that no accepted box found before."""
     SWAPPED_CAR = "swapped_car"
-    """Both: it lies on two cars, and finds the other one now."""
+    """The box overlaps two cars: one is lost and the other found."""
     REJECTED_FALSE_ALARM = "newly_rejected_false_alarm"
-    """A false positive before, below the threshold now."""
+    """The candidate was a false positive before and is below the threshold now."""
     ACCEPTED_FALSE_ALARM = "newly_accepted_false_alarm"
-    """Below the threshold before, a false positive now."""
+    """The candidate was below the threshold before and is a false positive now."""
     MOVED_HIT = "flip"
-    """Its car is found before and after, but by another box in one of the two."""
+    """The candidate's car is found before and after, but by another box in one of the two."""
     KEPT_CAR = "kept_car"
-    """It finds its car before and after."""
+    """The candidate finds its car before and after."""
     KEPT_FALSE_ALARM = "kept_false_alarm"
-    """A false positive before and after."""
+    """The candidate is a false positive before and after."""
     REJECTED = "rejected"
-    """Below the threshold before and after."""
+    """The candidate is below the threshold before and after."""
     IGNORED = "ignored"
-    """On an ignore region, and counted nowhere."""
+    """The candidate lies on an ignore region and is counted nowhere."""
 
 
 GAINS = (Group.GAINED_CAR, Group.SWAPPED_CAR)
@@ -67,12 +67,12 @@ CHANGED = (
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Which point of each curve is compared; exactly one of the two is given."""
+    """The point of each curve that is compared, given by exactly one of its two fields."""
 
     recall: float | None = None
-    """The first point at which this share of all cars is found."""
+    """Share of all cars found; the point is the first one of the curve that reaches it."""
     false_positives: float | None = None
-    """The last point with at most so many false positives an image."""
+    """False positives an image; the point is the last one of the curve with at most this many."""
 
     def __post_init__(self) -> None:
         if (self.recall is None) == (self.false_positives is None):
@@ -86,14 +86,15 @@ class OperatingPoint:
 
     @property
     def text(self) -> str:
-        """For people."""
+        """The operating point in words, for people."""
         if self.recall is not None:
             return f"{100 * self.recall:.4g} % of all cars"
         return f"{self.false_positives:g} false positives an image"
 
     def threshold(self, match: MatchTable) -> float:
-        """Ranking of the worst candidate accepted; infinity where none is, minus infinity where no car is
-        annotated and none counts.
+        """Ranking of the worst candidate accepted; infinity where none is.
+
+        Minus infinity where no car is annotated and every candidate is ignored.
 
         Raises:
             RescoreError: the recall is never reached.
@@ -170,7 +171,7 @@ class Tally:
     became_false: int
     """Candidates accepted before and after that became false positives: hits whose car another box took."""
     became_hit: int
-    """The reverse."""
+    """Candidates accepted before and after that were false positives and are none now."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,17 +208,18 @@ class Changes:
 
     @property
     def place_before(self) -> IntArray:
-        """Place of each candidate in the whole test set, 1 is best, shape (n,)."""
+        """Place of each candidate in the whole test set before rescoring, 1 is best, shape (n,)."""
         return places(self.before.match.ranking)
 
     @property
     def place_after(self) -> IntArray:
-        """The same after."""
+        """Place of each candidate in the whole test set after rescoring, 1 is best, shape (n,)."""
         return places(self.after.match.ranking)
 
     @property
     def delta(self) -> IntArray:
-        """By how many places of the whole test set each candidate rose, shape (n,); below 0: it fell."""
+        """Number of places of the whole test set by which each candidate rose, shape (n,); below 0: it
+        fell."""
         return self.place_before - self.place_after
 
     @property

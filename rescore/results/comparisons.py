@@ -24,7 +24,7 @@ Kinds = NDArray[np.object_]
 
 _NO_PICTURES = " without pictures"
 MIN_IMAGES = 2
-"""Fewer images give no interval."""
+"""Smallest number of images that gives an interval."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +74,15 @@ def certainty(
 
 
 def on_pictures(match: MatchTable, kind: Kinds) -> BoolArray:
-    """Which false alarms (n,) are on pictures of cars; hits and duplicates are on cars, whatever hides it."""
+    """Whether each candidate (n,) is a false alarm on a picture of a car; hits and duplicates are on cars,
+    whatever hides it."""
     shows_one = np.isin(kind.astype(str), sorted(PICTURE_KINDS))
     return np.asarray((match.outcome == FALSE_ALARM) & shows_one)
 
 
 def without_pictures(match: MatchTable, kind: Kinds) -> MatchTable:
-    """The table without the false alarms on pictures of cars; what became of the others does not change."""
+    """The match table without the false alarms on pictures of cars; the outcomes of other rows do not
+    change."""
     keep = ~on_pictures(match, kind)
     columns = {name: getattr(match, name)[keep] for name in ("image", "ranking", "outcome", "annotation_id")}
     return replace(match, **columns)
@@ -110,7 +112,7 @@ def _compared(
 
 
 def _p_value(before: MatchTable, after: MatchTable) -> float | None:
-    """That of Obuchowski's test of the areas; None where hits or false positives are in too few images."""
+    """p-value of Obuchowski's test of the areas; None where hits or false positives are in too few images."""
     try:
         return compare_areas(before, after).p_value
     except ValueError:

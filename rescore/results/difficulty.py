@@ -22,15 +22,16 @@ class Difficulty:
     """What a detector makes of the cars of a data set that are seen well enough."""
 
     n_images: int
-    """All images, those without a car too."""
+    """Number of all images, with and without a car."""
     n_cars: int
     """Cars seen well enough."""
     recall_ceiling: float
-    """Share of these cars found when every candidate counts; NaN where there is no such car."""
+    """Share of the well-seen cars found when every candidate counts; NaN where there is no such car."""
     fppi_at_70: float | None
-    """False positives an image where 70 % of these cars are found; None where they never are."""
+    """False positives an image where 70 % of the well-seen cars are found; None where they never are."""
     share_by_kind: Mapping[str, float]
-    """Share of these false positives that each kind of thing makes, largest first; "" is ground or sky."""
+    """Share of the false positives of ``fppi_at_70`` that each kind of thing makes, largest first; "" is
+    ground or sky."""
     missed: tuple[int, ...]
     """Annotation ids of the cars that no candidate found."""
 

@@ -153,7 +153,7 @@ def _check(data: DataSet, files: Sequence[DetectionFile]) -> None:
 
 
 def _by_detector(files: Sequence[DetectionFile]) -> list[list[DetectionFile]]:
-    """The files of each detector, that of eq. 6 first: its columns are always there."""
+    """The files of each detector, the one of eq. 6 first: its columns are always there."""
     groups: dict[str, list[DetectionFile]] = {}
     for file in files:
         groups.setdefault(file.detector, []).append(file)

@@ -16,7 +16,7 @@ from rescore.results.candidate_file import Columns, difference, status
 from rescore.results.words import favourable, range_text, status_text, words_of
 
 TOLD = 3
-"""So many cues at most are told of a candidate."""
+"""Largest number of cues named in an explanation."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Part:
     cue: str
     """A name of ``rescore.evidence.cues.CUES``."""
     value: float
-    """As stored, see ``rescore.evidence.surroundings`` and ``rescore.evidence.guarded``."""
+    """Value of the cue as stored, see ``rescore.evidence.surroundings`` and ``rescore.evidence.guarded``."""
     log_odds: float
-    """What it adds to the log odds that the candidate is a car."""
+    """What the cue adds to the log odds that the candidate is a car."""
     text: str
-    """For people."""
+    """The cue in words, for people."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Explanation:
     """Why a candidate has its D."""
 
     text: str
-    """One line."""
+    """The explanation in one line."""
     parts: tuple[Part, ...] = ()
     """All cues that say something, those that say most first; empty in mode ``paper``, without evidence, and
     where the model of the evidence is not known."""
@@ -75,7 +75,7 @@ def explain(
         RescoreError: the model is that of another mode or does not give the D of the rows.
     """
     d, why = difference(rows, mode), status(rows, mode)
-    # of eq. 6: what another mode lacks can have another cause
+    # the detail is that of eq. 6: what another mode lacks can have another cause
     detail = np.where(why == rows["status"], rows.get("reason_detail", ""), "")
     cues = cues_of(rows)
     told = _Teller(mode, model, config or ExplainConfig())
@@ -178,7 +178,7 @@ class _Teller:
             return ": no cue speaks for it" if rose else ": no cue speaks against it"
         if (total > 0) == rose:
             return f": {'; '.join(told)}"
-        # it moved the other way than its own depth says: that of the others says more
+        # it moved the other way than its own depth says: the depth of other candidates says more
         return f", cues together {total:+.2f}; {'for' if rose else 'against'} it: {'; '.join(told)}"
 
     def without_evidence(self, why: str, detail: str, cues: FloatArray, rose: bool) -> str:

@@ -27,7 +27,7 @@ from rescore.results.explain import ExplainConfig, Explanation, explain
 
 
 class Only(StrEnum):
-    """Which candidates are listed."""
+    """The choice of candidates that are listed."""
 
     CHANGED = "changed"
     ALL = "all"
@@ -55,11 +55,11 @@ class Sort(StrEnum):
     """What comes first."""
 
     DELTA = "delta"
-    """The candidates that moved over most places, up or down."""
+    """The candidates that moved over most places first, up or down."""
     LOSS = "loss"
-    """Those that moved over most places the wrong way."""
+    """The candidates that moved over most places the wrong way first."""
     DEPTH_DIFFERENCE = "depth_difference"
-    """Those with the largest D; those without one come last."""
+    """The candidates with the largest D first; those without D come last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class Inspection:
     detector: str
     mode: str
     rows: Columns
-    """Its rows of candidates.parquet."""
+    """The detector's rows of candidates.parquet."""
     changes: Changes
     explanations: tuple[Explanation, ...]
 
@@ -106,7 +106,7 @@ class Inspection:
     def listed(
         self, only: Only = Only.CHANGED, sort: Sort = Sort.DELTA, image_id: int | None = None
     ) -> IntArray:
-        """Indices of the rows of these groups (and of one image), first ones first.
+        """Indices of the rows of the groups of ``only`` (and of one image), in the order of ``sort``.
 
         Raises:
             RescoreError: no candidate is of this image.

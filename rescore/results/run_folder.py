@@ -14,7 +14,7 @@ from rescore.results.metrics_file import Metrics, ReliabilityRow, Row, TunedWeig
 from rescore.results.run_config_file import RunConfigFile, read_run_config
 
 EVIDENCE_TABLE = "candidates.json"
-"""In a folder of evidence: the candidates with the outcome of eq. 6, before w."""
+"""Name of the file in a folder of evidence that holds the candidates with the outcome of eq. 6, before w."""
 
 
 @dataclass(frozen=True)
@@ -69,38 +69,38 @@ class RunFolder:
         return self.root / "recording.rrd"
 
     def detector(self, name: str) -> Path:
-        """A trained detector."""
+        """Path of a trained detector."""
         return self.root / "models" / f"{name}.npz"
 
     def scaling(self, name: str) -> Path:
-        """Its Platt scaling."""
+        """Path of the Platt scaling of a detector."""
         return self.root / "models" / f"{name}.platt.json"
 
     def detections(self, name: str, split: str) -> Path:
-        """Its candidates on a split."""
+        """Path of the candidates of a detector on a split."""
         return self.root / "detections" / f"{name}_{split}.json"
 
     def evidence_table(self, name: str, split: str) -> Path:
-        """Its candidates on a split with depth evidence, before w; those of the test set lie beside their
-        reconstructions."""
+        """Path of a detector's candidates on a split with depth evidence, before w; of the test set they lie
+        beside their reconstructions."""
         if split == "test":
             return self.evidence(name) / EVIDENCE_TABLE
         return self.root / "rescored" / f"{name}_{split}_evidence.json"
 
     def evidence(self, name: str) -> Path:
-        """Reconstructions of its candidates on the test set, a file a frame."""
+        """Folder of the reconstructions of a detector's candidates on the test set, a file a frame."""
         return self.root / "evidence" / name
 
     def evidence_model(self, name: str) -> Path:
-        """The models that turn its candidates' depth cues into D."""
+        """Path of the models that turn the depth cues of a detector's candidates into D."""
         return self.root / "models" / f"{name}.evidence.json"
 
     def tuned(self, name: str, mode: str) -> Path:
-        """Its weight w in a mode with the curve it was chosen from."""
+        """Path of the weight w of a detector in a mode, with the curve it was chosen from."""
         return self.root / "tuned" / f"{name}{_suffix(mode)}.json"
 
     def rescored(self, name: str, mode: str) -> Path:
-        """Its candidates on the test set, rescored in a mode."""
+        """Path of a detector's candidates on the test set, rescored in a mode."""
         return self.root / "rescored" / f"{name}_test{_suffix(mode)}.json"
 
 

@@ -31,7 +31,7 @@ def status_text(status: str) -> str:
 
 
 def words_of(cue: str, height_m: float | None = None) -> CueWords:
-    """How a cue is told; the height of the box in metres where that of the class is given."""
+    """Words of a cue; ``height`` is told as the box's height in metres where the class's is given."""
     if cue != "height" or height_m is None:
         return CUES[cue].words
     return CueWords("{} tall", lambda v: height_m * float(np.exp(v)), "{:.1f} m")
@@ -58,7 +58,8 @@ def favourable(knots: Sequence[float], log_odds: Sequence[float]) -> list[tuple[
 
 
 def range_text(value: float, ranges: Sequence[tuple[float, float]], words: CueWords) -> str:
-    """The range that holds a value or is nearest to it, as ``1.2 to 1.7 m``; empty where there is none."""
+    """The range that holds a value or is nearest to it, as ``1.2 to 1.7 m``; empty where there is no
+    range."""
     if not ranges:
         return ""
     low, high = min(ranges, key=lambda r: max(r[0] - value, value - r[1], 0.0))

@@ -44,7 +44,7 @@ class AblationInput:
 
     splits: Splits
     fitting: CandidateTable
-    """On "train" and "calibration"."""
+    """Candidates of splits "train" and "calibration", which evidence models are fitted to."""
     validation: CandidateTable
     test: CandidateTable
 
@@ -54,7 +54,7 @@ class AblationRow(StudyPart):
 
     without: str
     n_cues: int
-    """Cues that are left out."""
+    """Number of cues that are left out."""
     w: float
     fppi: SweptInterval
     """False positives an image at ``sweep.RECALL``."""

@@ -44,9 +44,9 @@ class PrimitiveSelection:
     order: NDArray[np.intp]
     """Indices into the library, shape (s,)."""
     cost: FloatArray
-    """Mean cost of all parts with the first 1, 2, ... of them, shape (s,); never rises."""
+    """Mean cost of all parts with the first 1, 2, ... chosen primitives, shape (s,); never rises."""
     full_cost: float
-    """The same with the whole library: the least there can be."""
+    """Mean cost of all parts with the whole library: the least there can be."""
 
 
 def select_primitives(cost: FloatArray, count: int) -> PrimitiveSelection:
@@ -101,16 +101,16 @@ class AccuracyRow:
     normal_deg: float
     """Median angle of the normals, in degrees."""
     normal_deg_90: float
-    """90th percentile."""
+    """90th percentile of the angle of the normals, in degrees."""
     centroid: float
     """Median distance of the centroids, in lengths of the object's longest side."""
     centroid_90: float
-    """90th percentile."""
+    """90th percentile of the distance of the centroids, in lengths of the object's longest side."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelStudy:
-    """All of it."""
+    """Selection of primitives, accuracy of learned models, and models to look at."""
 
     selection: SelectionStudy
     accuracy: tuple[AccuracyRow, ...]
@@ -119,7 +119,7 @@ class ModelStudy:
 
 
 def study(jobs: int = 1) -> ModelStudy:
-    """Selection, accuracy, and models to look at; always the same."""
+    """The whole study of class models: selection, accuracy, and models to look at; always the same."""
     tasks = [(name, ELEVATION_DEG) for name in ACCURACY_CLASSES] + [("car", STREET_ELEVATION_DEG)]
     rows = Parallel(n_jobs=jobs)(delayed(accuracy)(name, elevation) for name, elevation in tasks)
     return ModelStudy(selection_study(), tuple(row for group in rows for row in group), two_view_models())

@@ -1,5 +1,4 @@
-"""Ways to spoil the input of depth evidence, one dial each: the pictures that the matcher sees, the measured
-disparity, or what is believed of the camera.
+"""Ways to spoil the input of depth evidence, a dial each: pictures, disparity, or the camera as believed.
 
 The picture that the detector and the reconstruction see stays as it is. So a curve over a dial shows what the
 measured depth, or the calibration, is worth, and nothing else.
@@ -35,11 +34,11 @@ class Dial:
 
     name: str
     what: str
-    """For people, with the unit of the level."""
+    """Description of the dial for people, with the unit of the level."""
     levels: tuple[float, ...]
     """Levels of a sweep, without 0."""
     pictures: Callable[[Pair, float, Rng], Pair] | None = None
-    """Changes what the matcher sees."""
+    """Changes the two pictures that the matcher sees."""
     disparity: Callable[[Float32Array, float, Rng], Float32Array] | None = None
     """Changes the measured disparity; NaN are holes."""
     calibration: Callable[[Calibration, float], Calibration] | None = None
@@ -177,7 +176,7 @@ DIALS: dict[str, Dial] = {
         Dial("baseline", "baseline taken too large, per cent", _PER_CENT, calibration=_baseline),
     )
 }
-"""All dials by name."""
+"""The dials by name."""
 
 
 def dials_named(names: str | None, levels: str | None) -> tuple[Dial, ...]:
@@ -216,7 +215,7 @@ def _numbers(levels: str) -> tuple[float, ...]:
 
 
 def _blobs(shape: tuple[int, ...], share: float, rng: Rng) -> BoolArray:
-    """Blobs that cover a share of the picture, shape (h, w); those of a smaller share lie within them."""
+    """Blobs that cover a share of the picture, shape (h, w); the blobs of a smaller share lie within them."""
     if share >= 1:
         return np.ones(shape, np.bool_)
     field: NDArray[Any] = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), BLOB_PX / 3)

@@ -27,7 +27,8 @@ from rescore.studies.finished_run import finished_run
 from rescore.studies.sweep import RECALL
 
 _PICTURE_STREAM = 3_000_000
-"""Beyond every number of a kind, so that prints draw from a stream of their own."""
+"""Seed number of printed pictures, larger than any index of a kind, so that no kind draws the same
+numbers."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Judge:
     class_model: ClassModel
     config: RescoreConfig
     models: Mapping[Registration, EvidenceModel]
-    """Of the learned modes; eq. 6 needs none."""
+    """Evidence models of the learned modes; eq. 6 needs none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Judged:
     kind: str
     distance_m: float
     item: BankItem | None
-    """None where its pictures are kept no longer."""
+    """The thing with its pictures; None where they are kept no longer."""
     difference: Mapping[Registration, float]
 
     @property
@@ -56,7 +57,7 @@ class Judged:
         return KIND[self.kind].title
 
     def without_pictures(self) -> "Judged":
-        """What is counted of it."""
+        """The judged thing without its pictures: what is counted in the figures."""
         return replace(self, item=None)
 
 
@@ -126,7 +127,7 @@ def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:
 
 
 def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall: float) -> float:
-    """How many times fewer of the others pass the threshold on D that lets a share of the cars pass.
+    """How many times fewer others than cars pass the threshold on D that lets ``recall`` of the cars pass.
 
     Without depth the same share of both passes. Infinity where none of the others passes. A candidate
     without evidence takes the median D of the cars, so that a threshold exists for it in every mode. The
@@ -147,7 +148,7 @@ def cut_at_recall(d: FloatArray, is_car: BoolArray, is_other: BoolArray, recall:
 
 
 def is_true_car(kinds: Sequence[str]) -> BoolArray:
-    """Which kinds are cars seen from the side, shape (n,)."""
+    """Whether each kind is a car seen from the side, shape (n,)."""
     return np.array([k in TRUE_CARS for k in kinds])
 
 

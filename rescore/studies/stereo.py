@@ -86,7 +86,7 @@ METHODS: Mapping[Method, Callable[[UInt8Array, UInt8Array, SgbmConfig], Float32A
 }
 
 Errors = dict[tuple[Method, str, str], DisparityError]
-"""By method, region and name of the rule of ``RULES``."""
+"""Errors of disparity by method, region and name of the rule of ``RULES``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,21 +95,21 @@ class Accuracy:
 
     name: str
     num_disparities: tuple[int, ...]
-    """What was searched, a number a pair."""
+    """Number of disparities that were searched, one for each pair."""
     n_pixels: int
-    """Of the left pictures."""
+    """Number of pixels of the left pictures."""
     n_unlike: int
     """Pixels on which ``rescore`` and the same OpenCV call differ."""
     n_beyond: int
     """Pixels right of the columns that OpenCV leaves empty without the margin."""
     n_beyond_unlike: int
-    """Of these, pixels that only one of ``rescore`` and OpenCV without the margin measures, or that differ by
-    more than a pixel."""
+    """Pixels counted in ``n_beyond`` that only one of ``rescore`` and OpenCV without the margin measures, or
+    that differ by more than a pixel."""
     errors: Errors
     ours_px: Float32Array | None = None
     """The disparity of one pair by ``Method.OURS``; None of several."""
     truth_px: Float32Array | None = None
-    """Its truth."""
+    """True disparity of one pair; None of several."""
 
 
 def regions(pair: TruePair) -> dict[str, BoolArray]:
@@ -194,7 +194,7 @@ class Consistency:
     density: float
     """Share of the left picture with a disparity."""
     density_bare: float
-    """The same of OpenCV called without the margin."""
+    """Share of the left picture with a disparity by OpenCV called without the margin."""
     n_unlike: int
     """Pixels on which ``rescore`` and the same OpenCV call differ."""
     at_limit: float

@@ -69,7 +69,7 @@ class Point:
 
     level: float
     figures: Mapping[str, Figures]
-    """By mode; ``ALONE`` is the detector."""
+    """Figures by mode; ``ALONE`` is the detector."""
 
 
 Step = tuple[Dial | None, float]

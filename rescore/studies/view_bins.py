@@ -32,7 +32,7 @@ _LABELLED_PX = 240
 
 @dataclass(frozen=True, eq=False)
 class Confusion:
-    """Which bins were chosen for which."""
+    """Counts of photographs by the true view bin and the view bin that was chosen."""
 
     counts: IntArray
     """Shape (k, k): photographs by true bin (row) and chosen bin (column)."""
@@ -45,7 +45,7 @@ class Confusion:
 
     @property
     def photos(self) -> int:
-        """All photographs, those without a choice too."""
+        """Number of all photographs, with and without a choice."""
         return int(self.counts.sum()) + sum(self.failures.values())
 
     def shares(self) -> dict[str, float]:

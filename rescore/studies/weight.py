@@ -44,7 +44,7 @@ class WeightWidth:
     median: float
     upper_quartile: float
     high: float
-    """97.5 % quantile."""
+    """97.5 % quantile of the chosen w."""
     loss: float
     """Mean of what the choices lose on all images against the best w there, in units of the objective."""
     n_undefined: int
@@ -68,9 +68,9 @@ class WeightStudy:
     grid: FloatArray
     """Every w tried, shape (n_grid,)."""
     value: FloatArray
-    """The objective on all images at each, shape (n_grid,)."""
+    """The objective on all images at each w of ``grid``, shape (n_grid,)."""
     widths: tuple[WeightWidth, ...]
-    """One for each size."""
+    """Width of w at each size of subset."""
 
 
 def study_weight(

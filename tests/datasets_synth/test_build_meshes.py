@@ -125,7 +125,7 @@ def test_views_are_of_the_training_meshes_that_have_part_labels(tmp_path: Path) 
 
 
 def test_another_colour_is_another_car(tmp_path: Path) -> None:
-    """So that a build with repainted cars starts anew."""
+    """A build with repainted cars starts anew, since another colour is another car."""
     write_car(tmp_path, "block")
     (before,) = cars_of_splits(test_meshes=tmp_path)["test"]
     text = (tmp_path / "block.mtl").read_text()

@@ -20,7 +20,7 @@ BLOCKS = np.array(
     ]
 )
 COLOURS = np.array([(90, 100, 90), (180, 60, 50), (230, 210, 90), (50, 70, 170)], np.uint8)
-"""Of the background and of the parts."""
+"""sRGB colours of the background and of the parts."""
 
 
 def view_labels(view_bin: int, width_px: int = 240) -> UInt8Array:

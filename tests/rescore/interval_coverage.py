@@ -49,7 +49,7 @@ def plain_figures(data: Simulated, levels: Levels) -> tuple[FloatArray, FloatArr
 
 
 def names(levels: Levels) -> list[str]:
-    """Of all figures: each table's, their differences, the reduction factors."""
+    """Names of all figures: each table's, their differences, the reduction factors."""
     readings = [f"recall at {v:g} FPPI" for v in levels.fppi] + [f"FPPI at {v:g}" for v in levels.recalls]
     figures = ["area", "AP", *readings]
     alone = [f"{of}: {figure}" for of in (*PAIR, "difference") for figure in figures]

@@ -14,7 +14,7 @@ from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """The same candidates ranked twice."""
+    """Match tables of one set of candidates, ranked twice."""
 
     before: MatchTable
     after: MatchTable

@@ -32,7 +32,7 @@ from recon.view_bins import ViewBins
 from rescore.parallel import one_thread
 
 _PICTURES_SEED = 20090625
-"""Of the pictures of training cars."""
+"""Seed of the pictures of training cars."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class TableClassConfig:
     heading_pictures: int = 24
     """Pictures of each training car at random places, from which front and rear are told."""
     heading_error: tuple[float, float, float] = (0.005, 0.03, 0.05)
-    """Errors (standard deviations) of the box in them, as fits have: place in metres, direction in radians,
-    logarithms of the size."""
+    """Standard deviations of the errors of the box in heading pictures, as fits have: place in metres,
+    direction in radians, logarithms of the size."""
     heading: HeadingConfig = field(default_factory=HeadingConfig)
 
 
@@ -62,7 +62,7 @@ class TableClass:
     """What is known of the class of cars."""
 
     model: ClassModel
-    """Of the report, from views at the camera's elevation."""
+    """Class model of the report, learned from views at the camera's elevation."""
     space: ShapeSpace
     heading: Heading
 
@@ -130,7 +130,7 @@ def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: Pri
 
 
 def _readings(car: CarModel, index: int, shape: InstanceShape, config: TableClassConfig) -> list[FloatArray]:
-    """The surface of a training car read off pictures of it on the table, with errors as fits have them."""
+    """Readings of the surface of a training car off pictures of it on the table, with errors as fits have."""
     out = []
     place, turned, size = config.heading_error
     for k in range(config.heading_pictures):

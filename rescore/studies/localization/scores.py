@@ -28,10 +28,11 @@ class Score:
     """Errors of one estimate."""
 
     overlap: float | None
-    """Volume of the intersection over that of the union; None for a surface, which has no volume."""
+    """Volume of the intersection with the truth over the volume of the union; None for a surface, which has
+    no volume."""
     centroid_mm: float
     orientation_deg: float
-    """In [0, 180]; in [0, 90] for a surface, which has no front."""
+    """Error of the direction in degrees, in [0, 180]; in [0, 90] for a surface, which has no front."""
 
 
 def score(estimate: StandingBox | UprightSurface | Failure, truth: StandingBox) -> Score | Failure:

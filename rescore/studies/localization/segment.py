@@ -35,19 +35,20 @@ class TableSegmentConfig:
     group_px: int = 15
     """Pieces with gaps up to this width belong to one thing: between them may lie panels as dark as shade."""
     panel_differs: float = 0.08
-    """Inside the convex hull of the pieces, a pixel whose light differs by this share from the table's, as
-    that of shade may, is a dark panel ..."""
+    """Relative difference of light from the table's by which a pixel inside the pieces' convex hull may be of
+    a dark panel; shade may differ as much."""
     panel_area: float = 0.02
-    """... where such pixels, slivers dropped, fill this share of the hull in one piece."""
+    """Share of the pieces' convex hull that pixels of ``panel_differs`` fill in one piece, slivers dropped,
+    where they are a dark panel."""
     panel_sliver_px: int = 7
     """Width of slivers: shade in dents of the outline."""
     min_area_px: int = 400
-    """Smaller regions are no car."""
+    """Regions of fewer pixels are no car."""
 
 
 @dataclass(frozen=True, eq=False)
 class EmptyTable:
-    """What the empty table looks like, smoothed as pictures of it will be."""
+    """Light of the empty table, smoothed as pictures of the table are."""
 
     light: Float32Array
     """Mean linear light, shape (h, w, 3)."""
@@ -57,7 +58,8 @@ class EmptyTable:
 
     @staticmethod
     def of_pictures(light: Float32Array, on_table: BoolArray, config: TableSegmentConfig) -> "EmptyTable":
-        """From the mean linear light (h, w, 3) of pictures of the empty table, and where it is (h, w)."""
+        """The empty table from the mean linear light (h, w, 3) of pictures of it, and the mask (h, w) of the
+        table."""
         edge = np.ones((7, 7), np.uint8)
         return EmptyTable(
             _smooth(light, config), cv2.dilate(on_table.astype(np.uint8), edge).astype(bool), config
@@ -79,7 +81,7 @@ class TableRegion:
 
 
 def segment_table(rgb: UInt8Array, table: EmptyTable) -> list[TableRegion] | Failure:
-    """All things on the table in a picture (h, w, 3), the largest first; or that there is none."""
+    """The things on the table in a picture (h, w, 3), the largest first; a failure where there is none."""
     config = table.config
     light = _smooth(linear_from_srgb(rgb), config)
     grey, grey_empty = light.mean(axis=2) + config.noise, table.light.mean(axis=2) + config.noise

@@ -1,4 +1,4 @@
-"""Which end is the front, from how the surface looks."""
+"""The heading of an object, the end that is its front, from how the surface looks."""
 
 import numpy as np
 import pytest
