@@ -109,7 +109,7 @@ class Line:
     bars: Mapping[str, ArrayLike] | None = None
     """``low`` and ``high`` of an interval at each point."""
     broad: tuple[float, float] | None = None
-    """Between these x the line is underlaid with a broad one."""
+    """Values of x between which the line is underlaid with a broad one."""
     ceiling: float | None = None
     """Largest y that the line could reach; a PNG picture shows it dotted."""
     mark: tuple[float, float] | None = None

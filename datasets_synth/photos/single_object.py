@@ -42,7 +42,8 @@ class Viewpoint:
     elevation_rad: float
     """How far the camera stands above the middle, and looks down."""
     distance_m: float | None = None
-    """From the camera to the middle; None brings the object to fill ``FILL`` of the picture."""
+    """Distance from the camera to the middle of the object; None brings the object to fill ``FILL`` of the
+    picture."""
 
 
 @dataclass(frozen=True, eq=False)

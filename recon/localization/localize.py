@@ -250,7 +250,7 @@ def localize_by_fit(
 
 
 def _visible_parts(parts_m: FloatArray, seen_from: GroundedCamera) -> list[FloatArray]:
-    """Those outlines (p, m, 3) in pixels that turn their outer side, counter-clockwise, to the camera."""
+    """Outlines in pixels, a list of (m, 2), of the parts (p, m, 3) whose outer side faces the camera."""
     pose = cam_from_ground(seen_from.ground)
     cam = parts_m @ pose[:3, :3].T + pose[:3, 3]
     normal = np.cross(cam, np.roll(cam, -1, axis=1)).sum(axis=1)

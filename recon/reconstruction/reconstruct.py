@@ -206,7 +206,7 @@ def _from_outline(
     seen_from: GroundedCamera,
     config: ReconstructConfig,
 ) -> Reconstruction | Failure:
-    """From the outline on: register parts, find the ground line, place the planes."""
+    """The reconstruction from an outline on: parts registered, ground line found, planes placed."""
     shown = _register(outline, grid_to_image(view.grid, box_px), view, config)
     if isinstance(shown, Failure):
         return shown
@@ -219,7 +219,7 @@ def _instance(
     seen_from: GroundedCamera,
     config: ReconstructConfig,
 ) -> Reconstruction | Failure:
-    """From the registered parts on: find the ground line, place the planes."""
+    """The reconstruction from registered parts on: ground line found, planes placed."""
     model, camera = shown.view.model, seen_from.camera
     labels, x0_px, y0_px = _part_labels(shown, camera)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}

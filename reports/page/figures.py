@@ -28,7 +28,7 @@ SWEEP_FACTOR = (0.1, 30.0)
 """Factors beyond are drawn at the edge."""
 SWEEP_FPPI = (0.03, 20.0)
 Bands = Mapping[tuple[str, str], CurveBands | None]
-"""By detector and mode."""
+"""Bands of the curves by detector and mode."""
 
 
 def weight_group(name: str, tuning: Mapping[str, DetectorTuning]) -> ChartGroup | None:

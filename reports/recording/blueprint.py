@@ -25,7 +25,7 @@ from reports.run.curves import CARS, DrawnCurves, curve_charts, curve_sets
 from rescore.results.candidate_file import ALONE
 
 TABS = ("overview", "frame", "candidate", "threshold")
-"""The tabs of the first detector; those of the others follow."""
+"""The tabs of the first detector; the tabs of further detectors follow."""
 
 
 RECORDED = (CARS,)

@@ -19,7 +19,7 @@ from reports.palette import NIGHT, NIGHT_AXIS, NIGHT_GRID, NIGHT_INK, on_dark, r
 WIDTH, HEIGHT = 650, 500
 _DASH = 0.022 * HEIGHT
 _MARK_LABEL = np.array([0.17 * WIDTH, 0.02 * HEIGHT])
-"""From a point to the middle of the upper edge of its label."""
+"""Offset from a point to the middle of the upper edge of its label."""
 _LEGEND_X, _LEGEND_STEP = 1.4 * WIDTH, 0.115 * HEIGHT
 
 

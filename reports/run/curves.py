@@ -48,7 +48,7 @@ class CurveSet:
     """x: false positives an image; y: share of all annotated cars found."""
     precision: PrecisionRecall
     row: Row
-    """The row of metrics.json."""
+    """Row of metrics.json of the detector and mode."""
 
     @property
     def name(self) -> str:

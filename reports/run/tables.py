@@ -207,7 +207,8 @@ def comparison_table(metrics: Metrics) -> Table | None:
 
 
 def terminal_comparison(metrics: Metrics) -> Table | None:
-    """The same for a terminal of 80 columns: short names, one recall, intervals below the figures."""
+    """The change against the detector alone for 80 columns: short names, one recall, intervals below the
+    figures."""
     rows = []
     for c in metrics.comparisons:
         factors = (c.reduction.get(LEVEL), (c.reduction_without_pictures or {}).get(LEVEL))
@@ -309,7 +310,7 @@ def weight_text(tuned: TunedWeight) -> str:
 
 
 def in_interval(tuned: TunedWeight) -> list[bool]:
-    """Which w of the grid lie in the interval of the chosen one; none where it is not known."""
+    """Mask of the w of the grid that lie in the interval of the chosen one; none where it is not known."""
     u = tuned.uncertainty
     return [u is not None and u.low <= w <= u.high for w in tuned.w_grid]
 

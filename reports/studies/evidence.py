@@ -88,7 +88,7 @@ def ablation_table(rows: Sequence[AblationRow]) -> Table:
 
 
 def ablation_sentence(rows: Sequence[AblationRow]) -> str:
-    """Which parts are needed beyond chance, in words."""
+    """A sentence on the parts that are needed beyond chance."""
     needed = [row.without for row in rows if row.factor is not None and row.factor.low > 1]
     harmful = [row.without for row in rows if row.factor is not None and row.factor.high < 1]
     said = [f"Worse without, beyond the interval: {', '.join(needed) or 'none'}."]

@@ -46,8 +46,8 @@ class DetectorEntry:
     load: Callable[[str, Mapping[str, Any], Mapping[str, Any]], Detector]
     """Builds a detector from the name, the settings and the arrays of a detector file."""
     learner: Callable[[Callable[[], UInt8Array], Any, np.random.Generator, int], Learner] | None = None
-    """From crops of cars (n, height, width), made when called, settings, random numbers and jobs to what
-    learns from crops; None where the detector cannot be trained on crops."""
+    """Makes a learner from crops of cars (n, height, width), made when called, settings, random numbers and
+    jobs; None where the detector cannot be trained on crops."""
     authors: str = ""
     """Who published it, for headings."""
 

@@ -74,7 +74,7 @@ class EvidenceModel:
         return np.where(self.complete(cues) & self.believable(cues), d, np.nan)
 
     def complete(self, cues: FloatArray) -> BoolArray:
-        """Which candidates (n, k) have enough of the cues, shape (n,)."""
+        """Whether each candidate's cues (n, k) are enough of those that the model reads, shape (n,)."""
         own = cues[:, [cue_column(name) for name in self.knots]]
         return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
 

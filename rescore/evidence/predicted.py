@@ -31,7 +31,7 @@ from rescore.evidence.cues import cue_column
 from rescore.evidence.registration import LEARNED, Registration
 
 MIN_DOUBTED = 5
-"""With fewer candidates nothing is doubted."""
+"""Smallest number of candidates with which a prediction can be doubted."""
 UNLIKELY_RATIO = 2.0
 """A metric prediction that is off by more than this in the middle is doubted."""
 

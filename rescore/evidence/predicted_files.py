@@ -61,8 +61,9 @@ class _Description(BaseModel):
 
 
 def read_prediction_folder(path: Path) -> PredictionFolder:
-    """The prediction folder that a JSON file describes: ``folder`` and ``as``, and where needed ``unit``,
-    ``factor`` and ``masks``; its paths are relative to the file.
+    """The prediction folder that a JSON file describes; its paths are relative to the file.
+
+    The keys are ``folder`` and ``as``, and where needed ``unit``, ``factor`` and ``masks``.
 
     Raises:
         RescoreError: no such file, an unknown key, no folder, or a value that is none of those allowed.

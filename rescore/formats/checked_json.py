@@ -51,8 +51,7 @@ def _short(value: object) -> str:
 
 
 def refuse_unknown_keys(place: str, kind: Any, value: Any) -> None:
-    """Raises ValueError where the JSON value of a dataclass has a key that is none of its fields, at any
-    depth.
+    """Raises ValueError where the JSON value of a dataclass has a key, at any depth, that is no field.
 
     ``place`` names the value in the error. Anything that is no dataclass passes.
     """
@@ -68,7 +67,7 @@ def refuse_unknown_keys(place: str, kind: Any, value: Any) -> None:
 
 
 def merged(base: Any, changes: Any) -> Any:
-    """The JSON value with that of ``changes`` in place of its own, at any depth of its objects."""
+    """The JSON value with the values of ``changes`` put in place of its own, at any depth of its objects."""
     if isinstance(base, dict) and isinstance(changes, dict):
         return base | {key: merged(base.get(key), value) for key, value in changes.items()}
     return changes

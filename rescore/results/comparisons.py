@@ -34,7 +34,7 @@ class Certainty:
     intervals: dict[str, Intervals | None]
     """By mode: ``intervals`` of its row; None where there are too few images."""
     comparisons: tuple[ModeComparison, ...]
-    """One for each mode but the first."""
+    """Comparisons with the first mode, one for each other mode."""
 
 
 def certainty(

@@ -56,7 +56,7 @@ def evaluate(
     min_iou: float = 0.5,
     seed: int = 0,
 ) -> Metrics:
-    """Write ``candidates.parquet`` and ``metrics.json`` of detections into a run folder; returns the latter.
+    """Write ``candidates.parquet`` and ``metrics.json`` of detections into a run folder; returns the metrics.
 
     Each detector gives a row "detector" and one for each mode in which it was rescored.
 
@@ -263,7 +263,7 @@ def _stereo(data: DataSet) -> StereoStatistics:
 
 
 def _tuning(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, DetectorTuning]:
-    """By detector: the choice of w for eq. 6 as printed (or the first there is), the others under "modes"."""
+    """The choice of w by detector: for eq. 6 as printed (or the first there is), the others under "modes"."""
     chosen: dict[str, dict[str, TunedWeight]] = {}
     for (name, mode), t in sorted(tunings.items(), key=lambda item: item[0][1] != Registration.PAPER):
         chosen.setdefault(name, {})[str(mode)] = _tuned_weight(t)

@@ -112,7 +112,7 @@ class ModeComparison(Part):
     reduction: dict[str, Estimate]
     """How many times fewer false positives, by recall."""
     reduction_without_pictures: dict[str, Estimate] | None = None
-    """The same without false alarms on pictures of cars; None where it is not known what candidates show."""
+    """How many times fewer, false alarms on pictures of cars left out; None where kinds are unknown."""
     n_on_pictures: int | None = None
 
 

@@ -40,7 +40,7 @@ class RunFolder:
 
     @property
     def metrics(self) -> Path:
-        """Its figures."""
+        """Content of metrics.json."""
         return self.root / "metrics.json"
 
     @property

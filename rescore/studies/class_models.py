@@ -25,7 +25,7 @@ from recon.view_bins import ViewBins
 ELEVATION_DEG = 20.0
 """View space in which the classes are compared: high enough that level parts are not seen edge-on."""
 STREET_ELEVATION_DEG = 5.0
-"""That of the experiment with cars."""
+"""Elevation in degrees of the views in the experiment with cars."""
 SIZE_PX = 220
 SELECTION_INSTANCES = 3
 ACCURACY_INSTANCES = 3

@@ -24,9 +24,9 @@ class FinishedRun:
     """What a study needs of a run: nothing of it is fitted again."""
 
     data: DataSet
-    """Its test frames."""
+    """Test frames of the run."""
     candidates: Mapping[int, Candidates]
-    """Of one detector, by image id."""
+    """Candidates of one detector, by image id."""
     class_model: ClassModel
     config: RescoreConfig
     sgbm: SgbmConfig

@@ -159,7 +159,8 @@ def figures_of(
 def by_visibility(
     run: FinishedRun, table: CandidateTable, config: SweepConfig
 ) -> tuple[VisibilityGroup, ...]:
-    """The figures on the cars of each group of ``VISIBILITY`` with enough of them; the others are ignored."""
+    """The figures on the cars of each group of ``VISIBILITY`` that has enough cars; other cars are
+    ignored."""
     out = []
     for low, high in VISIBILITY:
         truth = {

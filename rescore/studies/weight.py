@@ -62,7 +62,7 @@ class WeightStudy:
     n_cars: int
     n_draws: int
     w: float
-    """Chosen on all images."""
+    """Weight of the detector chosen on all images."""
     objective: str
     """Name of the objective that w is chosen by."""
     grid: FloatArray

@@ -46,6 +46,7 @@ class SeveralCars:
     """One photograph of several cars, and what the joint fit finds in it."""
 
     rgb: UInt8Array
+    """The photograph, shape (h, w, 3)."""
     placed: tuple[PlacedCar, ...]
     found: tuple[tuple[TableRegion, FitLocalization], ...]
 
