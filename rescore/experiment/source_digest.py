@@ -91,9 +91,16 @@ def _imports_at(file: Path, _size: int, _modified_ns: int) -> tuple[tuple[str, t
     Parsed once in a process unless the file changes: stages share most of their code.
     """
     found: list[tuple[str, tuple[str, ...]]] = []
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
+    todo: list[ast.AST] = [ast.parse(file.read_text(encoding="utf-8"))]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            # never run: names for annotations alone
+            todo += node.orelse
+        elif isinstance(node, ast.Import):
             found += [(alias.name, ()) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
             found.append((node.module, tuple(alias.name for alias in node.names)))
+        else:
+            todo += ast.iter_child_nodes(node)
     return tuple(found)

@@ -25,7 +25,8 @@ from recon.localization.standing_box import cam_from_ground
 from recon.view_bins import ViewBins
 from reports.studies.localization_sheets import write_localization
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
-from rescore.studies.localization.scores import METHODS, Score, from_row, markdown_table, summary
+from rescore.studies.localization.result_file import read_localization
+from rescore.studies.localization.scores import METHODS, Score, markdown_table, summary
 from rescore.studies.localization.segment import segment_table
 from rescore.studies.localization.study import LocalizationStudy, learned_study
 from rescore.studies.localization.trials import TrialConfig, empty_table, localize_placement
@@ -116,12 +117,11 @@ def test_the_study_counts_what_its_trials_found_and_draws_it(tmp_path: Path) -> 
     study = LocalizationStudy(cars, 2, small_class(), seed=0)
     tally = write_localization(study, tmp_path, jobs=1)
     tally.save(tmp_path, study, None)
-    value = json.loads((tmp_path / "localization.json").read_text())
-    assert value == tally.as_json()
-    assert [row["car"] for row in value["placements"]] == [car.shape_id for car in cars]
+    value = read_localization(tmp_path / "localization.json")
+    assert value == tally.result
+    assert [row.car for row in value.placements] == [car.shape_id for car in cars]
     for method in METHODS:
-        rows = [from_row(row["methods"][method]) for row in value["placements"]]
-        assert value["methods"][method] == summary(rows)
+        assert value.methods[method] == summary([row.methods[method] for row in value.placements])
     assert (tmp_path / "localization.md").read_text() == markdown_table(tally.by_car)
     for name in ("placements", "worst", "table"):
         assert cv2.imread(str(tmp_path / f"{name}.png")).std() > 10
