@@ -83,9 +83,15 @@ class StereoCamera:
 
     def disparity_px(self, depth_m: NDArray[np.floating]) -> Float32Array:
         """Disparity in pixels; NaN where the depth is NaN or not positive."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            disparity = self.focal_baseline / depth_m
-        return np.where(depth_m > 0, disparity, np.nan).astype(np.float32)
+        return self.depth_m(depth_m)
+
+    def exact_depth_m(self, disparity_px: FloatArray) -> FloatArray:
+        """Depth in metres of positive disparities in double precision, for further arithmetic."""
+        return np.asarray(self.focal_baseline / disparity_px)
+
+    def exact_disparity_px(self, depth_m: FloatArray) -> FloatArray:
+        """Disparity in pixels of positive depths in double precision, for further arithmetic."""
+        return self.exact_depth_m(depth_m)
 
     def ground_disparity_px(self, ground: "GroundPlane", rows_px: FloatArray) -> FloatArray:
         """Disparity in pixels of the ground at image rows (...), shape (...); NaN on or above the horizon.

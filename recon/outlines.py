@@ -4,20 +4,17 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.arrays import BoolArray, FloatArray
-
-IntArray = NDArray[np.int32]
+from recon.arrays import BoolArray, FloatArray, Int32Array
 
 
-def mask_rings(mask: BoolArray) -> tuple[IntArray, ...]:
+def mask_rings(mask: BoolArray) -> tuple[Int32Array, ...]:
     """Rings (m, 2) of pixel centres around every region and hole of a mask; ``fill_rings`` undoes it."""
     rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     return tuple(np.asarray(r, np.int32).reshape(-1, 2) for r in rings)
 
 
-def fill_rings(rings: Sequence[IntArray], height_px: int, width_px: int) -> BoolArray:
+def fill_rings(rings: Sequence[Int32Array], height_px: int, width_px: int) -> BoolArray:
     """The mask (h, w) inside rings (m, 2) by the even-odd rule; pixels on a ring belong to the mask."""
     image = np.zeros((height_px, width_px), np.uint8)
     if rings:

@@ -1,5 +1,6 @@
 """The command ``rescore``. Heavy modules are imported by the command that needs them."""
 
+import inspect
 import sys
 import warnings
 from importlib import metadata
@@ -75,7 +76,13 @@ def _arrange() -> None:
     panel_of = {name: panel for panel, some in PANELS.items() for name in some}
     for command in app.registered_commands:
         command.rich_help_panel = panel_of[_name(command)]
+        command.help = _reflowed(inspect.getdoc(command.callback) or "")
     app.registered_commands.sort(key=lambda command: names.index(_name(command)))
+
+
+def _reflowed(text: str) -> str:
+    """A docstring for the terminal: its paragraphs without the line breaks of the source."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
 
 
 def _name(command: CommandInfo) -> str:

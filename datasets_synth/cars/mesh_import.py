@@ -1,8 +1,8 @@
 """A user's own car meshes: OBJ, GLB and PLY files read through trimesh.
 
 Files follow glTF: +Y up, +Z forward (the nose), metres. Everything is turned into the object frame
-(x forward, y left, z up) and put on the ground with the middle of its body (`datasets_synth.body_extent`)
-at the origin.
+(x forward, y left, z up) and put on the ground, the middle of its body
+(`datasets_synth.cars.body_extent`) at the origin.
 """
 
 import re
@@ -58,7 +58,7 @@ def load_meshes(directory: Path) -> tuple[ImportedCar, ...]:
 
     Base colours and textures are kept, several in one file too. A vertex-coloured mesh gets one material for
     each colour (finely quantised). Transparent materials become dark glass: nothing is seen through. Faces
-    of an OBJ group (or glTF mesh) named after a part (`datasets_synth.parts`) get its label, others 0.
+    of an OBJ group (or glTF mesh) named after a part (`datasets_synth.cars.parts`) get its label, others 0.
 
     Raises:
         RescoreError: no such folder, no mesh in it, a file that cannot be read or holds no faces, or measures

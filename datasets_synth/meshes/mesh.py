@@ -46,7 +46,7 @@ class Mesh:
     """Shape (m,), index into materials."""
     materials: tuple[Material, ...]
     face_part: UInt8Array
-    """Shape (m,): part label, 0 for none (see datasets_synth.parts)."""
+    """Shape (m,): part label, 0 for none (see datasets_synth.cars.parts)."""
 
 
 @dataclass(frozen=True, eq=False)

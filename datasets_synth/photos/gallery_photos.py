@@ -1,21 +1,17 @@
 """What the gallery of reconstructions shows: class models from train shapes, photographs of test shapes."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.objects.object_classes import labelled_views, object_class
+from datasets_synth.objects.object_classes import object_class
 from datasets_synth.photos.single_object import ObjectPhoto, Viewpoint, photograph
 from recon.arrays import BoolArray, FloatArray
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
-from recon.learning.learn import learn_class_model
 from recon.part_views import PartView
 
 CAMERA = PinholeCamera(560.0, 560.0, 239.5, 179.5, 480, 360)
-_INSTANCES = 6
-_LABEL_SIZE_PX = 160
 _JITTER_RAD = float(np.deg2rad(8.0))
 """Objects are seen from up to this angle beside the middle of their view bin."""
 _BASKET_BIN = 8
@@ -39,21 +35,6 @@ class OccludedBasket:
     """Label of the handle."""
     handle_middle_m: FloatArray
     """Middle of its true box along the camera's axes, shape (3,), camera frame."""
-
-
-def learned_model(name: str, models: Path | None) -> ClassModel:
-    """The class model of six train shapes in all view bins; kept in a folder where one is given."""
-    path = None if models is None else models / f"{name}.json"
-    if path is not None and path.is_file():
-        return ClassModel.load(path)
-    shown = object_class(name)
-    shapes = shown.train[:: max(1, len(shown.train) // _INSTANCES)][:_INSTANCES]
-    views = labelled_views(shown, shapes, shown.bins, _LABEL_SIZE_PX)
-    model = learn_class_model(views, name, shown.part_names)
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        model.save(path)
-    return model
 
 
 def gallery_photo(name: str, view_bin: int, seed: int) -> tuple[str, ObjectPhoto]:

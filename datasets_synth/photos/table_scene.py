@@ -33,7 +33,7 @@ CAMERA = PinholeCamera(1270.0, 1270.0, 799.5, 599.5, 1600, 1200)
 GROUND = GroundPlane(CAMERA_DISTANCE_M * float(np.sin(ELEVATION_RAD)), ELEVATION_RAD)
 SEEN_FROM = GroundedCamera(CAMERA, GROUND)
 TABLE_MIDDLE_M = np.array([0.0, CAMERA_DISTANCE_M * float(np.cos(ELEVATION_RAD))])
-"""Middle of the table in the ground frame (see recon.standing_box), shape (2,)."""
+"""Middle of the table in the ground frame (see recon.localization.standing_box), shape (2,)."""
 
 _TABLE = Material("black table", (0.052, 0.052, 0.054))
 _LIGHT = Light(

@@ -1,4 +1,4 @@
-"""Results kept in the repository: ``python -m reports.publish RUN FOLDER COMMAND``.
+"""Results kept in the repository: ``python -m reports.publishing.publish RUN FOLDER COMMAND``.
 
 Copies the figures and numbers of a finished run and writes a page that shows them, so that what the README
 says can be made again with the command that the page names.

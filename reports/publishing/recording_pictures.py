@@ -1,4 +1,4 @@
-"""Pictures of a recording in the viewer: ``python -m reports.recording_pictures RUN FOLDER COMMAND``.
+"""Pictures of a recording: ``python -m reports.publishing.recording_pictures RUN FOLDER COMMAND``.
 
 One picture a tab, and a page that says how to read them. The viewer draws without a screen, and listens on
 this machine alone; it needs a Vulkan driver, which Debian has as ``mesa-vulkan-drivers``.

@@ -1,4 +1,4 @@
-"""Pictures of the report for the repository: ``python -m reports.screenshots RUN FOLDER COMMAND``.
+"""Pictures of the report for the repository: ``python -m reports.publishing.screenshots RUN FOLDER COMMAND``.
 
 Needs Debian's chromium. The page is made anew from the run folder, which stays as it is.
 """

@@ -100,7 +100,7 @@ class DrawnCurves:
     name: str
     look: Look
     tags: tuple[str, ...]
-    """As those of ``Line``."""
+    """As in ``Line``."""
     bands: CurveBands | None = None
 
     @classmethod

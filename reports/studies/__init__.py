@@ -1,1 +1,4 @@
-"""A page for each study of rescore/studies, under the same name."""
+"""Pages of the studies of rescore/studies, under the same names.
+
+The page "evidence" gathers ablation, distractors and sweep.
+"""

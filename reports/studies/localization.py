@@ -1,4 +1,4 @@
-"""The page of section 5.1 kept in the repository: ``python -m reports.localization_page RUN FOLDER COMMAND``.
+"""The published page of section 5.1: ``python -m reports.studies.localization RUN FOLDER COMMAND``.
 
 Copies numbers and reduced pictures of a finished ``rescore localize`` and writes a page from the numbers.
 """

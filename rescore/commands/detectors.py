@@ -38,7 +38,7 @@ def train(
             metavar="CARS STREET",
         ),
     ] = None,
-    detector: Annotated[str, typer.Option(help="Detector to train: hog, boosted or all.")] = "all",
+    detector: Annotated[str, typer.Option(help="Detector to train, such as hog or boosted, or all.")] = "all",
     preset: Preset = "paper",
     config: Changes = None,
     seed: Seed = 0,

@@ -10,7 +10,7 @@ from rescore.commands.base import ALL_PROCESSORS, Jobs, Seed, app
 from rescore.speech import say
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
-DetectorName = Annotated[str, typer.Option(help="Detector of the run: hog or boosted.")]
+DetectorName = Annotated[str, typer.Option(help="Detector of the run, such as hog.")]
 Frames = Annotated[int | None, typer.Option(min=2, help="Test frames to use.", show_default="all")]
 
 

@@ -77,7 +77,9 @@ def apply(
     model: Model = None,
     predicted: Predicted = None,
     tuned: Annotated[Path | None, typer.Option(help="Weight that `rescore tune` wrote.")] = None,
-    w: Annotated[float | None, typer.Option(min=0, max=1, help="The weight itself, in its place.")] = None,
+    w: Annotated[
+        float | None, typer.Option(min=0, max=1, help="The weight itself, in place of --tuned.")
+    ] = None,
     registration: RegistrationMode = "paper",
     evidence_model: EvidenceModelFile = None,
     adapt_share: AdaptShare = False,

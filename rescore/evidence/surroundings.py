@@ -178,8 +178,8 @@ class _View:
         self.disparity_px = np.where(
             supported, _median(samples, fits & _MIDDLE), _median(samples, self.known & _MIDDLE)
         )
-        self.depth_m = camera.focal_baseline / self.disparity_px
-        apart = self.disparity_px - camera.focal_baseline / (self.depth_m + config.apart_m)
+        self.depth_m = camera.exact_depth_m(self.disparity_px)
+        apart = self.disparity_px - camera.exact_disparity_px(self.depth_m + config.apart_m)
         self.apart_px = np.maximum(config.apart_px, apart)[:, None, None]
         off = samples - self.disparity_px[:, None, None]
         self.thing = self.known & (np.abs(off) <= self.apart_px)
@@ -204,12 +204,11 @@ class _View:
                 ("fill_top", _RIM_TOP),
             )
         }
-        focal_baseline = self.camera.focal_baseline
         low, high = (
             _median(self.samples, self.thing & _LOWER_HALF),
             _median(self.samples, self.close & _UPPER_PART),
         )
-        relief = np.clip(focal_baseline / high - focal_baseline / low, -3, 3)
+        relief = np.clip(self.camera.exact_depth_m(high) - self.camera.exact_depth_m(low), -3, 3)
         measured = (self.known & _MIDDLE).sum(axis=(1, 2)) / _MIDDLE.sum()
         return fill | {
             "relief": relief,

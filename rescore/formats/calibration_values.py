@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from rescore.formats.yaml_files import read_yaml
-
-FloatArray = NDArray[np.float64]
 
 MAX_APART_PX = 0.5
 """Pictures whose rows are at most this far apart count as rectified."""

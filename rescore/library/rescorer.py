@@ -101,7 +101,8 @@ class Rescorer:
 
         Args:
             run_dir: its folder.
-            detector: "hog" or "boosted": whose weight, evidence model and Platt scaling are taken.
+            detector: a detector of the run, such as "hog", whose weight, evidence model and Platt scaling are
+                taken.
             mode: "paper", "guarded" or "metric".
 
         Raises:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, field_validator
 
 from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig
@@ -12,6 +12,9 @@ from rescore.evidence.settings import RescoreConfig
 from rescore.files import read_json_object, versions, write_json
 from rescore.formats.checked_json import first_difference, merged, refuse_unknown_keys
 
+RETIRED = (("rescore", "cues", "guarded", "inverse_depth"), ("tune", "recall"))
+"""Settings that only older versions have, by their keys in the settings of a run. They are left out on
+reading: at their usual values, which published runs have, they changed no result."""
 RESCORE = "rescore"
 """Key of the settings of rescoring in the settings of `rescore reproduce`."""
 _RESCORE_CONFIG = TypeAdapter(RescoreConfig)
@@ -33,6 +36,13 @@ class RunConfigFile(BaseModel):
     """Effective settings of the command; of `rescore reproduce` those of
     ``rescore.experiment.config.RunConfig``."""
     versions: dict[str, str] = {}
+
+    @field_validator("config", mode="after")
+    @classmethod
+    def _without_retired(cls, config: dict[str, Any]) -> dict[str, Any]:
+        for path in RETIRED:
+            config = _without(config, path)
+        return config
 
     @property
     def preset(self) -> str | None:
@@ -123,3 +133,14 @@ def read_run_config(path: Path) -> RunConfigFile:
         raise RescoreError(
             f"{path}: expected the settings of a run, got {first_difference(error)}; evaluate again"
         ) from error
+
+
+def _without(settings: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
+    """The settings without the one at a path of keys, if it is there."""
+    first, *rest = path
+    if first not in settings:
+        return settings
+    if not rest:
+        return {key: value for key, value in settings.items() if key != first}
+    part = settings[first]
+    return settings if not isinstance(part, dict) else {**settings, first: _without(part, tuple(rest))}

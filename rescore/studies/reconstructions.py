@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
+from datasets_synth.objects.object_classes import labelled_views, object_class
 from datasets_synth.photos.gallery_photos import (
     gallery_photo,
-    learned_model,
     occluded_basket,
     views_without,
 )
 from datasets_synth.photos.single_object import ObjectPhoto
 from recon.class_model import ClassModel
 from recon.errors import Failure
+from recon.learning.learn import learn_class_model
 from recon.localization.single_plane import single_plane
 from recon.reconstruction.view_selection import best_view_bin
 from rescore.library.single_picture import FoundObject, Photo, find_object
@@ -131,3 +132,24 @@ def _basket(model: ClassModel, seed: int) -> tuple[Exhibit, str]:
         f"Every pixel of the handle is behind the card; the class model puts it {100 * off:.0f} cm from "
         f"where it is (middles of the boxes; the basket is {100 * size:.0f} cm long or high)"
     )
+
+
+_INSTANCES = 6
+
+
+_LABEL_SIZE_PX = 160
+
+
+def learned_model(name: str, models: Path | None) -> ClassModel:
+    """The class model of six train shapes in all view bins; kept in a folder where one is given."""
+    path = None if models is None else models / f"{name}.json"
+    if path is not None and path.is_file():
+        return ClassModel.load(path)
+    shown = object_class(name)
+    shapes = shown.train[:: max(1, len(shown.train) // _INSTANCES)][:_INSTANCES]
+    views = labelled_views(shown, shapes, shown.bins, _LABEL_SIZE_PX)
+    model = learn_class_model(views, name, shown.part_names)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        model.save(path)
+    return model

@@ -9,6 +9,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from recon.errors import RescoreError
+from rescore.experiment.config import run_config
 from rescore.results.metrics_file import read_metrics, write_metrics
 from rescore.results.run_config_file import read_run_config
 from rescore.results.sweep_file import read_sweep, write_sweep
@@ -76,3 +77,10 @@ def test_settings_of_another_kind_are_named_with_their_place(tmp_path: Path) -> 
     path.write_text("{}")
     older = read_run_config(path)
     assert (older.class_name, older.split, older.other_system, older.cues) == ("car", "test", False, None)
+
+
+def test_a_published_run_of_an_older_version_is_read_without_its_retired_settings() -> None:
+    folder = PUBLISHED / "roc"
+    content = read_run_config(folder / "config.json")
+    assert "inverse_depth" not in content.config["rescore"]["cues"]["guarded"]
+    assert run_config(folder).detectors == ("hog", "boosted")
