@@ -26,7 +26,8 @@ def track(
     if not show or speech.is_quiet():
         return iter(items)
     console = Console(stderr=True)
-    if console.is_terminal:
+    # a terminal that cannot move its cursor draws no bar
+    if console.is_terminal and not console.is_dumb_terminal:
         return _with_bar(items, description, total, done, console)
     return _with_lines(items, description, total, done)
 

@@ -75,10 +75,20 @@ def test_a_terminal_gets_a_bar_and_no_lines(
     clock: Clock, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
     assert list(track(slow(clock, 3, 200), "slow", 3)) == [0, 1, 2]
     shown = capsys.readouterr().err
     assert "3/3" in shown
     assert "of 3" not in shown
+
+
+def test_a_terminal_that_draws_no_bar_gets_lines(
+    clock: Clock, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "dumb")
+    assert list(track(slow(clock, 3, 200), "slow", 3)) == [0, 1, 2]
+    assert capsys.readouterr().err.splitlines() == ["slow: 1 of 3", "slow: 2 of 3"]
 
 
 def test_long_work_without_items_says_that_it_goes_on(
