@@ -3,12 +3,12 @@
 import json
 import zipfile
 from collections.abc import Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import sklearn
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
@@ -29,7 +29,11 @@ def write_detector(
         "kind": kind,
         "name": name,
         "config": config,
-        "versions": {"numpy": np.__version__, "opencv": cv2.__version__, "scikit-learn": sklearn.__version__},
+        "versions": {
+            "numpy": np.__version__,
+            "opencv": cv2.__version__,
+            "scikit-learn": metadata.version("scikit-learn"),
+        },
     }
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), np.uint8)
     with atomic_path(path) as beside, beside.open("wb") as file:

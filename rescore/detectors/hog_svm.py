@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.svm import LinearSVC
 
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
@@ -215,6 +214,8 @@ def train_hog_on_descriptors(
             f"training: expected crops of cars and of street, got {len(cars)} and {len(street)}; "
             "add training frames"
         )
+    from sklearn.svm import LinearSVC  # noqa: PLC0415 (takes a second; fitting alone needs it)
+
     svm = LinearSVC(C=config.svm_c, dual="auto", max_iter=5000, random_state=int(rng.integers(2**31)))
     svm.fit(np.concatenate([cars, street]), np.repeat([1, 0], [len(cars), len(street)]))
     return HogDetector(svm.coef_[0].astype(np.float32), float(svm.intercept_[0]), config)

@@ -5,9 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.special import expit
-from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.calibration import CalibratedClassifierCV
-from sklearn.frozen import FrozenEstimator
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
@@ -39,20 +36,6 @@ class PlattScaling:
         return np.asarray(expit(-(self.a * np.asarray(score, dtype=float) + self.b)), dtype=float)
 
 
-class _ScoreItself(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """A classifier whose decision value is its input, so that scikit-learn calibrates given scores."""
-
-    def fit(self, score: FloatArray, is_car: BoolArray) -> "_ScoreItself":
-        self.classes_ = np.unique(is_car)
-        return self
-
-    def predict(self, score: FloatArray) -> BoolArray:
-        return np.asarray(score[:, 0] > 0)
-
-    def decision_function(self, score: FloatArray) -> FloatArray:
-        return score[:, 0]
-
-
 def fit_platt(score: FloatArray, is_car: BoolArray) -> PlattScaling:
     """The scaling fitted to labelled scores (n,), with Platt's smoothed targets.
 
@@ -73,7 +56,13 @@ def fit_platt(score: FloatArray, is_car: BoolArray) -> PlattScaling:
             f"calibration: expected candidates that are cars and some that are not, got {n_cars} cars of "
             f"{len(score)}; add frames to the calibration split"
         )
-    frozen = FrozenEstimator(_ScoreItself().fit(score[:, None], is_car))
+    # a second to import, which fitting alone needs
+    from sklearn.calibration import CalibratedClassifierCV  # noqa: PLC0415
+    from sklearn.frozen import FrozenEstimator  # noqa: PLC0415
+
+    from rescore.detectors.score_itself import ScoreItself  # noqa: PLC0415
+
+    frozen = FrozenEstimator(ScoreItself().fit(score[:, None], is_car))
     # one fold that holds everything: the estimator is frozen, there is nothing to hold out for
     everything = np.arange(len(score))
     fold = [(everything, everything)]

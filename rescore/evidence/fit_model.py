@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sklearn.linear_model import LogisticRegression
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
@@ -78,6 +77,8 @@ def fit_evidence(
         knots[name] = at
         shapes.append(full)
         middles.append(middle)
+    from sklearn.linear_model import LogisticRegression  # noqa: PLC0415 (takes a second; fitting alone needs it)
+
     fitted = LogisticRegression(C=config.inverse_penalty, max_iter=5000, tol=1e-8).fit(
         np.hstack(shapes), is_car[use]
     )

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
-from sklearn.linear_model import LogisticRegression
 
 from recon.arrays import FloatArray
 from rescore.data.splits import ValidationSet
@@ -77,6 +76,8 @@ def fit_fusion(
     if is_hit.all() or not is_hit.any():
         return None
     features = np.stack(_logarithms(table.likelihood[use], table.depth_difference[use]), axis=1)
+    from sklearn.linear_model import LogisticRegression  # noqa: PLC0415 (takes a second; fitting alone needs it)
+
     fitted = LogisticRegression(max_iter=5000, tol=1e-8).fit(features, is_hit)
     on_likelihood, on_depth = fitted.coef_[0].tolist()
     return LearnedFusion(float(fitted.intercept_[0]), on_likelihood, on_depth)
