@@ -17,6 +17,7 @@ from datasets_synth.cars.models import TRAINING_CARS, ImportedModel, cars_of_spl
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.objects.object_classes import labelled_views, object_class
 from datasets_synth.presets import SynthConfig
+from datasets_synth.street.car_pictures import car_picture
 from datasets_synth.street.frame_synth import (
     SynthFrame,
     annotation_record,
@@ -24,7 +25,6 @@ from datasets_synth.street.frame_synth import (
     car_schedule,
     synth_frame,
 )
-from datasets_synth.street.pictures import car_picture
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
 from recon.files import atomic_path

@@ -105,7 +105,7 @@ BOXES = _step(
 OUTLINE = _step(1, 54, 74, "Outline", "segment.py", "4.1: level set from the box")
 PARTS = _step(1, 152, 74, "Registered parts", "part_registration.py", "4.2: labelled view, deformed")
 GROUND = _step(1, 250, 56, "Ground line", "ground_line.py")
-DEPTH = _step(1, 330, 74, "Predicted depth Zi", "predict_depth.py", "4.3: planes from the ground up")
+DEPTH = _step(1, 330, 74, "Predicted depth Zi", "place_parts.py", "4.3: planes from the ground up")
 STEREO = _step(2, 480, 72, "Measured depth Zs", "sgbm.py", "disparity by StereoSGBM or a file")
 PAPER = _step(
     3, 54, 92, "paper: DepthAlignment", "align_depth.py", "eq. 6: Zs against a1 Zi + a2,", "a1 and a2 free"
@@ -139,7 +139,7 @@ POSTERIOR = _step(4, 286, 110, "Posterior", "fuse.py", "exp(w log l", "+ (1 − 
 MATCHES = _step(5, 54, 54, "Match table", "matching.py")
 CURVES = _step(5, 130, 54, "Curves, intervals", "curves.py, bootstrap.py")
 FILES = _step(6, 268, 74, "Run folder", "run_folder.py", "metrics.json, candidates")
-PAGE = _step(7, 424, 54, "report.html", "page/html.py")
+PAGE = _step(7, 424, 54, "report.html", "page/report.py")
 RECORDING = _step(7, 492, 54, "recording.rrd", "recording/log.py")
 STEPS = (
     *(MODEL, FRAME, BOXES, OUTLINE, PARTS, GROUND, DEPTH, STEREO, PAPER, GUARDED, METRIC, DIFFERENCE),

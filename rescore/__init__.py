@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from recon.errors import RescoreError
     from rescore.detectors.platt import PlattScaling
     from rescore.evidence.model import EvidenceModel
-    from rescore.evidence.predicted import BoxPrediction, PredictedDepth
+    from rescore.evidence.predicted_depth import BoxPrediction, PredictedDepth
     from rescore.evidence.registration import Registration
     from rescore.evidence.settings import CameraChoice, RescoreConfig
     from rescore.library.inputs import Boxes, Camera, StereoFrame
@@ -43,7 +43,7 @@ _HOMES = {
     "recon.errors": ("RescoreError",),
     "rescore.detectors.platt": ("PlattScaling",),
     "rescore.evidence.model": ("EvidenceModel",),
-    "rescore.evidence.predicted": ("BoxPrediction", "PredictedDepth"),
+    "rescore.evidence.predicted_depth": ("BoxPrediction", "PredictedDepth"),
     "rescore.evidence.registration": ("Registration",),
     "rescore.evidence.settings": ("CameraChoice", "RescoreConfig"),
     "rescore.library.inputs": ("Boxes", "Camera", "StereoFrame"),

@@ -150,7 +150,7 @@ def vertices_of(mesh: Mesh, material: str) -> Float32Array:
 
 _SIDE = _car((FACING_LEFT_RAD,), 0.1)
 _PRINT_INSET = 0.8
-"""Prints show a car 1.12 to 1.4 times their width (datasets_synth.street.pictures)."""
+"""Prints show a car 1.12 to 1.4 times their width (datasets_synth.street.car_pictures)."""
 KINDS: tuple[BankKind, ...] = (
     BankKind(ORDINARY_CAR, "car", _SIDE),
     BankKind("dark_car", "car, dark glass and paint", _dark_car),

@@ -11,7 +11,7 @@ from recon.camera import GroundedCamera, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.learning.primitives import lift
 from recon.reconstruction.part_registration import PreparedView
-from recon.reconstruction.predict_depth import feet
+from recon.reconstruction.place_parts import feet
 from recon.reconstruction.reconstruct import Reconstruction
 
 

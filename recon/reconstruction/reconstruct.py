@@ -22,7 +22,7 @@ from recon.reconstruction.part_registration import (
     prepare_view,
     register_parts,
 )
-from recon.reconstruction.predict_depth import PlacingConfig, feet, place_instance
+from recon.reconstruction.place_parts import PlacingConfig, feet, place_instance
 from recon.reconstruction.segment import SegmentConfig, colour_evidence, edge_indicator, evolve
 
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.palette import OUTCOME_NAME
+from reports.run.candidate_panels import CandidatePanels, candidate_panels
+from reports.run.changes_text import GROUP_TEXT, inspect_run, summary
 from reports.run.frame_view import CandidateView, FrameView, frame_views
-from reports.run.inspection import GROUP_TEXT, inspect_run, summary
-from reports.run.pictures import CandidatePanels, candidate_panels
 from rescore.metrics.matching import FALSE_ALARM, HIT
 from rescore.results.candidate_file import difference
 from rescore.results.changes import CHANGED, Group
-from rescore.results.inspection import Inspection
+from rescore.results.ranked_changes import Inspection
 from rescore.results.run_folder import Run
 
 Key = tuple[str, int, int]

@@ -13,7 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from recon.files import atomic_path
-from reports.page.html import build_report
+from reports.page.report import build_report
 from reports.publishing.browser import BrowserPage, open_browser
 
 _DESKTOP = (1280, 1160)

@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 
 from reports.palette import NIGHT, NIGHT_SKY, detector_name, mode_name, rgb
 from reports.recording.candidate import CROP_HEIGHT_PX, CROP_WIDTH_PX, bars_view
-from reports.recording.names import (
+from reports.recording.entities import (
     FRAME_TIME,
     IMAGE,
     RIGHT_IMAGE,

@@ -7,10 +7,10 @@ import rerun as rr
 
 from recon.arrays import BoolArray, FloatArray
 from reports.palette import OUTCOME_NAME
-from reports.recording.names import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
+from reports.recording.entities import IMAGE, OUTCOME_CLASSES, boxes_path, outcome_class, part, text, values
 from reports.recording.story import Story
+from reports.run.changes_text import GROUP_TEXT
 from reports.run.frame_view import CandidateView, FrameView
-from reports.run.inspection import GROUP_TEXT
 from rescore.data.frames import Truth
 from rescore.results.candidate_file import ALONE
 from rescore.results.words import status_text

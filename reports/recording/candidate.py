@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from recon.arrays import Float32Array, FloatArray
 from recon.class_model import ClassModel
 from reports.palette import NIGHT, NIGHT_AXIS, NIGHT_INK, ORANGE, SKY, WHITE, on_dark, part_colour, rgb
-from reports.recording.frame import in_metres, log_depth
-from reports.recording.names import (
+from reports.recording.entities import (
     OUTCOME_CLASSES,
     class_colour,
     crop_path,
@@ -27,8 +26,10 @@ from reports.recording.names import (
     values,
     why_path,
 )
+from reports.recording.frame import in_metres, log_depth
 from reports.recording.story import Story
 from reports.recording.words import Bar, ColourRange, evidence_bars, why
+from reports.run.candidate_panels import RESIDUAL_LIMIT_M, colourise
 from reports.run.frame_view import CandidateView, FrameView
 from reports.run.overlay import (
     PartMesh,
@@ -39,7 +40,6 @@ from reports.run.overlay import (
     points_of_depth,
     world_from_camera,
 )
-from reports.run.pictures import RESIDUAL_LIMIT_M, colourise
 
 CROP_WIDTH_PX, CROP_HEIGHT_PX = 160, 96
 SHOWN_MODELS = 3

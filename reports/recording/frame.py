@@ -7,7 +7,7 @@ import rerun as rr
 from recon.arrays import Float32Array
 from recon.camera import GroundPlane
 from reports.palette import GROUND, LEFT_EYE, RIGHT_EYE, rgb
-from reports.recording.names import (
+from reports.recording.entities import (
     CAMERA,
     HOLE_CLASS,
     IMAGE,

@@ -12,8 +12,7 @@ from reports.palette import mode_name
 from reports.recording.blueprint import blueprint, recorded_plots
 from reports.recording.boxes import log_boxes
 from reports.recording.candidate import log_candidate, log_models
-from reports.recording.frame import DEPTH_RANGE_M, log_frame
-from reports.recording.names import (
+from reports.recording.entities import (
     CANDIDATE_TIME,
     FRAME_TIME,
     IMAGE,
@@ -25,6 +24,7 @@ from reports.recording.names import (
     part_context,
     text,
 )
+from reports.recording.frame import DEPTH_RANGE_M, log_frame
 from reports.recording.story import Frames, Story, choose_frames
 from reports.recording.threshold import MAX_TILES, SheetTile, log_default_points, log_sheet, log_thresholds
 from reports.run.curves import CARS

@@ -9,9 +9,9 @@ import numpy as np
 
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.errors import RescoreError
+from reports.run.changes_text import explain_config, model_of
 from reports.run.curves import match_table, scores
 from reports.run.frame_view import CandidateView, run_data
-from reports.run.inspection import explain_config, model_of
 from rescore.data.frames import DataSet
 from rescore.evidence.model import EvidenceModel
 from rescore.metrics.matching import HIT, IGNORED, MatchTable

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from recon.arrays import FloatArray, IntArray, UInt8Array
 from reports.palette import NIGHT, mode_colour, mode_name, rgb
 from reports.recording.boxes import LEGEND, LEGEND_TEXT, Shown, log_shown, shown
-from reports.recording.names import (
+from reports.recording.entities import (
     OUTCOME_CLASSES,
     THRESHOLD_STEPS,
     THRESHOLD_TIME,

@@ -6,8 +6,8 @@ import numpy as np
 
 from reports.palette import OUTCOME_NAME, detector_name, mode_name
 from reports.recording.story import Story
+from reports.run.changes_text import GROUP_TEXT
 from reports.run.frame_view import CandidateView, FrameView
-from reports.run.inspection import GROUP_TEXT
 from rescore.results.candidate_file import ALONE
 from rescore.results.words import status_text
 

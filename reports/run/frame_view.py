@@ -18,7 +18,7 @@ from rescore.evidence.align_depth import DepthAlignment, measured_depth
 from rescore.evidence.candidates import NUMBERS, alignment_of
 from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.files import Predicted, evidence_path, read_evidence
-from rescore.evidence.predicted import BoxPrediction
+from rescore.evidence.predicted_depth import BoxPrediction
 from rescore.formats.open import read_dataset
 from rescore.results.candidate_file import difference, of_mode, status
 from rescore.results.run_folder import Run, boxes_px

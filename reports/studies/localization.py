@@ -14,7 +14,7 @@ from recon.errors import Failure, RescoreError
 from recon.files import atomic_path
 from rescore.studies.localization.result_file import (
     LocalizationResult,
-    Placement,
+    ScoredPlacement,
     read_localization,
     scores_by_car,
 )
@@ -135,7 +135,7 @@ def _summary(result: LocalizationResult) -> str:
     return "\n".join(lines)
 
 
-def _remarks(rows: Sequence[Placement]) -> list[str]:
+def _remarks(rows: Sequence[ScoredPlacement]) -> list[str]:
     """A line a method that names placements turned the wrong way, and those lost with their reasons."""
     lines = []
     for method in METHODS:

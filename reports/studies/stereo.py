@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from recon.files import atomic_path
 from recon.stereo.accuracy import DisparityError
-from reports.run.pictures import colourise
+from reports.run.candidate_panels import colourise
 from reports.run.tables import Table, number
 from rescore.files import json_values, versions, write_json
 from rescore.studies.stereo import MAX_ROW_PX, RULES, Accuracy, Consistency, Errors, Method, StereoStudy

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from recon.class_model import ClassModel
     from rescore.data.frames import DataSet
     from rescore.evidence.candidates import Candidates, CandidateTable
-    from rescore.evidence.predicted_files import PredictionFolder, Predictions
+    from rescore.evidence.predicted_depth_files import PredictionFolder, Predictions
     from rescore.evidence.registration import Registration
     from rescore.evidence.settings import RescoreConfig
 
@@ -52,7 +52,7 @@ class Source:
     def on(self, data: "DataSet", candidates: "Mapping[int, Candidates]") -> "ClassModel | Predictions":
         """What predicts the depth of candidates in the frames of a data set."""
         from recon.class_model import ClassModel
-        from rescore.evidence.predicted_files import Predictions
+        from rescore.evidence.predicted_depth_files import Predictions
 
         if self.folder is None:
             assert self.model is not None
@@ -62,8 +62,8 @@ class Source:
 
 def source_of(model: Path | None, predicted: Path | None, modes: "tuple[Registration, ...]") -> Source:
     """What predicts depth, from the options of a command that uses ``modes``."""
-    from rescore.evidence.predicted import check_mode
-    from rescore.evidence.predicted_files import read_prediction_folder
+    from rescore.evidence.predicted_depth import check_mode
+    from rescore.evidence.predicted_depth_files import read_prediction_folder
 
     if (model is None) == (predicted is None):
         came = "neither" if model is None else "both"
@@ -113,7 +113,7 @@ def evidence_of(
 
 def source_as_json(source: "ClassModel | Predictions") -> dict[str, Any]:
     """The predictions that were used, for the settings beside a result; empty for the class model."""
-    from rescore.evidence.predicted_files import Predictions
+    from rescore.evidence.predicted_depth_files import Predictions
 
     return {"predicted": source.as_json()} if isinstance(source, Predictions) else {}
 
@@ -126,8 +126,8 @@ def predictions_behind(results: "Sequence[Path]") -> dict[str, Any]:
 
 def tell_doubts(source: "ClassModel | Predictions", table: "CandidateTable") -> None:
     """Say what of the predictions of another system looks wrong."""
-    from rescore.evidence.predicted import prediction_doubts
-    from rescore.evidence.predicted_files import Predictions
+    from rescore.evidence.predicted_depth import prediction_doubts
+    from rescore.evidence.predicted_depth_files import Predictions
 
     if isinstance(source, Predictions):
         for doubt in prediction_doubts(table):

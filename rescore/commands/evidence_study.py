@@ -35,7 +35,7 @@ def sweep(
     Example: [bold]rescore sweep runs/paper --out runs/sweep --dials noise,destroyed[/bold]
     """
     from reports.studies.sweep import write_sweep_page
-    from rescore.studies.degrade import dials_named
+    from rescore.studies.degradations import dials_named
     from rescore.studies.sweep import sweep_run
 
     chosen = dials_named(dials, levels)
@@ -64,7 +64,7 @@ def study_evidence(
     from reports.studies.evidence import write_evidence_page
     from reports.studies.sweep import write_sweep_page
     from rescore.studies.ablation import ablate_run
-    from rescore.studies.degrade import dials_named
+    from rescore.studies.degradations import dials_named
     from rescore.studies.distractors import judge_bank_of_run
     from rescore.studies.sweep import sweep_run
 

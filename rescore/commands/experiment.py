@@ -162,12 +162,12 @@ def reproduce(
 
     Example: [bold]rescore reproduce --preset demo --out runs/demo[/bold]
     """
-    from rescore.experiment.reproduce import Run
+    from rescore.experiment.reproduce import Experiment
     from rescore.results.run_folder import RunFolder
 
     folder = RunFolder(out)
     settings = config_of(preset, config)
-    metrics = Run(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
+    metrics = Experiment(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
     print_results(metrics, {"report": folder.html, "recording": folder.recording}, as_json)
 
 

@@ -14,7 +14,7 @@ from rescore.speech import say
 if TYPE_CHECKING:
     from recon.arrays import IntArray
     from rescore.results.changes import OperatingPoint
-    from rescore.results.inspection import Inspection
+    from rescore.results.ranked_changes import Inspection
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
@@ -81,9 +81,9 @@ def inspect(
 
     Example: [bold]rescore inspect runs/demo --only lost-cars --sort loss[/bold]
     """
-    from reports.run.inspection import inspect_run
+    from reports.run.changes_text import inspect_run
     from rescore.files import TableFormat
-    from rescore.results.inspection import Only, Sort
+    from rescore.results.ranked_changes import Only, Sort
     from rescore.results.run_folder import load_run
 
     form = None if export is None else _choice("--export", export, TableFormat)
@@ -123,7 +123,7 @@ def _show(inspection: "Inspection", rows: "IntArray", top: int | None) -> None:
 
     from rich.console import Console
 
-    from reports.run.inspection import note, plain_lines, summary, terminal_table
+    from reports.run.changes_text import note, plain_lines, summary, terminal_table
 
     about = note(inspection)
     if about:
@@ -145,7 +145,7 @@ def _show(inspection: "Inspection", rows: "IntArray", top: int | None) -> None:
 
 def _print_json(inspection: "Inspection", rows: "IntArray") -> None:
     """Print the summary, and of each candidate the columns of the plain table."""
-    from reports.run.inspection import PLAIN_COLUMNS, summary
+    from reports.run.changes_text import PLAIN_COLUMNS, summary
 
     columns = {name: inspection.columns()[name][rows].tolist() for name in PLAIN_COLUMNS}
     listed = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]

@@ -64,7 +64,7 @@ def evaluate(
     write_run_config(RunFolder(out).config, "evaluate", settings, None, stereo=stereo, data=dataset)
     _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
     if report:
-        from reports.page.html import build_report
+        from reports.page.report import build_report
 
         build_report(out)
     shown = {"report": out / "report.html"} if report else {"figures": RunFolder(out).metrics}
@@ -109,7 +109,7 @@ def report(
 
     Example: [bold]rescore report runs/demo runs/other --out comparison.html[/bold]
     """
-    from reports.page.html import build_report
+    from reports.page.report import build_report
 
     page = build_report(runs, out)
     say(f"report: {page} (open it in a browser)")

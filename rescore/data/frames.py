@@ -12,7 +12,7 @@ from recon.camera import GroundPlane, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.ground import GroundEstimate, estimate_ground
 from recon.stereo.sgbm import PNG_SCALE, SgbmConfig, compute_disparity
-from rescore.data.measured import MeasuredFile, Quantity, read_measured
+from rescore.data.depth_files import MeasuredFile, Quantity, read_measured
 from rescore.data.pictures import read_rgb
 
 SPLITS = ("train", "calibration", "validation", "test")

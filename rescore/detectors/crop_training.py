@@ -180,7 +180,7 @@ class SceneConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class CropScene:
     """A picture made of crops."""
 
     picture: UInt8Array
@@ -259,7 +259,7 @@ def at_one_size(detector: WindowDetector) -> WindowDetector:
     return detector.with_scan(one)
 
 
-def scenes_of(crops: Crops, config: SceneConfig, rng: np.random.Generator) -> Iterator[Scene]:
+def scenes_of(crops: Crops, config: SceneConfig, rng: np.random.Generator) -> Iterator[CropScene]:
     """Scenes, one for each car: tiles of street in random order, the car at a random place among them."""
     n_tiles = config.rows * config.columns
     height, width = crops.height_px, crops.width_px
@@ -271,7 +271,7 @@ def scenes_of(crops: Crops, config: SceneConfig, rng: np.random.Generator) -> It
         picture[y : y + height, x : x + width] = _turned(car, config, rng)
         box = np.array([[x, y, x + width, y + height]], dtype=float)
         truth = Truth(np.zeros(1, np.int64), box, np.zeros(1, bool), np.ones(1), ("",))
-        yield Scene(picture, truth)
+        yield CropScene(picture, truth)
 
 
 def _turned(crop: UInt8Array, config: SceneConfig, rng: np.random.Generator) -> UInt8Array:
@@ -294,7 +294,7 @@ def _cut(
     return np.concatenate(cut)
 
 
-def _mine(detector: WindowDetector, scenes: list[Scene], jobs: int) -> UInt8Array:
+def _mine(detector: WindowDetector, scenes: list[CropScene], jobs: int) -> UInt8Array:
     window, mining = detector.config.window, detector.config.mining
     limit = max(1, mining.max_negatives // (2 * mining.rounds * len(scenes)))
     per_scene = min(mining.hard_per_frame, limit)
@@ -304,7 +304,7 @@ def _mine(detector: WindowDetector, scenes: list[Scene], jobs: int) -> UInt8Arra
     return np.concatenate([none, *mined])
 
 
-def _mined_of(scene: Scene, detector: WindowDetector, max_count: int) -> UInt8Array:
+def _mined_of(scene: CropScene, detector: WindowDetector, max_count: int) -> UInt8Array:
     style = detector.config.crop_style
     with one_thread():
         found = detector.scan(scene.picture)

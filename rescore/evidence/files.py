@@ -13,7 +13,7 @@ from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
 from recon.files import atomic_path
 from recon.reconstruction.reconstruct import Reconstruction
-from rescore.evidence.predicted import BoxPrediction
+from rescore.evidence.predicted_depth import BoxPrediction
 
 Predicted = Reconstruction | BoxPrediction | Failure
 

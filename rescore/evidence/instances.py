@@ -9,7 +9,7 @@ from recon.errors import Failure
 from rescore.data.frames import Frame
 from rescore.evidence.candidates import Candidates
 from rescore.evidence.files import Predicted
-from rescore.evidence.predicted import BoxPrediction, PredictedDepth, cut_to_boxes
+from rescore.evidence.predicted_depth import BoxPrediction, PredictedDepth, cut_to_boxes
 from rescore.evidence.settings import CameraChoice, RescoreConfig
 from rescore.evidence.views import Views, reconstruct_views, views_of, views_without_model
 

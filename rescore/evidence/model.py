@@ -41,7 +41,7 @@ class EvidenceModel:
     floors: Mapping[str, float]
     """Smallest value of each of ``checks_of(registration)``; a check that could not be made is passed."""
     depth_of: str = CLASS_MODEL
-    """Whose depth it was fitted with (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
+    """Whose depth it was fitted with (``PredictionFolder.depth_of``)."""
 
     def contributions(self, cues: FloatArray) -> FloatArray:
         """What each cue adds to the log odds that a candidate is a car, shape (n, k), columns ``CUES``.

@@ -35,7 +35,7 @@ FITTED_ON = ("train", "calibration")
 
 
 @dataclass(frozen=True)
-class Run:
+class Experiment:
     """A run of the experiment into a folder."""
 
     folder: RunFolder
@@ -279,12 +279,12 @@ class Run:
 
     def write_report(self) -> None:
         """The report with its curves, and the recording."""
-        from reports.page import html  # noqa: PLC0415 (matplotlib and rerun take a second to import)
+        from reports.page import report as page  # noqa: PLC0415 (matplotlib and rerun take a second to import)
         from reports.recording import log  # noqa: PLC0415
 
         root = self.folder.root
         self._draw(
-            "report", html, (self.folder.html, root / "curves"), lambda: _ignore(html.build_report(root))
+            "report", page, (self.folder.html, root / "curves"), lambda: _ignore(page.build_report(root))
         )
         recording = self.folder.recording
         self._draw("log", log, (recording,), lambda: _ignore(log.write_recording(root, recording)))

@@ -11,8 +11,8 @@ from recon.arrays import FloatArray
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.data.boxes import xyxy_from_xywh
+from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
-from rescore.data.measured import MeasuredFile, Quantity
 from rescore.formats.checked_json import Box, Number, read_checked
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
 

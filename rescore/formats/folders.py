@@ -7,8 +7,8 @@ from pathlib import Path
 
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
+from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
-from rescore.data.measured import MeasuredFile, Quantity
 from rescore.data.pictures import picture_size
 from rescore.formats.calibration_files import Calibration, doubts
 from rescore.formats.labels import ClassMap, LabelRow, image_ids, read_lines, truth_of

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from recon.errors import RescoreError
 from recon.stereo.sgbm import PNG_SCALE
+from rescore.data.depth_files import SUFFIXES, TUM_DEPTH_FACTOR, MeasuredFile, Quantity
 from rescore.data.frames import DataSet
-from rescore.data.measured import SUFFIXES, TUM_DEPTH_FACTOR, MeasuredFile, Quantity
 from rescore.data.pictures import PICTURES, picture_size, pictures_in
 from rescore.formats.box_files import chosen, class_names, is_kitti_text, read_voc, read_yolo
 from rescore.formats.calibration_files import Calibration, read_calibration

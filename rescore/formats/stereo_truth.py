@@ -11,7 +11,7 @@ from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.sgbm import PNG_SCALE
-from rescore.data.measured import SUFFIXES, MeasuredFile, Quantity, read_measured
+from rescore.data.depth_files import SUFFIXES, MeasuredFile, Quantity, read_measured
 from rescore.data.pictures import PICTURES, decode_picture, picture_size, pictures_in, read_rgb
 from rescore.formats.calibration_files import read_calibration
 

@@ -9,7 +9,7 @@ from recon.class_model import ClassModel
 from rescore.data.frames import DataSet, FrameRecord, load_frame
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.files import evidence_path, write_evidence
-from rescore.evidence.predicted_files import PredictedFile, Predictions
+from rescore.evidence.predicted_depth_files import PredictedFile, Predictions
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.parallel import in_order, one_thread, track
 

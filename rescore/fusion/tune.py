@@ -84,7 +84,7 @@ class Tuning:
     """A fusion with free weights, fitted on the validation set too, for comparison with eq. 7."""
     depth_of: str = CLASS_MODEL
     """Name of what predicted the depth that w was chosen with
-    (``rescore.evidence.predicted_files.PredictionFolder.depth_of``)."""
+    (``rescore.evidence.predicted_depth_files.PredictionFolder.depth_of``)."""
 
     @property
     def sentence(self) -> str:

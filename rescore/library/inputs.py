@@ -13,7 +13,7 @@ from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.data.frames import Frame
 from rescore.detectors.platt import PlattScaling
 from rescore.evidence.candidates import Candidates
-from rescore.evidence.predicted import kind_of
+from rescore.evidence.predicted_depth import kind_of
 from rescore.evidence.settings import stereo_for
 from rescore.formats.calibration_files import DEPTH_CAMERA_BASELINE_M
 

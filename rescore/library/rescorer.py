@@ -17,7 +17,7 @@ from rescore.evidence.candidates import OK
 from rescore.evidence.cues import cue_names
 from rescore.evidence.files import Predicted
 from rescore.evidence.model import EvidenceModel
-from rescore.evidence.predicted import PredictedDepth, another_system, check_mode
+from rescore.evidence.predicted_depth import PredictedDepth, another_system, check_mode
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.evidence.settings import RescoreConfig
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame

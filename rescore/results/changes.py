@@ -6,7 +6,7 @@ boxes (duplicates). So the changes add up:
 
 - cars found after = before + gained - lost;
 - false positives after = before + newly accepted - newly rejected + hits that became second boxes - second
-  boxes that became hits (``Tally``).
+  boxes that became hits (``ChangeCounts``).
 
 A car that another box finds after is neither gained nor lost: both boxes are in the group ``MOVED_HIT``.
 """
@@ -155,7 +155,7 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Tally:
+class ChangeCounts:
     """Counts of the changes; they add up to the two points of the curves."""
 
     cars_before: int
@@ -239,12 +239,12 @@ class Changes:
         return np.where(switched, self.after.accepted, self.delta > 0)
 
     @property
-    def tally(self) -> Tally:
+    def tally(self) -> ChangeCounts:
         """The counts."""
         one, two = self.before, self.after
         both = one.accepted & two.accepted
         found = [dict(zip(s.car[s.found], np.flatnonzero(s.found), strict=True)) for s in (one, two)]
-        return Tally(
+        return ChangeCounts(
             cars_before=int(one.found.sum()),
             cars_after=int(two.found.sum()),
             gained=int(np.isin(self.group, GAINS).sum()),

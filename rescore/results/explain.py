@@ -30,7 +30,7 @@ class ExplainConfig:
 
 
 @dataclass(frozen=True)
-class Part:
+class EvidencePart:
     """What one cue says of a candidate."""
 
     cue: str
@@ -49,7 +49,7 @@ class Explanation:
 
     text: str
     """The explanation in one line."""
-    parts: tuple[Part, ...] = ()
+    parts: tuple[EvidencePart, ...] = ()
     """All cues that say something, those that say most first; empty in mode ``paper``, without evidence, and
     where the model of the evidence is not known."""
 
@@ -145,12 +145,12 @@ class _Teller:
             for cue, knots, log_odds in ([] if model is None else _functions(model))
         }
 
-    def parts(self, cues: FloatArray, weights: FloatArray) -> tuple[Part, ...]:
+    def parts(self, cues: FloatArray, weights: FloatArray) -> tuple[EvidencePart, ...]:
         """What the cues (k,) of a candidate say, by what they add to its log odds (k,)."""
         order = [int(j) for j in np.argsort(-np.abs(weights), kind="stable") if weights[j] != 0]
         names = cue_names()
         return tuple(
-            Part(names[j], float(cues[j]), float(weights[j]), self._text(names[j], float(cues[j])))
+            EvidencePart(names[j], float(cues[j]), float(weights[j]), self._text(names[j], float(cues[j])))
             for j in order
         )
 
@@ -162,7 +162,7 @@ class _Teller:
         wanted = range_text(value, self.ranges.get(cue, ()), words)
         return f"{text} (cars {wanted})" if wanted else text
 
-    def leading(self, parts: tuple[Part, ...], rose: bool) -> str:
+    def leading(self, parts: tuple[EvidencePart, ...], rose: bool) -> str:
         """The cues that make up most of what speaks for a candidate that rose, or against one that fell."""
         if self.model is None:
             return ""

@@ -35,13 +35,13 @@ def _by_level(summary: Summary) -> dict[str, float | None]:
     return {f"{level:g}": value for level, value in summary.fppi_at_recall.items()}
 
 
-class Part(BaseModel):
+class MetricsPart(BaseModel):
     """A frozen part of metrics.json."""
 
     model_config = ConfigDict(frozen=True)
 
 
-class Estimate(Part):
+class Estimate(MetricsPart):
     """A figure with its interval over resampled images."""
 
     value: float | None
@@ -54,7 +54,7 @@ class Estimate(Part):
     """Resamples in which it is infinite."""
 
 
-class Intervals(Part):
+class Intervals(MetricsPart):
     """Intervals of the figures of a row."""
 
     auc: Ends | None
@@ -67,7 +67,7 @@ class Intervals(Part):
     """Resamples in which a recall is never reached, by recall."""
 
 
-class Row(Part):
+class Row(MetricsPart):
     """The figures of one detector in one mode."""
 
     detector: str
@@ -100,7 +100,7 @@ class Row(Part):
         )
 
 
-class ModeComparison(Part):
+class ModeComparison(MetricsPart):
     """What one mode changes against another, the detector alone, paired over images."""
 
     detector: str
@@ -116,7 +116,7 @@ class ModeComparison(Part):
     n_on_pictures: int | None = None
 
 
-class FusionRow(Part):
+class FusionRow(MetricsPart):
     """The figures of one way of fusing likelihood and depth."""
 
     detector: str
@@ -141,7 +141,7 @@ class FusionRow(Part):
         )
 
 
-class ReliabilityRow(Part):
+class ReliabilityRow(MetricsPart):
     """Whether the scores of one detector in one mode are probabilities; a value a group of candidates."""
 
     detector: str
@@ -173,7 +173,7 @@ class ReliabilityRow(Part):
         )
 
 
-class BootstrapSettings(Part):
+class BootstrapSettings(MetricsPart):
     """How the intervals were made."""
 
     n_resamples: int
@@ -181,7 +181,7 @@ class BootstrapSettings(Part):
     seed: int
 
 
-class DisparityErrors(Part):
+class DisparityErrors(MetricsPart):
     """Error of the measured disparity in some pixels; None where there is no truth."""
 
     n_pixels: float | None = None
@@ -194,7 +194,7 @@ class DisparityErrors(Part):
     """Share of the measured pixels that are wrong."""
 
 
-class StereoStatistics(Part):
+class StereoStatistics(MetricsPart):
     """Error of the measured disparity of a data set; empty where it is not known."""
 
     wrong: str = ""
@@ -204,7 +204,7 @@ class StereoStatistics(Part):
     """By split and region."""
 
 
-class TunedWeight(Part):
+class TunedWeight(MetricsPart):
     """The choice of w for one detector in one mode."""
 
     w: float
@@ -236,7 +236,7 @@ class DetectorTuning(TunedWeight):
         return self.modes.get(mode, self)
 
 
-class DetectorDifficulty(Part):
+class DetectorDifficulty(MetricsPart):
     """What one detector alone makes of the cars that are seen well."""
 
     n_cars: int
@@ -247,7 +247,7 @@ class DetectorDifficulty(Part):
     """Share of those false positives by what they show, most first."""
 
 
-class Metrics(Part):
+class Metrics(MetricsPart):
     """All figures of a run: the content of metrics.json."""
 
     n_images: int

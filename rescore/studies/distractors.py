@@ -11,7 +11,7 @@ from datasets_synth.cars.models import cars_of_splits
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.distractor_bank import BankConfig, BankItem, bank_item
 from datasets_synth.photos.distractor_kinds import KIND, ORDINARY_CAR, POSTERS, TRUE_CARS
-from datasets_synth.street.pictures import car_picture
+from datasets_synth.street.car_pictures import car_picture
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.class_model import ClassModel
 from rescore.evidence.candidates import OK, Candidates

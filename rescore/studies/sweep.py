@@ -31,7 +31,7 @@ from rescore.results.sweep_file import (
     VisibilityGroup,
     write_sweep,
 )
-from rescore.studies.degrade import Dial
+from rescore.studies.degradations import Dial
 from rescore.studies.finished_run import FinishedRun, finished_run
 
 RECALL = 0.7

@@ -22,7 +22,7 @@ class TablePose(StudyPart):
     yaw_deg: float
 
 
-class Placement(StudyPart):
+class ScoredPlacement(StudyPart):
     """One car on the table, with the errors of every method."""
 
     car: str
@@ -48,10 +48,10 @@ class LocalizationResult(StudyPart):
     """Figures of the report by method."""
     orientation_period_deg: dict[str, int]
     """By method: after how many degrees an orientation is the same."""
-    placements: tuple[Placement, ...]
+    placements: tuple[ScoredPlacement, ...]
 
 
-def localization_result(placements: Sequence[Placement]) -> LocalizationResult:
+def localization_result(placements: Sequence[ScoredPlacement]) -> LocalizationResult:
     """The placements with the means of every method beside the figures of the report."""
     return LocalizationResult(
         methods={m: summary([p.methods[m] for p in placements]) for m in METHODS},
@@ -64,7 +64,7 @@ def localization_result(placements: Sequence[Placement]) -> LocalizationResult:
     )
 
 
-def scores_by_car(placements: Sequence[Placement]) -> dict[str, dict[str, list[Score | Failure]]]:
+def scores_by_car(placements: Sequence[ScoredPlacement]) -> dict[str, dict[str, list[Score | Failure]]]:
     """The results of every car by method, cars in the order in which they come."""
     found: dict[str, dict[str, list[Score | Failure]]] = {}
     for placement in placements:

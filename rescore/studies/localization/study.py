@@ -8,8 +8,7 @@ import numpy as np
 
 from datasets_synth.cars.models import cars_of_splits
 from datasets_synth.cars.shapes import CarModel
-from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, photograph
-from datasets_synth.photos.table_scene import Placement as PlacedCar
+from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, Placement, photograph
 from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.errors import Failure, RescoreError
@@ -20,7 +19,7 @@ from rescore.speech import say
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
 from rescore.studies.localization.result_file import (
     LocalizationResult,
-    Placement,
+    ScoredPlacement,
     TablePose,
     localization_result,
     scores_by_car,
@@ -47,7 +46,7 @@ class SeveralCars:
 
     rgb: UInt8Array
     """The photograph, shape (h, w, 3)."""
-    placed: tuple[PlacedCar, ...]
+    placed: tuple[Placement, ...]
     found: tuple[tuple[TableRegion, FitLocalization], ...]
 
 
@@ -129,7 +128,7 @@ def _spread(cars: Sequence[CarModel], count: int) -> tuple[CarModel, ...]:
 class Tally:
     """The numbers of trials; their pictures are not kept."""
 
-    placements: list[Placement] = field(default_factory=list)
+    placements: list[ScoredPlacement] = field(default_factory=list)
     """A placement a trial, as in ``localization.json``."""
 
     @property
@@ -145,7 +144,7 @@ class Tally:
     def add(self, trial: Trial) -> None:
         """Count a trial."""
         methods = {m: trial.scores[m] for m in METHODS}
-        self.placements.append(Placement(car=trial.shape_id, pose=_pose(trial), methods=methods))
+        self.placements.append(ScoredPlacement(car=trial.shape_id, pose=_pose(trial), methods=methods))
 
     def save(self, out: Path, study: LocalizationStudy, meshes: Path | None) -> None:
         """Write ``localization.json`` with its settings to a folder."""

@@ -20,7 +20,7 @@ from recon.reconstruction.occluded_parts import (
     part_correspondences,
 )
 from recon.reconstruction.part_registration import PreparedView, RegistrationConfig, prepare_view
-from recon.reconstruction.predict_depth import feet
+from recon.reconstruction.place_parts import feet
 from recon.reconstruction.reconstruct import Reconstruction
 from recon.view_bins import ViewBins, rotation
 from tests.recon.box_car import PART_NAMES, box_car, labelled_view

@@ -13,7 +13,7 @@ from recon.errors import Failure, Reason, RescoreError
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.reconstruction.canonical_window import _in_one_piece
 from recon.reconstruction.part_registration import RegistrationConfig, prepare_view
-from recon.reconstruction.predict_depth import PlacingConfig
+from recon.reconstruction.place_parts import PlacingConfig
 from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct, view_rotation
 from recon.reconstruction.segment import SegmentConfig
 from recon.view_bins import ViewBins, rotation

@@ -4,9 +4,7 @@ import cv2
 import numpy as np
 
 from reports.page.gallery import build_gallery
-from reports.run.curves import match_table
-from reports.run.frame_view import frame_views
-from reports.run.pictures import (
+from reports.run.candidate_panels import (
     PICTURE_WIDTH_PX,
     Picture,
     as_webp,
@@ -15,6 +13,8 @@ from reports.run.pictures import (
     colourise,
     crop_window,
 )
+from reports.run.curves import match_table
+from reports.run.frame_view import frame_views
 from rescore.results.candidate_file import places
 from rescore.results.changes import CHANGED
 from rescore.results.run_folder import Run

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from recon.errors import RescoreError
-from reports.page.html import build_report
+from reports.page.report import build_report
 from reports.publishing.browser import CHROMIUM, BrowserPage, open_browser
 from rescore.results.run_folder import Run
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from recon.errors import RescoreError
-from reports.page.html import build_report
+from reports.page.report import build_report
 from reports.publishing.publish import CURVES, publish
 from rescore.results.metrics_file import read_metrics
 from rescore.results.run_folder import Run

@@ -10,9 +10,9 @@ import rerun_cli
 from rerun.chunk import RrdReader
 
 from recon.errors import RescoreError
+from reports.recording.entities import HOLE_CLASS, OUTCOME_CLASSES, THRESHOLD_STEPS
 from reports.recording.frame import DEPTH_UNIT
 from reports.recording.log import write_recording
-from reports.recording.names import HOLE_CLASS, OUTCOME_CLASSES, THRESHOLD_STEPS
 from reports.recording.plot import HEIGHT, WIDTH
 from reports.recording.story import Frames, Story, choose_frames
 from reports.run.curves import curve_sets

@@ -3,8 +3,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from reports.page.html import render_report
 from reports.page.paired_runs import Evaluated
+from reports.page.report import render_report
 from reports.run.tables import (
     TERMINAL_CAPTION,
     comparison_table,

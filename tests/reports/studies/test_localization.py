@@ -10,7 +10,7 @@ from recon.errors import Failure, Reason, RescoreError
 from reports.studies.localization import page, publish
 from rescore.studies.localization.result_file import (
     LocalizationResult,
-    Placement,
+    ScoredPlacement,
     TablePose,
     localization_result,
     write_localization,
@@ -26,7 +26,9 @@ def run() -> LocalizationResult:
     plane = Score(None, 60.0, 20.0)
     pose = TablePose(x_mm=0.0, y_mm=0.0, yaw_deg=0.0)
     placements = [
-        Placement(car="sedan", pose=pose, methods={"3dp": own, "3dp_report": parts, "single_plane": plane})
+        ScoredPlacement(
+            car="sedan", pose=pose, methods={"3dp": own, "3dp_report": parts, "single_plane": plane}
+        )
         for own, parts in ((GOOD, GOOD), (FLIPPED, LOST))
     ]
     return localization_result(placements)

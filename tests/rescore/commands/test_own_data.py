@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
+from rescore.data.depth_files import MeasuredFile, Quantity, read_measured
 from rescore.data.frames import DataSet, load_frame
-from rescore.data.measured import MeasuredFile, Quantity, read_measured
 from rescore.formats.calibration_files import read_calibration
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
@@ -202,7 +202,7 @@ def test_exr_where_opencv_reads_it(tmp_path: Path) -> None:
     """In a process of its own, since OpenCV looks at the variable once."""
     code = (
         "import sys, cv2, numpy as np; from pathlib import Path\n"
-        "from rescore.data.measured import *\n"
+        "from rescore.data.depth_files import *\n"
         "p = Path(sys.argv[1]); cv2.imwrite(str(p), np.full((4, 6), 2.5, np.float32))\n"
         "print(read_measured(MeasuredFile(p, Quantity.DISPARITY), 6, 4, None)[0, 0])"
     )

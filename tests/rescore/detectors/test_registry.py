@@ -26,7 +26,7 @@ from rescore.detectors.registry import (
 )
 from rescore.detectors.windows import WindowGeometry, gray
 from rescore.experiment.config import RunConfig, run_preset, with_changes
-from rescore.experiment.reproduce import Run
+from rescore.experiment.reproduce import Experiment
 from rescore.experiment.stages import Done
 from rescore.formats.coco import read_detections
 from rescore.formats.coco_dataset import read_dataset
@@ -109,7 +109,7 @@ def test_a_toy_takes_part_in_the_experiment(
     assert config.detector_settings["toy"] == ToyConfig(60)
     assert RunConfig.model_validate(config.as_json()) == config
     done: list[Done] = []
-    run = Run(RunFolder(tmp_path / "run"), config, 0, 1, done.append)
+    run = Experiment(RunFolder(tmp_path / "run"), config, 0, 1, done.append)
     for _ in range(2):
         run.train("toy")
         run.detect("toy", "test")

@@ -12,7 +12,7 @@ from recon.errors import RescoreError
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
 from rescore.experiment.config import run_preset, with_changes
-from rescore.experiment.reproduce import Run
+from rescore.experiment.reproduce import Experiment
 from rescore.experiment.source_digest import imported_modules, module_file
 from rescore.experiment.stages import Done, Stage
 from rescore.results.candidate_file import read_candidates
@@ -21,9 +21,9 @@ from rescore.results.run_folder import RunFolder
 ROW = {"detector", "mode", "w", "auc", "average_precision", "recall_ceiling", "fppi_at_recall", "intervals"}
 
 
-def again(folder: Path) -> tuple[Run, list[Done]]:
+def again(folder: Path) -> tuple[Experiment, list[Done]]:
     done: list[Done] = []
-    return Run(RunFolder(folder), run_preset("tiny"), 0, 1, done.append), done
+    return Experiment(RunFolder(folder), run_preset("tiny"), 0, 1, done.append), done
 
 
 def test_metrics_keep_the_contract(tiny_run: Path) -> None:

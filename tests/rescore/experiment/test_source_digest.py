@@ -7,7 +7,7 @@ import pytest
 from rescore import fusion
 from rescore.evidence import align_depth, model
 from rescore.experiment.config import run_preset
-from rescore.experiment.reproduce import Run
+from rescore.experiment.reproduce import Experiment
 from rescore.experiment.source_digest import ROOT, imported_modules, module_file, source_digest
 from rescore.experiment.stages import Done, Stage
 from rescore.fusion import fuse, tune
@@ -56,8 +56,8 @@ def stages() -> list[Stage]:
         patch.setattr("rescore.experiment.reproduce.run_stage", note)
         patch.setattr("rescore.experiment.reproduce.run_stage_in_place", note)
         patch.setattr("rescore.experiment.reproduce.read_metrics", lambda _path: None)
-        patch.setattr(Run, "_data", lambda _run: None)
-        Run(RunFolder(Path("run")), run_preset("tiny"), 0, 1, lambda _done: None).all()
+        patch.setattr(Experiment, "_data", lambda _run: None)
+        Experiment(RunFolder(Path("run")), run_preset("tiny"), 0, 1, lambda _done: None).all()
     return found
 
 

@@ -17,7 +17,7 @@ from rescore.evidence.settings import RescoreConfig
 from rescore.metrics.bootstrap import BootstrapConfig, Interval
 from rescore.results.candidate_file import ALONE
 from rescore.results.sweep_file import SweptInterval
-from rescore.studies.degrade import dials_named
+from rescore.studies.degradations import dials_named
 from rescore.studies.finished_run import FinishedRun
 from rescore.studies.sweep import (
     Figures,

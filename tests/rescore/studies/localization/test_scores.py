@@ -9,7 +9,7 @@ from recon.localization.single_plane import UprightSurface
 from recon.localization.standing_box import StandingBox
 from recon.pixels import linear_from_srgb
 from rescore.studies.localization.result_file import (
-    Placement,
+    ScoredPlacement,
     TablePose,
     localization_result,
     read_localization,
@@ -64,7 +64,7 @@ def test_lost_placements_are_counted_and_do_not_count_as_zero() -> None:
 def test_results_come_back_from_their_file(tmp_path: Path) -> None:
     scores = [Score(0.8, 4.0, 1.0), LOST, Score(None, 8.0, 3.0)]
     pose = TablePose(x_mm=1.0, y_mm=-2.0, yaw_deg=30.0)
-    placements = [Placement(car="a", pose=pose, methods=dict.fromkeys(METHODS, s)) for s in scores]
+    placements = [ScoredPlacement(car="a", pose=pose, methods=dict.fromkeys(METHODS, s)) for s in scores]
     result = localization_result(placements)
     assert result.methods["3dp"] == summary(scores)
     assert scores_by_car(result.placements) == {"a": dict.fromkeys(METHODS, scores)}

@@ -15,9 +15,9 @@ from reports.page.headline import Tile, few_images, headline, tiles
 from reports.page.paired_runs import Evaluated, compare_runs, side_by_side
 from reports.page.run_facts import differing_settings, id_table, made_from
 from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, SERIES, detector_name, mode_name
+from reports.run.candidate_panels import DEPTH_COLOURS, RESIDUAL_COLOURS, colour_stops
 from reports.run.curve_pictures import write_curves
 from reports.run.curves import curve_sets
-from reports.run.pictures import DEPTH_COLOURS, RESIDUAL_COLOURS, colour_stops
 from reports.run.tables import (
     Table,
     comparison_table,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recon.camera import PinholeCamera
-from recon.reconstruction.predict_depth import PlacingConfig, place_parts
+from recon.reconstruction.place_parts import PlacingConfig, place_parts
 
 CAMERA = PinholeCamera(100.0, 100.0, 20.0, 20.0, 41, 41)
 CONFIG = PlacingConfig()

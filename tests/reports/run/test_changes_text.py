@@ -11,13 +11,13 @@ import pytest
 
 from recon.errors import RescoreError
 from reports.recording.viewer import open_recording
+from reports.run.changes_text import GROUP_TEXT, PLAIN_COLUMNS, inspect_run, note, summary, terminal_table
 from reports.run.curves import match_table
-from reports.run.inspection import GROUP_TEXT, PLAIN_COLUMNS, inspect_run, note, summary, terminal_table
 from rescore.cli import main
 from rescore.metrics.curves import fppi_at_recall, recall_curve
 from rescore.results.changes import Group, OperatingPoint
-from rescore.results.inspection import Only, Sort
 from rescore.results.metrics_file import read_metrics, write_metrics
+from rescore.results.ranked_changes import Only, Sort
 from rescore.results.run_folder import Run, load_run
 
 Command = Callable[..., tuple[int, str, str]]

@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from recon.errors import RescoreError
-from reports.page.html import build_report, render_report
 from reports.page.paired_runs import Evaluated
+from reports.page.report import build_report, render_report
 from reports.run.curves import curve_sets
 from reports.run.tables import result_table
 from rescore.results.metrics_file import StereoStatistics

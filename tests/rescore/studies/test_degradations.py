@@ -5,7 +5,7 @@ import pytest
 
 from recon.camera import DEFAULT_GROUND, StereoCamera, default_camera
 from recon.errors import RescoreError
-from rescore.studies.degrade import DIALS, dials_named
+from rescore.studies.degradations import DIALS, dials_named
 
 SHAPE = (120, 160)
 

@@ -9,8 +9,8 @@ import pytest
 
 from recon.errors import RescoreError
 from reports.run.frame_view import frame_views
-from rescore.evidence.predicted import PredictedAs, PredictedUnit
-from rescore.evidence.predicted_files import PredictionFolder, Predictions, read_prediction_folder
+from rescore.evidence.predicted_depth import PredictedAs, PredictedUnit
+from rescore.evidence.predicted_depth_files import PredictionFolder, Predictions, read_prediction_folder
 from rescore.formats.open import read_dataset
 from rescore.results.run_folder import load_run
 from tests.rescore import own_data as own

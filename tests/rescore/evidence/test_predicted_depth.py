@@ -19,7 +19,7 @@ from rescore.evidence.align_depth import AlignConfig, DepthAlignment
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.evidence.cues import cue_column, cues_of
 from rescore.evidence.files import read_evidence, write_evidence
-from rescore.evidence.predicted import (
+from rescore.evidence.predicted_depth import (
     BoxPrediction,
     another_system,
     check_mode,

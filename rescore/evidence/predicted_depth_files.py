@@ -16,10 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from recon.errors import RescoreError
 from rescore.data.content import content_digest
+from rescore.data.depth_files import SUFFIXES, read_map
 from rescore.data.frames import DataSet, frame_names
-from rescore.data.measured import SUFFIXES, read_map
 from rescore.data.pictures import decode_picture
-from rescore.evidence.predicted import PredictedAs, PredictedDepth, PredictedUnit, another_system
+from rescore.evidence.predicted_depth import PredictedAs, PredictedDepth, PredictedUnit, another_system
 from rescore.files import read_json
 
 

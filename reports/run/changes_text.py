@@ -20,7 +20,7 @@ from rescore.evidence.registration import LEARNED
 from rescore.results.candidate_file import ALONE, difference, status
 from rescore.results.changes import Group, OperatingPoint
 from rescore.results.explain import ExplainConfig, cues_of
-from rescore.results.inspection import Inspection
+from rescore.results.ranked_changes import Inspection
 from rescore.results.run_folder import Run
 
 GROUP_TEXT = {
