@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from recon.camera import (
         DEFAULT_GROUND,
         GroundedCamera,
+        GroundedStereo,
         GroundPlane,
         PinholeCamera,
         StereoCamera,
@@ -35,6 +36,7 @@ __all__ = [
     "Failure",
     "GroundPlane",
     "GroundedCamera",
+    "GroundedStereo",
     "Instance3D",
     "InstancePart",
     "InstanceQuality",
@@ -65,6 +67,7 @@ _HOMES = {
         "DEFAULT_GROUND",
         "GroundPlane",
         "GroundedCamera",
+        "GroundedStereo",
         "PinholeCamera",
         "StereoCamera",
         "default_camera",

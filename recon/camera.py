@@ -44,10 +44,6 @@ class PinholeCamera:
         y = (uv_px[..., 1] - self.cy_px) / self.fy_px
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
-    def row_rays(self, rows_px: FloatArray) -> FloatArray:
-        """Viewing rays with z = 1 through image rows (...) at the column of the principal point, (..., 3)."""
-        return self.rays(np.stack([np.full(rows_px.shape, self.cx_px), rows_px], axis=-1))
-
     def project(self, xyz_cam_m: FloatArray) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) in front of the camera (eqs. 3 and 4)."""
         z = xyz_cam_m[..., 2]
@@ -89,17 +85,16 @@ class StereoCamera:
         """Depth in metres of positive disparities in double precision, for further arithmetic."""
         return np.asarray(self.focal_baseline / disparity_px)
 
-    def exact_disparity_px(self, depth_m: FloatArray) -> FloatArray:
+    def exact_disparity_px(self, depth_m: FloatArray | float) -> FloatArray:
         """Disparity in pixels of positive depths in double precision, for further arithmetic."""
-        return self.exact_depth_m(depth_m)
+        return np.asarray(self.focal_baseline / depth_m)
 
-    def ground_disparity_px(self, ground: "GroundPlane", rows_px: FloatArray) -> FloatArray:
-        """Disparity in pixels of the ground at image rows (...), shape (...); NaN on or above the horizon.
+    def disparity_rays(self, uv_px: FloatArray) -> FloatArray:
+        """Viewing rays with z = focal length times baseline, (..., 2) pixels to (..., 3) in px m.
 
-        The camera does not roll, so the ground has one disparity along a row.
+        A plane ``normal . X + distance = 0`` has the disparity ``-(ray . normal) / distance`` there.
         """
-        slope = self.left.row_rays(rows_px) @ ground.up
-        return np.where(slope < 0, -slope * self.focal_baseline / ground.height_m, np.nan)
+        return self.left.rays(uv_px) * self.focal_baseline
 
 
 @dataclass(frozen=True)
@@ -147,6 +142,28 @@ class GroundedCamera:
         ray = self.camera.rays(uv_px)
         forward = ray - (ray @ self.ground.up) * self.ground.up
         return np.asarray(forward / np.linalg.norm(forward))
+
+    def height_above_ground_m(self, uv_px: FloatArray, depth_m: FloatArray) -> FloatArray:
+        """Height above the ground (...) in metres of what is seen at pixels (..., 2) at depths (...)."""
+        return np.asarray(depth_m * (self.camera.rays(uv_px) @ self.ground.up) + self.ground.height_m)
+
+
+@dataclass(frozen=True)
+class GroundedStereo:
+    """Where a rectified pair is seen from: the pair, and the ground plane in the frame of its left camera."""
+
+    stereo: StereoCamera
+    ground: GroundPlane
+
+    @property
+    def left(self) -> GroundedCamera:
+        """Where the left picture is seen from."""
+        return GroundedCamera(self.stereo.left, self.ground)
+
+    def ground_disparity_px(self, uv_px: FloatArray) -> FloatArray:
+        """Disparity (...) in pixels of the ground at pixels (..., 2); NaN on or above the horizon."""
+        slope = self.stereo.left.rays(uv_px) @ self.ground.up
+        return np.where(slope < 0, -slope * self.stereo.focal_baseline / self.ground.height_m, np.nan)
 
 
 def default_camera(width_px: int, height_px: int) -> PinholeCamera:

@@ -1,5 +1,6 @@
 """Values of pixels: look-up between them, sRGB and linear light, and the gradient of a smoothed picture."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -11,27 +12,28 @@ from recon.arrays import Float32Array, FloatArray, UInt8Array
 
 _COLUMNS = 1024
 _ROWS = 16384
-"""cv2.remap refuses 32,767 rows or columns, so the list is folded, and cut where it is very long."""
+"""cv2.remap refuses 32,767 rows or columns, so a list is folded, and what is very long is cut."""
 
 
 def sample_bilinear(
-    picture: NDArray[Any], xy: FloatArray | Float32Array, border: int, border_value: float = 0.0
+    picture: NDArray[Any],
+    xy: FloatArray | Float32Array,
+    border: int,
+    border_value: float | Sequence[float] = 0.0,
 ) -> NDArray[Any]:
-    """Values (n,) or (n, channels) of a picture at points, in the picture's type.
+    """Values of a picture at points, in the picture's type: the shape of the points, then any channels.
 
     Args:
         picture: Shape (h, w) or (h, w, channels), uint8 or float32; h and w below 32,767.
-        xy: Points (n, 2), column and row; whole numbers at the centres of its pixels. OpenCV rounds them to
-            1/32 pixel.
+        xy: Points, a list (n, 2) or a grid (rows, columns, 2) of fewer than 32,767 columns: column and row,
+            whole numbers at the centres of the picture's pixels. OpenCV rounds them to 1/32 pixel.
         border: One of cv2.BORDER_*: what lies outside.
-        border_value: With BORDER_CONSTANT.
+        border_value: With BORDER_CONSTANT: of a picture without channels, or of each channel.
     """
-    n = len(xy)
-    if n == 0:
-        return np.zeros((0, *picture.shape[2:]), picture.dtype)
-    folded = np.zeros((-(-n // _COLUMNS) * _COLUMNS, 2), np.float32)
-    folded[:n] = xy
-    grid = folded.reshape(-1, _COLUMNS, 2)
+    shape = (*xy.shape[:-1], *picture.shape[2:])
+    if xy.size == 0:
+        return np.zeros(shape, picture.dtype)
+    grid = xy.astype(np.float32) if xy.ndim == 3 else _folded(xy)
     parts = [
         cv2.remap(
             picture,
@@ -43,7 +45,14 @@ def sample_bilinear(
         )
         for i in range(0, len(grid), _ROWS)
     ]
-    return np.concatenate(parts).reshape(-1, *picture.shape[2:])[:n]
+    return np.concatenate(parts).reshape(-1, *picture.shape[2:])[: xy.size // 2].reshape(shape)
+
+
+def _folded(xy: FloatArray | Float32Array) -> Float32Array:
+    """A list of points (n, 2) as a grid (rows, ``_COLUMNS``, 2), filled up with zeros."""
+    folded = np.zeros((-(-len(xy) // _COLUMNS) * _COLUMNS, 2), np.float32)
+    folded[: len(xy)] = xy
+    return folded.reshape(-1, _COLUMNS, 2)
 
 
 def linear_from_srgb(rgb: UInt8Array) -> Float32Array:

@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import GroundedCamera
 from recon.localization.standing_box import StandingBox, cam_from_ground, turn
+from recon.pixels import sample_bilinear
 
 _MOST = 6.0
 """Redness of one pixel beside the unit, at most: a lamp must not stand for all of its cell."""
@@ -176,6 +177,4 @@ def _redness_at(light: Float32Array, uv_px: FloatArray, config: HeadingConfig) -
     high = np.ceil(uv_px.max(axis=0)).astype(int) + 5
     crop = np.ascontiguousarray(light[low[1] : high[1], low[0] : high[0]])
     lab = cv2.cvtColor(cv2.GaussianBlur(crop, (0, 0), config.smooth_sigma_px), cv2.COLOR_LRGB2Lab)
-    at = (uv_px - low).astype(np.float32)
-    found = cv2.remap(lab, at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found[:, 0, 1], float)
+    return np.asarray(sample_bilinear(lab, uv_px - low, cv2.BORDER_REPLICATE)[:, 1], float)

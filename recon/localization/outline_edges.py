@@ -11,6 +11,7 @@ import numpy as np
 
 from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.outlines import resample
+from recon.pixels import sample_bilinear
 
 _DOWN = 0.3
 """Sine of the angle below the level from which on an outward normal faces down."""
@@ -124,7 +125,7 @@ def points_on_edges(
 def _slopes(light: Float32Array, at_px: Float32Array, config: OutlineEdgeConfig) -> FloatArray:
     """Gradient a pixel of the root of light along rows of samples (n, s, 2), shape (n, s - 2)."""
     root = cv2.GaussianBlur(np.sqrt(np.maximum(light, 0)), (0, 0), config.smooth_sigma_px)
-    profile = cv2.remap(root, at_px[..., 0], at_px[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = sample_bilinear(root, at_px, cv2.BORDER_REPLICATE)
     return np.asarray(np.linalg.norm(profile[:, 2:] - profile[:, :-2], axis=2) / (2 * config.step_px), float)
 
 

@@ -22,6 +22,7 @@ from recon.learning.primitives import PrimitiveLibrary
 from recon.localization.silhouette_scales import ScaledViews, scale_views
 from recon.outlines import canonical_ring
 from recon.part_views import PartView
+from recon.pixels import sample_bilinear
 from recon.reconstruction.segment import signed_distance
 from recon.view_bins import ViewBins
 
@@ -215,14 +216,8 @@ def visual_hull(placed: ScaledViews, size_m: FloatArray, config: ShapeSpaceConfi
         xyz = points * np.array([1.0, side, 1.0])
         hull = np.full(len(points), -np.inf, np.float32)
         for v, (distance, pad) in enumerate(distances):
-            uv = placed.project(v, xyz) + pad
-            at = cv2.remap(
-                distance,
-                uv[:, 0].astype(np.float32).reshape(-1, config.cells[2]),
-                uv[:, 1].astype(np.float32).reshape(-1, config.cells[2]),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
+            uv = (placed.project(v, xyz) + pad).reshape(-1, config.cells[2], 2)
+            at = sample_bilinear(distance, uv, cv2.BORDER_REPLICATE)
             np.maximum(hull, at.ravel() * np.float32(placed.scale[v]), out=hull)
         out = hull if side > 0 else np.asarray((out + hull) / 2, np.float32)
     z = points[:, 2].astype(np.float32)

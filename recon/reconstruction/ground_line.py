@@ -7,9 +7,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import BoolArray, FloatArray, UInt8Array
+from recon.arrays import BoolArray, FloatArray
 from recon.camera import GroundedCamera
 from recon.errors import Failure, Reason
+from recon.reconstruction.part_labels import PartLabels
 
 _MIN_FACING = float(np.sin(np.deg2rad(8.0)))
 """A side of the footprint turned to the camera by less than this sine is seen end-on."""
@@ -41,9 +42,7 @@ class GroundLine:
 
 
 def ground_line(
-    labels: UInt8Array,
-    x0_px: int,
-    y0_px: int,
+    parts: PartLabels,
     feet_cam: Mapping[int, FloatArray],
     seen_from: GroundedCamera,
     config: GroundLineConfig,
@@ -57,9 +56,7 @@ def ground_line(
     end.
 
     Args:
-        labels: part labels of a window, shape (h, w), 0 for none.
-        x0_px: image column of the window's first column.
-        y0_px: image row of the window's first row.
+        parts: labels of the object's parts.
         feet_cam: where the parts that may touch the ground stand in the class model, by label, shape (3,),
             turned into the camera frame; any origin and scale.
         seen_from: the camera M and the ground plane Q_g.
@@ -67,7 +64,7 @@ def ground_line(
         bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
             together; None takes them from the labels alone.
     """
-    contacts = _contacts(labels, x0_px, y0_px, list(feet_cam), config)
+    labels, contacts = parts.labels, _contacts(parts, list(feet_cam), config)
     if not contacts:
         return Failure(
             Reason.NO_GROUND_CONTACT,
@@ -98,7 +95,7 @@ def ground_line(
             f"ground contact below the horizon expected, got rows {np.round(feet[:, 1], 1).tolist()}",
         )
     # a line that ends at a corner is as long as its contacts; a single one goes under the whole object
-    columns = np.nonzero(labels.any(axis=0))[0][[0, -1]] + float(x0_px)
+    columns = np.nonzero(labels.any(axis=0))[0][[0, -1]] + float(parts.x0_px)
     if len(sides) > 1:
         columns = np.array([at[:, 0].min(), at[:, 0].max()])
     line = np.stack([columns, slope * columns + offset], axis=1)
@@ -186,9 +183,10 @@ def _second_line(
 
 
 def _contacts(
-    labels: UInt8Array, x0_px: int, y0_px: int, ground_labels: Sequence[int], config: GroundLineConfig
+    parts: PartLabels, ground_labels: Sequence[int], config: GroundLineConfig
 ) -> dict[int, FloatArray]:
     """Lowest pixels (n, 2) of the columns of each ground part that touch, by label, image coordinates."""
+    labels = parts.labels
     rows = np.nonzero(labels.any(axis=1))[0]
     if not len(rows):
         return {}
@@ -201,7 +199,9 @@ def _contacts(
             continue
         lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0)
         touching = lowest >= lowest.max() - tolerance
-        found[label] = np.stack([columns[touching] + x0_px, lowest[touching] + y0_px], axis=1).astype(float)
+        found[label] = np.stack(
+            [columns[touching] + parts.x0_px, lowest[touching] + parts.y0_px], axis=1
+        ).astype(float)
     return found
 
 

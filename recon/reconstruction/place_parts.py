@@ -10,6 +10,7 @@ from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
 from recon.reconstruction.ground_line import GroundLine
+from recon.reconstruction.part_labels import PartLabels
 
 
 @dataclass(frozen=True)
@@ -158,9 +159,7 @@ def feet(model: ClassModel) -> dict[int, FloatArray]:
 
 
 def place_instance(
-    labels: UInt8Array,
-    x0_px: int,
-    y0_px: int,
+    parts: PartLabels,
     line: GroundLine,
     cam_from_object: FloatArray,
     model: ClassModel,
@@ -168,8 +167,7 @@ def place_instance(
     config: PlacingConfig,
 ) -> PlacedParts:
     """Part planes and depth of one instance, within the depth limits of an object of this size."""
-    v, u = np.mgrid[y0_px : y0_px + labels.shape[0], x0_px : x0_px + labels.shape[1]]
-    rays = camera.rays(np.stack([u, v], axis=-1).astype(float))
+    labels, rays = parts.labels, camera.rays(parts.uv_px)
     normals = {p.label: cam_from_object @ p.plane[:3] for p in model.parts}
     depth = float(np.mean([p[2] for p in line.points_m.values()]))
     scale = _metres_per_unit(labels, depth, cam_from_object, model, camera)

@@ -14,6 +14,7 @@ from recon.errors import Failure, Reason, RescoreError
 from recon.outlines import fill_polygon
 from recon.reconstruction.canonical_window import GridToImage, canonical_windows, grid_to_image, zero_level
 from recon.reconstruction.ground_line import GroundLineConfig, ground_line
+from recon.reconstruction.part_labels import PartLabels
 from recon.reconstruction.part_registration import (
     CanonicalGrid,
     PreparedView,
@@ -221,13 +222,13 @@ def _instance(
 ) -> Reconstruction | Failure:
     """The reconstruction from registered parts on: ground line found, planes placed."""
     model, camera = shown.view.model, seen_from.camera
-    labels, x0_px, y0_px = _part_labels(shown, camera)
+    parts = _part_labels(shown, camera)
     feet_cam = {label: cam_from_object @ foot for label, foot in feet(model).items()}
     bottom_px = shown.box_bottom_px if config.box_bottom_is_ground else None
-    line = ground_line(labels, x0_px, y0_px, feet_cam, seen_from, config.ground_line, bottom_px)
+    line = ground_line(parts, feet_cam, seen_from, config.ground_line, bottom_px)
     if isinstance(line, Failure):
         return line
-    placed = place_instance(labels, x0_px, y0_px, line, cam_from_object, model, camera, config.placing)
+    placed = place_instance(parts, line, cam_from_object, model, camera, config.placing)
     if placed.placed_share < config.placing.min_placed:
         why = "; ".join(f"{model.part_names[k - 1]}: {text}" for k, text in placed.unplaced.items())
         return Failure(
@@ -238,12 +239,12 @@ def _instance(
     return Reconstruction(
         outline_px=shown.outline_px,
         initial_outline_px=shown.to_image(shown.view.outline),
-        x0_px=x0_px,
-        y0_px=y0_px,
-        part_labels=labels,
+        x0_px=parts.x0_px,
+        y0_px=parts.y0_px,
+        part_labels=parts.labels,
         part_planes=placed.planes,
         unplaced_parts=placed.unplaced,
-        depth=DepthMap(x0_px, y0_px, placed.depth),
+        depth=DepthMap(parts.x0_px, parts.y0_px, placed.depth),
         ground_line_px=line.line_px,
         cam_from_object=cam_from_object,
         registration_cost=shown.parts.cost,
@@ -313,8 +314,8 @@ def check_extent(box_px: FloatArray, picture_px: tuple[int, int], min_inside: fl
     return None
 
 
-def _part_labels(shown: _RegisteredView, camera: PinholeCamera) -> tuple[UInt8Array, int, int]:
-    """Labels of the pixels inside the outline, in the outline's window, and the window's place (x0, y0)."""
+def _part_labels(shown: _RegisteredView, camera: PinholeCamera) -> PartLabels:
+    """Labels of the pixels inside the outline, in the outline's window."""
     outline_px, size = shown.outline_px, np.array([camera.width_px, camera.height_px])
     low = np.clip(np.floor(outline_px.min(axis=0)), 0, size - 1).astype(int)
     high = np.clip(np.ceil(outline_px.max(axis=0)) + 1, low + 1, size).astype(int)
@@ -324,7 +325,7 @@ def _part_labels(shown: _RegisteredView, camera: PinholeCamera) -> tuple[UInt8Ar
         points = np.round((shown.to_image(polygon) - low) * 16).astype(np.int32)
         cv2.fillPoly(labels, [points], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
-    return fill_gaps(labels, inside), int(low[0]), int(low[1])
+    return PartLabels(int(low[0]), int(low[1]), fill_gaps(labels, inside))
 
 
 def fill_gaps(labels: UInt8Array, inside: BoolArray) -> UInt8Array:

@@ -141,7 +141,7 @@ class _Points:
     """Measured pixels of a grid. A plane is (3,) with ``disparity = rays_px @ plane``, -up / height."""
 
     rays_px: FloatArray
-    """Viewing rays times focal length and baseline, shape (n, 3)."""
+    """``StereoCamera.disparity_rays``, shape (n, 3)."""
     uv_px: FloatArray
     """Shape (n, 2)."""
     disparity_px: FloatArray
@@ -159,12 +159,11 @@ class _Points:
         step = max(1, round(float(np.sqrt(h * w / config.n_points))))
         rows, columns = np.arange(step // 2, h, step), np.arange(step // 2, w, step)
         seen = disparity_px[np.ix_(rows, columns)]
-        least = max(config.min_disparity_px, camera.focal_baseline / config.farthest_m)
+        least = max(config.min_disparity_px, float(camera.exact_disparity_px(config.farthest_m)))
         # of infinity there is nothing to fit to
         i, j = np.nonzero(np.isfinite(seen) & (seen >= least))
         uv = np.stack([columns[j], rows[i]], axis=1).astype(float)
-        rays = camera.left.rays(uv) * camera.focal_baseline
-        return _Points(rays, uv, seen[i, j].astype(float), seen.size, least, w)
+        return _Points(camera.disparity_rays(uv), uv, seen[i, j].astype(float), seen.size, least, w)
 
 
 def _pose(planes: FloatArray) -> FloatArray:

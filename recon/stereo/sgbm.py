@@ -79,7 +79,7 @@ def disparities_to_reach(camera: StereoCamera, nearest_m: float, offset_px: floa
         offset_px: cx of the right picture less cx of the left (Middlebury's doffs); matched disparities are
             smaller by it.
     """
-    largest_px = max(0.0, camera.focal_baseline / nearest_m - offset_px)
+    largest_px = max(0.0, float(camera.exact_disparity_px(nearest_m)) - offset_px)
     return disparities_beyond(largest_px)
 
 

@@ -154,7 +154,9 @@ def _log_crops(
     crop = Crop.around(c.xyxy_px)
     rec.log(
         root,
-        pinhole(crop.matrix(view.camera.matrix), CROP_WIDTH_PX, CROP_HEIGHT_PX, image_plane_distance=2.0),
+        pinhole(
+            crop.matrix(view.seen_from.camera.matrix), CROP_WIDTH_PX, CROP_HEIGHT_PX, image_plane_distance=2.0
+        ),
     )
     rec.log(
         f"{root}/picture", picture(np.asarray(crop.cut(view.rgb, cv2.INTER_LINEAR, 40), np.uint8), quality=80)
@@ -227,7 +229,7 @@ def _mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | No
     corner = (c.predicted.x0_px, c.predicted.y0_px)
     # another system has no parts: its surface is of one colour
     labels = np.ones(c.registered.shape, np.uint8) if c.instance is None else c.instance.part_labels
-    return part_mesh(in_metres(c.registered, view), labels, view.camera, corner, max_vertices)
+    return part_mesh(in_metres(c.registered, view), labels, view.seen_from.camera, corner, max_vertices)
 
 
 def _log_mesh(rec: rr.RecordingStream, path: str, meshes: list[PartMesh | None], view: FrameView) -> None:
@@ -240,7 +242,7 @@ def _log_mesh(rec: rr.RecordingStream, path: str, meshes: list[PartMesh | None],
     rec.log(
         path,
         rr.Mesh3D(
-            vertex_positions=apply_transform(world_from_camera(view.ground), mesh.xyz_m),
+            vertex_positions=apply_transform(world_from_camera(view.seen_from.ground), mesh.xyz_m),
             triangle_indices=mesh.triangles,
             vertex_colors=_PART_COLOURS[mesh.label],
         ),
@@ -256,13 +258,16 @@ def _log_boxes(
     model: ClassModel | None,
 ) -> None:
     """Log the oriented boxes of candidates with a registered 3D model; another system's depth has none."""
-    world = world_from_camera(view.ground)
+    world = world_from_camera(view.seen_from.ground)
     centres, halves, turns, shown = [], [], [], []
     for c, colour in zip(some, colours, strict=True):
         if c.instance is None or c.registered is None:
             continue
         points = points_of_depth(
-            in_metres(c.registered, view), view.camera, c.instance.depth.x0_px, c.instance.depth.y0_px
+            in_metres(c.registered, view),
+            view.seen_from.camera,
+            c.instance.depth.x0_px,
+            c.instance.depth.y0_px,
         )
         points = points[np.isfinite(points[..., 2])]
         turn = c.instance.cam_from_object
@@ -287,9 +292,9 @@ def _log_boxes(
 
 def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: FrameView) -> None:
     """Log where the candidate stands: a frame at the foot of its box that looks along the ray to it."""
-    world = world_from_camera(view.ground)
+    world = world_from_camera(view.seen_from.ground)
     x0, y0, x1, y1 = c.xyxy_px
-    ray = view.camera.rays(np.array([(x0 + x1) / 2, y1]) - 0.5)
+    ray = view.seen_from.camera.rays(np.array([(x0 + x1) / 2, y1]) - 0.5)
     seen = in_metres(view.measured, view)[
         max(int(y0), 0) : max(int(y1), 1), max(int(x0), 0) : max(int(x1), 1)
     ]
@@ -297,7 +302,7 @@ def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: Frame
     if c.registered is not None and np.isfinite(c.registered).any():
         distance = float(np.nanmedian(in_metres(c.registered, view)))
     # small things come nearer, so that what fills the box fills the view
-    size = float(np.clip((x1 - x0) / view.camera.fx_px * distance / _VIEWED_WIDTH_M, 0.1, 4.0))
+    size = float(np.clip((x1 - x0) / view.seen_from.camera.fx_px * distance / _VIEWED_WIDTH_M, 0.1, 4.0))
     spot = apply_transform(world, ray * distance)
     forward = (world[:3, :3] @ ray) * [1, 1, 0]
     forward /= np.linalg.norm(forward)

@@ -35,25 +35,27 @@ def log_frame(rec: rr.RecordingStream, view: FrameView, size_px: tuple[int, int]
         size_px: width and height that pictures are stored with, those of the largest.
     """
     h, w = view.measured.shape
-    world = world_from_camera(view.ground)
+    world = world_from_camera(view.seen_from.ground)
     look = {"image_plane_distance": 0.55, "color": rgb(LEFT_EYE)}
     rec.log(CAMERA, rr.Transform3D(translation=world[:3, 3], mat3x3=world[:3, :3]))
-    rec.log(IMAGE, pinhole(view.camera.matrix, w, h, **look))
+    rec.log(IMAGE, pinhole(view.seen_from.camera.matrix, w, h, **look))
     rec.log(f"{IMAGE}/left", picture(padded(view.rgb, size_px, 0)))
     if view.right_rgb is not None:
         right = apply_transform(world, np.array([view.baseline, 0.0, 0.0]))
         rec.log(RIGHT_CAMERA, rr.Transform3D(translation=right, mat3x3=world[:3, :3]))
-        rec.log(RIGHT_IMAGE, pinhole(view.camera.matrix, w, h, **(look | {"color": rgb(RIGHT_EYE)})))
+        rec.log(
+            RIGHT_IMAGE, pinhole(view.seen_from.camera.matrix, w, h, **(look | {"color": rgb(RIGHT_EYE)}))
+        )
         rec.log(f"{RIGHT_IMAGE}/right", picture(padded(view.right_rgb, size_px, 0)))
     depth = in_metres(view.measured, view)
     log_depth(rec, f"{IMAGE}/measured_depth", padded(depth, size_px, np.nan))
     boxes = np.array([c.xyxy_px for some in view.candidates.values() for c in some]).reshape(-1, 4)
-    xyz, colours = stereo_points(depth, view.rgb, view.camera, boxes)
+    xyz, colours = stereo_points(depth, view.rgb, view.seen_from.camera, boxes)
     rec.log(
         f"{WORLD}/stereo_points",
         rr.Points3D(apply_transform(world, xyz), colors=colours, radii=rr.Radius.ui_points(1.6)),
     )
-    rec.log(f"{WORLD}/ground", _ground_grid(view.ground))
+    rec.log(f"{WORLD}/ground", _ground_grid(view.seen_from.ground))
 
 
 def in_metres(depth: Float32Array, view: FrameView) -> Float32Array:

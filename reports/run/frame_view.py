@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
-from recon.camera import DEFAULT_GROUND, GroundPlane, PinholeCamera, default_camera
+from recon.camera import GroundedCamera
 from recon.depth_map import DepthMap
 from recon.errors import Failure
 from recon.reconstruction.reconstruct import Reconstruction
@@ -18,7 +18,9 @@ from rescore.evidence.align_depth import DepthAlignment, measured_depth
 from rescore.evidence.candidates import NUMBERS, alignment_of
 from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.files import Predicted, evidence_path, read_evidence
+from rescore.evidence.instances import assumed_camera
 from rescore.evidence.predicted_depth import BoxPrediction
+from rescore.evidence.settings import CameraChoice
 from rescore.formats.open import read_dataset
 from rescore.results.candidate_file import difference, of_mode, status
 from rescore.results.run_folder import Run, boxes_px
@@ -71,8 +73,8 @@ class FrameView:
     """Metres where the camera is known, else 1 / disparity; NaN in holes."""
     metric: bool
     """Whether ``measured`` is in metres."""
-    camera: PinholeCamera
-    ground: GroundPlane
+    seen_from: GroundedCamera
+    """Camera and ground plane; assumed ones where they are not known."""
     truth: Truth
     candidates: Mapping[str, tuple[CandidateView, ...]]
     """Candidates by detector, best detector score first, in the mode shown."""
@@ -133,7 +135,6 @@ class FrameReader:
         """The frame of an image."""
         record = self.records[image_id]
         frame = load_frame(record, self._run.config.stereo)
-        camera = frame.camera.left if frame.camera else default_camera(record.width_px, record.height_px)
         measured = measured_depth(frame.disparity_px, frame.camera)
         root = self._data.root
         return FrameView(
@@ -141,8 +142,7 @@ class FrameReader:
             rgb=frame.left_rgb,
             measured=measured,
             metric=frame.camera is not None,
-            camera=camera,
-            ground=frame.ground or DEFAULT_GROUND,
+            seen_from=assumed_camera(frame, CameraChoice.CALIBRATED),
             truth=self._data.truth[record.image_id],
             candidates={d: table.frame(frame.image_id, measured) for d, table in self._tables.items()},
             file=record.left_path.relative_to(root).as_posix()

@@ -12,6 +12,7 @@ from recon.arrays import UInt8Array
 from recon.camera import PinholeCamera
 from recon.errors import Failure
 from recon.files import atomic_path
+from recon.pixels import sample_bilinear
 from reports import palette
 from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about
 from reports.objects.object_mesh import object_meshes
@@ -183,9 +184,8 @@ def _small(rgb: UInt8Array) -> UInt8Array:
 def _cut(rgb: UInt8Array, camera: PinholeCamera, to: PinholeCamera) -> UInt8Array:
     """The picture as another camera at the same place with the same axes sees it; plain beyond its border."""
     v, u = np.mgrid[: to.height_px, : to.width_px].astype(float)
-    at = camera.project(to.rays(np.stack([u, v], axis=-1))).astype(np.float32)
-    out = cv2.remap(rgb, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=BACKGROUND)
-    return np.asarray(out, np.uint8)
+    at = camera.project(to.rays(np.stack([u, v], axis=-1)))
+    return np.asarray(sample_bilinear(rgb, at, cv2.BORDER_CONSTANT, BACKGROUND))
 
 
 def _outlined(rgb: UInt8Array, one: FoundObject) -> UInt8Array:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
-from recon.camera import GroundPlane, StereoCamera
+from recon.camera import GroundedStereo, GroundPlane, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.ground import GroundEstimate, estimate_ground
 from recon.stereo.sgbm import PNG_SCALE, SgbmConfig, compute_disparity
@@ -127,6 +127,13 @@ class Frame:
     there."""
     ground_estimate: GroundEstimate | None = None
     """Ground plane fitted to the measured disparity, where none is stated and the camera is known."""
+
+    @property
+    def seen_from(self) -> GroundedStereo | None:
+        """Where the pair is seen from: camera and ground plane; None where one of them is missing."""
+        if self.camera is None or self.ground is None:
+            return None
+        return GroundedStereo(self.camera, self.ground)
 
     @property
     def ground_source(self) -> GroundSource:

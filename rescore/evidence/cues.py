@@ -79,8 +79,7 @@ def around(given: CueInput) -> Columns:
             frame.disparity_px,
             given.xyxy_px,
             given.azimuth_rad,
-            frame.camera,
-            frame.ground,
+            frame.seen_from or frame.camera,
             given.config.surroundings,
         )
     return dict(zip(SURROUNDINGS, found.T, strict=True))
@@ -89,9 +88,7 @@ def around(given: CueInput) -> Columns:
 def believable(given: CueInput) -> Columns:
     """The cues ``CHECKS``: whether the measured depth can be believed."""
     frame = given.frame
-    found = plausibility(
-        frame.disparity_px, given.xyxy_px, frame.camera, frame.ground, given.config.plausibility
-    )
+    found = plausibility(frame.disparity_px, given.xyxy_px, frame.seen_from, given.config.plausibility)
     return dict(zip(CHECKS, found.T, strict=True))
 
 

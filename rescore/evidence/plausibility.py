@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
-from recon.camera import GroundPlane, StereoCamera
+from recon.camera import GroundedStereo
 
 CHECKS = ("agreement", "ground_agreement")
 """Columns of ``plausibility``."""
@@ -36,26 +36,25 @@ class PlausibilityConfig:
     """Absolute tolerance in pixels for lying on the ground; the larger of this and ``ground_share``
     applies."""
     farthest_px: float = 8.0
-    """Rows where the ground has a smaller disparity are not looked at: too much stands before it."""
+    """Pixels where the ground has a smaller disparity are not looked at: too much stands before it."""
     min_ground: int = 2000
-    """A picture with fewer measurements in the rows that are looked at is not checked."""
+    """A picture with fewer measurements in the pixels that are looked at is not checked."""
 
 
 def plausibility(
     disparity_px: Float32Array,
     xyxy_px: FloatArray,
-    camera: StereoCamera | None,
-    ground: GroundPlane | None,
+    seen_from: GroundedStereo | None,
     config: PlausibilityConfig,
 ) -> FloatArray:
     """The checks of boxes (n, 4), shape (n, 2), columns ``CHECKS``; NaN where one cannot be made.
 
     - ``agreement``: share of the pairs of measured neighbours in the box that have one disparity.
     - ``ground_agreement``: share of the measurements in the lower part of the whole picture that lie on the
-      ground plane; the same for all boxes.
+      ground plane; the same for all boxes. None for ``seen_from`` leaves it out.
     """
     agree = _agreement(disparity_px, xyxy_px, config)
-    on_ground = _on_ground(disparity_px, camera, ground, config) if camera and ground else np.nan
+    on_ground = np.nan if seen_from is None else _on_ground(disparity_px, seen_from, config)
     return np.stack([agree, np.full(len(xyxy_px), on_ground)], axis=1)
 
 
@@ -82,12 +81,12 @@ def _sums(values: UInt8Array, boxes: IntArray) -> FloatArray:
     return np.asarray(total[y1, x1] - total[y0, x1] - total[y1, x0] + total[y0, x0])
 
 
-def _on_ground(
-    disparity_px: Float32Array, camera: StereoCamera, ground: GroundPlane, config: PlausibilityConfig
-) -> float:
-    expected = camera.ground_disparity_px(ground, np.arange(disparity_px.shape[0], dtype=float))
-    rows = expected >= config.farthest_px
-    seen, there = disparity_px[rows], expected[rows][:, None]
+def _on_ground(disparity_px: Float32Array, seen_from: GroundedStereo, config: PlausibilityConfig) -> float:
+    h, w = disparity_px.shape
+    v, u = np.mgrid[:h, :w].astype(float)
+    expected = seen_from.ground_disparity_px(np.stack([u, v], axis=-1))
+    near_ground = expected >= config.farthest_px
+    seen, there = disparity_px[near_ground], expected[near_ground]
     known = np.isfinite(seen)
     if known.sum() < config.min_ground:
         return float("nan")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import BoolArray, Float32Array, FloatArray
-from recon.camera import GroundPlane, StereoCamera
+from recon.camera import GroundedStereo, StereoCamera
 
 SURROUNDINGS = (
     "width",
@@ -58,8 +58,7 @@ def surroundings(
     disparity_px: Float32Array,
     xyxy_px: FloatArray,
     azimuth_rad: FloatArray,
-    camera: StereoCamera,
-    ground: GroundPlane | None,
+    seen_from: GroundedStereo | StereoCamera,
     config: SurroundingsConfig,
 ) -> FloatArray:
     """The cues of boxes, shape (n, 17), columns ``SURROUNDINGS``; NaN where one cannot be had.
@@ -84,15 +83,17 @@ def surroundings(
         xyxy_px: boxes, shape (n, 4), pixel edges.
         azimuth_rad: side from which each is taken to be seen, shape (n,) (``ViewBins.azimuth_rad``); NaN
             where nothing says it, which leaves ``width`` out.
-        camera: the pair.
-        ground: the ground plane; None where it is unknown, which leaves ``foot`` and ``ground_below`` out.
+        seen_from: the pair and the ground plane; the pair alone where the plane is unknown, which leaves
+            ``foot`` and ``ground_below`` out.
         config: settings.
     """
     if not len(xyxy_px):
         return np.zeros((0, len(SURROUNDINGS)))
-    samples, rows_px = sample_boxes(disparity_px, xyxy_px)
-    view = _View(samples, rows_px, xyxy_px, expected_size_m(azimuth_rad, config.size_m), camera, config)
-    cues = view.size() | view.extent() | view.around() | view.standing(ground)
+    grounded = seen_from if isinstance(seen_from, GroundedStereo) else None
+    stereo = seen_from.stereo if isinstance(seen_from, GroundedStereo) else seen_from
+    samples, uv_px = sample_boxes(disparity_px, xyxy_px)
+    view = _View(samples, uv_px, xyxy_px, expected_size_m(azimuth_rad, config.size_m), stereo, config)
+    cues = view.size() | view.extent() | view.around() | view.standing(grounded)
     return np.stack([cues[name] for name in SURROUNDINGS], axis=1)
 
 
@@ -113,7 +114,7 @@ SAMPLES_V = (np.arange(44) + 0.5) / 44 * 1.6 - 0.35
 
 
 def sample_boxes(picture: Float32Array, xyxy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The values at the grid of each box, shape (n, 44, 56), NaN outside the picture; and their rows (n, 44).
+    """The values at the grid of each box, (n, 44, 56), NaN outside the picture; their pixels (n, 44, 56, 2).
 
     The nearest pixel is taken: values across a depth edge must not be mixed.
 
@@ -127,7 +128,8 @@ def sample_boxes(picture: Float32Array, xyxy_px: FloatArray) -> tuple[FloatArray
     y = np.floor(xyxy_px[:, 1:2] + SAMPLES_V * size[:, 1:]).astype(int)
     inside = ((y >= 0) & (y < height))[:, :, None] & ((x >= 0) & (x < width))[:, None, :]
     values = picture[np.clip(y, 0, height - 1)[:, :, None], np.clip(x, 0, width - 1)[:, None, :]]
-    return np.where(inside, values.astype(float), np.nan), y.astype(float)
+    uv_px = np.stack(np.broadcast_arrays(x[:, None, :], y[:, :, None]), axis=-1).astype(float)
+    return np.where(inside, values.astype(float), np.nan), uv_px
 
 
 def _region(u: tuple[float, float], v: tuple[float, float]) -> BoolArray:
@@ -157,13 +159,13 @@ class _View:
     def __init__(
         self,
         samples: FloatArray,
-        rows_px: FloatArray,
+        uv_px: FloatArray,
         xyxy_px: FloatArray,
         expected_m: FloatArray,
         camera: StereoCamera,
         config: SurroundingsConfig,
     ) -> None:
-        self.samples, self.rows_px, self.boxes = samples, rows_px, xyxy_px
+        self.samples, self.uv_px, self.boxes = samples, uv_px, xyxy_px
         self.known = np.isfinite(samples)
         self.camera, self.config = camera, config
         width_px, height_px = (xyxy_px[:, 2:] - xyxy_px[:, :2]).T
@@ -224,14 +226,13 @@ class _View:
         }
         return beside | {"behind_above": self._share(self.behind, self.known, _ABOVE)}
 
-    def standing(self, ground: GroundPlane | None) -> dict[str, FloatArray]:
-        if ground is None:
+    def standing(self, seen_from: GroundedStereo | None) -> dict[str, FloatArray]:
+        if seen_from is None:
             unknown = np.full(len(self.boxes), np.nan)
             return {"foot": unknown, "ground_below": unknown}
-        # how far the ray through the lower edge rises above the camera's height a metre of depth
-        rise = self.camera.left.row_rays(self.boxes[:, 3] - 0.5) @ ground.up
-        foot = self.depth_m * rise + ground.height_m
-        of_ground = self.camera.ground_disparity_px(ground, self.rows_px)[:, :, None]
+        lower_edge_px = np.stack([(self.boxes[:, 0] + self.boxes[:, 2]) / 2, self.boxes[:, 3]], axis=1) - 0.5
+        foot = seen_from.left.height_above_ground_m(lower_edge_px, self.depth_m)
+        of_ground = seen_from.ground_disparity_px(self.uv_px)
         tolerance = np.maximum(1.0, 0.06 * of_ground)
         on_ground = self.known & (np.abs(self.samples - of_ground) <= tolerance)
         return {

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from recon.camera import (
     DEFAULT_GROUND,
     GroundedCamera,
+    GroundedStereo,
     GroundPlane,
     PinholeCamera,
     StereoCamera,
@@ -63,18 +64,38 @@ def test_focal_length_times_baseline():
 
 def test_disparity_of_the_ground_at_a_row():
     # level, 1.6 m high: 100 rows below the middle z = 690 * 1.6 / 100 = 11.04 m, so 350 / 11.04 px
-    stereo = StereoCamera(CAMERA, 0.5)
-    rows = np.array([[350.0, 450.0], [250.0, 10.0]])
-    found = stereo.ground_disparity_px(GroundPlane(1.6), rows)
+    seen_from = GroundedStereo(StereoCamera(CAMERA, 0.5), GroundPlane(1.6))
+    uv = np.array([[[37.0, 350.0], [600.0, 450.0]], [[320.0, 250.0], [0.0, 10.0]]])
+    found = seen_from.ground_disparity_px(uv)
     np.testing.assert_allclose(found[0], [350 / 11.04, 2 * 350 / 11.04])
     assert np.isnan(found[1]).all()
 
 
 def test_disparity_of_the_ground_is_that_of_its_points():
-    stereo, ground = StereoCamera(CAMERA, 0.4), GroundPlane(1.5, 0.08)
-    uv = np.stack([np.full(5, 37.0), np.linspace(260, 470, 5)], axis=1)
-    depth = GroundedCamera(CAMERA, ground).ground_points_m(uv)[:, 2]
-    np.testing.assert_allclose(stereo.ground_disparity_px(ground, uv[:, 1]), stereo.focal_baseline / depth)
+    seen_from = GroundedStereo(StereoCamera(CAMERA, 0.4), GroundPlane(1.5, 0.08))
+    uv = np.stack([np.linspace(37, 600, 5), np.linspace(260, 470, 5)], axis=1)
+    assert seen_from.left == GroundedCamera(CAMERA, seen_from.ground)
+    depth = seen_from.left.ground_points_m(uv)[:, 2]
+    expected = seen_from.stereo.exact_disparity_px(depth)
+    np.testing.assert_allclose(seen_from.ground_disparity_px(uv), expected)
+
+
+def test_rays_of_disparity_give_that_of_a_plane():
+    stereo, normal, distance_m = StereoCamera(CAMERA, 0.4), np.array([0.48, -0.6, -0.64]), 9.0
+    uv = np.array([[37.0, 300.0], [500.0, 120.0]])
+    points = CAMERA.rays(uv) * (-distance_m / (CAMERA.rays(uv) @ normal))[:, None]
+    found = -(stereo.disparity_rays(uv) @ normal) / distance_m
+    np.testing.assert_allclose(found, stereo.exact_disparity_px(points[:, 2]))
+
+
+def test_height_above_the_ground_of_points_in_the_picture():
+    seen_from = GroundedCamera(CAMERA, GroundPlane(1.6))
+    # level: 100 rows below the middle at 6.9 m is 1 m below the camera, 100 rows above it 1 m above
+    uv, depth = np.array([[20.0, 350.0], [500.0, 150.0]]), np.array([6.9, 6.9])
+    np.testing.assert_allclose(seen_from.height_above_ground_m(uv, depth), [0.6, 2.6])
+    pitched = GroundedCamera(CAMERA, GroundPlane(1.6, 0.2))
+    points = pitched.ground_points_m(uv[:1])
+    np.testing.assert_allclose(pitched.height_above_ground_m(uv[:1], points[:, 2]), 0, atol=1e-12)
 
 
 def test_a_level_direction_leads_along_the_ground():

@@ -46,6 +46,16 @@ def test_values_between_pixels() -> None:
     np.testing.assert_allclose(sample_bilinear(picture, beyond, cv2.BORDER_CONSTANT, 7.0), [7, 7])
 
 
+def test_values_keep_the_shape_of_the_points() -> None:
+    picture = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    at = np.array([[[0.0, 0.0], [3.0, 1.0], [-4.0, 0.0]], [[1.0, 0.0], [2.0, 1.0], [0.0, 8.0]]])
+    found = sample_bilinear(picture, at, cv2.BORDER_CONSTANT, (7, 8, 9))
+    assert (found.shape, found.dtype) == ((2, 3, 3), np.uint8)
+    np.testing.assert_array_equal(found[0], [[0, 1, 2], [21, 22, 23], [7, 8, 9]])
+    np.testing.assert_array_equal(found[1], [[3, 4, 5], [18, 19, 20], [7, 8, 9]])
+    assert sample_bilinear(picture[..., 0], at, cv2.BORDER_REPLICATE).shape == (2, 3)
+
+
 @pytest.mark.parametrize("n", [0, 1, 1024, 40_000])
 def test_more_points_than_remap_takes_keep_their_order(n: int) -> None:
     ramp = np.stack([np.arange(256), np.arange(255, -1, -1), np.zeros(256)], axis=-1)[None].astype(np.uint8)

@@ -6,6 +6,7 @@ import pytest
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.reconstruction.ground_line import GroundLine, GroundLineConfig, ground_line
+from recon.reconstruction.part_labels import PartLabels
 
 CAMERA = PinholeCamera(700.0, 700.0, 320.0, 240.0, 641, 481)
 GROUND = GroundPlane(1.5)
@@ -25,7 +26,7 @@ def window(left_bottom: int = 40, right_bottom: int = 40) -> np.ndarray:
 
 
 def test_level_feet_in_closed_form() -> None:
-    line = ground_line(window(), 280, 270, FEET, SEEN_FROM, FREE)
+    line = ground_line(PartLabels(280, 270, window()), FEET, SEEN_FROM, FREE)
     assert isinstance(line, GroundLine)
     # last row 40 of a window at row 270, its lower edge: v = 310.5; the window spans columns 280 to 359
     np.testing.assert_allclose(line.line_px, [[280, 310.5], [359, 310.5]])
@@ -36,7 +37,7 @@ def test_level_feet_in_closed_form() -> None:
 
 
 def test_sloping_line_fits_both_feet() -> None:
-    line = ground_line(window(40, 44), 280, 270, FEET, SEEN_FROM, FREE)
+    line = ground_line(PartLabels(280, 270, window(40, 44)), FEET, SEEN_FROM, FREE)
     assert isinstance(line, GroundLine)
     # 4 rows over 60 columns; at the left foot v = 310.5
     slope = 4 / 60
@@ -45,7 +46,9 @@ def test_sloping_line_fits_both_feet() -> None:
 
 
 def test_slope_of_the_view_evens_out_the_feet() -> None:
-    line = ground_line(window(40, 44), 280, 270, FEET, SEEN_FROM, GroundLineConfig(slope_from_view=1.0))
+    line = ground_line(
+        PartLabels(280, 270, window(40, 44)), FEET, SEEN_FROM, GroundLineConfig(slope_from_view=1.0)
+    )
     assert isinstance(line, GroundLine)
     # the feet stand at one depth, so that the line is level, in the middle of 310.5 and 314.5
     np.testing.assert_allclose(line.line_px[:, 1], 312.5, atol=1e-6)
@@ -55,7 +58,7 @@ def test_slope_of_the_view_evens_out_the_feet() -> None:
 def test_slope_of_a_turned_view_is_that_of_the_ground() -> None:
     # feet along a direction that goes away to the right: the ends found must lie along it on the ground
     feet = {1: np.array([0.0, 0.0, 0.0]), 2: np.array([2.0, 0.0, 0.5])}
-    line = ground_line(window(), 280, 270, feet, SEEN_FROM, GroundLineConfig(slope_from_view=1.0))
+    line = ground_line(PartLabels(280, 270, window()), feet, SEEN_FROM, GroundLineConfig(slope_from_view=1.0))
     assert isinstance(line, GroundLine)
     along = line.points_m[2] - line.points_m[1]
     assert along[2] / along[0] == pytest.approx(0.25, rel=1e-3)
@@ -64,7 +67,7 @@ def test_slope_of_a_turned_view_is_that_of_the_ground() -> None:
 def test_one_foot_gives_a_level_line() -> None:
     labels = window()
     labels[labels == 2] = 3
-    line = ground_line(labels, 280, 270, FEET, SEEN_FROM, GroundLineConfig())
+    line = ground_line(PartLabels(280, 270, labels), FEET, SEEN_FROM, GroundLineConfig())
     assert isinstance(line, GroundLine)
     assert set(line.points_m) == {1}
     assert line.line_px[0, 1] == line.line_px[1, 1] == 310.5
@@ -74,24 +77,29 @@ def test_a_foot_off_the_line_is_left_out() -> None:
     labels = window()
     labels[30:35, 36:44] = 4
     feet = {**FEET, 4: np.array([0.0, 0.0, 1.0])}
-    line = ground_line(labels, 280, 270, feet, SEEN_FROM, FREE)
+    line = ground_line(PartLabels(280, 270, labels), feet, SEEN_FROM, FREE)
     assert isinstance(line, GroundLine)
     assert set(line.points_m) == {1, 2}
 
 
 def test_no_ground_contact() -> None:
-    failure = ground_line(np.full((9, 9), 3, np.uint8), 280, 270, FEET, SEEN_FROM, FREE)
+    failure = ground_line(PartLabels(280, 270, np.full((9, 9), 3, np.uint8)), FEET, SEEN_FROM, FREE)
     assert isinstance(failure, Failure)
     assert failure.reason is Reason.NO_GROUND_CONTACT
 
 
 def test_above_horizon() -> None:
-    failure = ground_line(window(), 280, 100, FEET, SEEN_FROM, FREE)
+    failure = ground_line(PartLabels(280, 100, window()), FEET, SEEN_FROM, FREE)
     assert isinstance(failure, Failure)
     assert failure.reason is Reason.ABOVE_HORIZON
     # a camera that looks down by 20 degrees sees ground there: the horizon is at 240 - 700 tan 20 = -14.8
     assert isinstance(
-        ground_line(window(), 280, 100, FEET, GroundedCamera(CAMERA, GroundPlane(1.5, np.deg2rad(20))), FREE),
+        ground_line(
+            PartLabels(280, 100, window()),
+            FEET,
+            GroundedCamera(CAMERA, GroundPlane(1.5, np.deg2rad(20))),
+            FREE,
+        ),
         GroundLine,
     )
 
@@ -116,7 +124,7 @@ CORNER = {
 
 
 def test_a_corner_view_has_two_lines() -> None:
-    line = ground_line(corner(70, 60, 64), 280, 270, CORNER, SEEN_FROM, GroundLineConfig())
+    line = ground_line(PartLabels(280, 270, corner(70, 60, 64)), CORNER, SEEN_FROM, GroundLineConfig())
     assert isinstance(line, GroundLine)
     # the side with the larger feet is the line; the small foot on the other side gets its own point
     assert set(line.points_m) == {1, 2, 3}
@@ -133,14 +141,14 @@ def test_a_corner_view_has_two_lines() -> None:
 def test_feet_of_hidden_sides_get_no_point() -> None:
     labels = corner(70, 60, 64)
     labels[labels == 3] = 5
-    line = ground_line(labels, 280, 270, CORNER, SEEN_FROM, GroundLineConfig())
+    line = ground_line(PartLabels(280, 270, labels), CORNER, SEEN_FROM, GroundLineConfig())
     assert isinstance(line, GroundLine)
     assert set(line.points_m) == {1, 2}
 
 
 def test_contacts_go_down_to_a_known_bottom_together() -> None:
-    free = ground_line(window(40, 44), 280, 270, FEET, SEEN_FROM, FREE)
-    line = ground_line(window(40, 44), 280, 270, FEET, SEEN_FROM, FREE, bottom_px=320.0)
+    free = ground_line(PartLabels(280, 270, window(40, 44)), FEET, SEEN_FROM, FREE)
+    line = ground_line(PartLabels(280, 270, window(40, 44)), FEET, SEEN_FROM, FREE, bottom_px=320.0)
     assert isinstance(free, GroundLine)
     assert isinstance(line, GroundLine)
     # the lower foot ends at 314.5, 5.5 rows above the bottom

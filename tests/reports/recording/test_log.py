@@ -141,7 +141,8 @@ def test_models_lie_on_the_measured_points_of_the_cars_they_fit(run: Run, tmp_pa
         for c in fits:
             assert c.instance is not None
             world = apply_transform(
-                world_from_camera(view.ground), points_of_depth(view.measured, view.camera)
+                world_from_camera(view.seen_from.ground),
+                points_of_depth(view.measured, view.seen_from.camera),
             )
             measured = world[c.instance.depth.window][np.isfinite(c.registered)]
             measured = measured[np.isfinite(measured[:, 0])]
@@ -224,7 +225,7 @@ def test_the_pinhole_of_a_candidate_sees_its_box_where_it_is_drawn(story: Story,
     (view,) = frame_views(story.run, "metric", choose_frames(story)[:1])
     for c in view.candidates["hog"]:
         # a ray through the corner of the box, by the camera of the frame, seen through the pinhole
-        ray = view.camera.rays(c.xyxy_px[:2] - 0.5)
+        ray = view.seen_from.camera.rays(c.xyxy_px[:2] - 0.5)
         matrix = np.array(pinholes[c.rank + 1]["Pinhole:image_from_camera"][0]).reshape(3, 3).T
         corner = boxes[c.rank + 1]["LineStrips2D:strips"][0][0]
         np.testing.assert_allclose((matrix @ ray)[:2] / ray[2], corner, atol=1e-3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon.camera import GroundPlane, StereoCamera, default_camera
+from recon.camera import GroundedStereo, GroundPlane, StereoCamera, default_camera
 from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence
 from rescore.evidence.plausibility import CHECKS, PlausibilityConfig, plausibility
@@ -25,7 +25,8 @@ def street() -> np.ndarray:
 
 
 def checks(disparity: np.ndarray, ground: GroundPlane | None = GROUND) -> np.ndarray:
-    return plausibility(disparity, BOXES, CAMERA, ground, CONFIG)
+    seen_from = None if ground is None else GroundedStereo(CAMERA, ground)
+    return plausibility(disparity, BOXES, seen_from, CONFIG)
 
 
 def test_a_street_is_believed() -> None:
@@ -60,7 +61,7 @@ def test_what_cannot_be_checked_is_nan() -> None:
 
 def test_a_box_beyond_the_picture_is_cut() -> None:
     outside = np.array([[-50.0, 200, 60, 900], [700, 10, 800, 50]])
-    agreement = plausibility(street(), outside, CAMERA, GROUND, CONFIG)[:, 0]
+    agreement = plausibility(street(), outside, GroundedStereo(CAMERA, GROUND), CONFIG)[:, 0]
     assert agreement[0] == pytest.approx(1.0)
     assert np.isnan(agreement[1])
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.camera import GroundedStereo, GroundPlane, PinholeCamera, StereoCamera
 from rescore.evidence.surroundings import SURROUNDINGS, SurroundingsConfig, expected_size_m, surroundings
 
 CAMERA = StereoCamera(PinholeCamera(600.0, 600.0, 319.5, 239.5, 640, 480), 0.4)
 GROUND = GroundPlane(1.5)
+SEEN_FROM = GroundedStereo(CAMERA, GROUND)
 CONFIG = SurroundingsConfig()
 SIDE_RAD = np.pi / 2
 DEPTH_M = 12.0
@@ -39,7 +40,8 @@ def with_board(depth: np.ndarray, box: np.ndarray, board_m: float) -> np.ndarray
 
 
 def cues_of(depth: np.ndarray, box: np.ndarray, ground: GroundPlane | None = GROUND) -> dict[str, float]:
-    found = surroundings(CAMERA.disparity_px(depth), box, np.full(len(box), SIDE_RAD), CAMERA, ground, CONFIG)
+    seen_from = CAMERA if ground is None else GroundedStereo(CAMERA, ground)
+    found = surroundings(CAMERA.disparity_px(depth), box, np.full(len(box), SIDE_RAD), seen_from, CONFIG)
     assert found.shape == (len(box), len(SURROUNDINGS))
     return dict(zip(SURROUNDINGS, found[0].tolist(), strict=True))
 
@@ -122,14 +124,14 @@ def test_each_box_is_judged_alone() -> None:
     near, far = car_box(8.0), car_box(20.0)
     depth = with_board(street(), near, 8.0)
     together = surroundings(
-        CAMERA.disparity_px(depth), np.concatenate([near, far]), np.full(2, SIDE_RAD), CAMERA, GROUND, CONFIG
+        CAMERA.disparity_px(depth), np.concatenate([near, far]), np.full(2, SIDE_RAD), SEEN_FROM, CONFIG
     )
     alone = [
-        surroundings(CAMERA.disparity_px(depth), b, np.full(1, SIDE_RAD), CAMERA, GROUND, CONFIG)
+        surroundings(CAMERA.disparity_px(depth), b, np.full(1, SIDE_RAD), SEEN_FROM, CONFIG)
         for b in (near, far)
     ]
     np.testing.assert_array_equal(together, np.concatenate(alone))
-    none = surroundings(CAMERA.disparity_px(depth), np.zeros((0, 4)), np.zeros(0), CAMERA, GROUND, CONFIG)
+    none = surroundings(CAMERA.disparity_px(depth), np.zeros((0, 4)), np.zeros(0), SEEN_FROM, CONFIG)
     assert none.shape == (0, len(SURROUNDINGS))
 
 
@@ -144,7 +146,7 @@ def test_each_box_is_measured_against_its_own_side() -> None:
     box = car_box(size_m=(1.75, HEIGHT_M))
     disparity = CAMERA.disparity_px(with_board(street(), box, DEPTH_M))
     turned = np.array([0.0, SIDE_RAD, np.nan])
-    found = surroundings(disparity, np.repeat(box, 3, axis=0), turned, CAMERA, GROUND, CONFIG)
+    found = surroundings(disparity, np.repeat(box, 3, axis=0), turned, SEEN_FROM, CONFIG)
     front, side, unknown = (dict(zip(SURROUNDINGS, row.tolist(), strict=True)) for row in found)
     assert front["width"] == pytest.approx(0, abs=1e-6)
     assert side["width"] == pytest.approx(np.log(1.75 / 4.4), abs=1e-6)
