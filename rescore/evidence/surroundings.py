@@ -89,11 +89,9 @@ def surroundings(
     """
     if not len(xyxy_px):
         return np.zeros((0, len(SURROUNDINGS)))
-    grounded = seen_from if isinstance(seen_from, GroundedStereo) else None
-    stereo = seen_from.stereo if isinstance(seen_from, GroundedStereo) else seen_from
     samples, uv_px = sample_boxes(disparity_px, xyxy_px)
-    view = _View(samples, uv_px, xyxy_px, expected_size_m(azimuth_rad, config.size_m), stereo, config)
-    cues = view.size() | view.extent() | view.around() | view.standing(grounded)
+    view = _View(samples, uv_px, xyxy_px, expected_size_m(azimuth_rad, config.size_m), seen_from, config)
+    cues = view.size() | view.extent() | view.around() | view.standing()
     return np.stack([cues[name] for name in SURROUNDINGS], axis=1)
 
 
@@ -162,12 +160,13 @@ class _View:
         uv_px: FloatArray,
         xyxy_px: FloatArray,
         expected_m: FloatArray,
-        camera: StereoCamera,
+        seen_from: GroundedStereo | StereoCamera,
         config: SurroundingsConfig,
     ) -> None:
         self.samples, self.uv_px, self.boxes = samples, uv_px, xyxy_px
         self.known = np.isfinite(samples)
-        self.camera, self.config = camera, config
+        self.seen_from, self.config = seen_from, config
+        self.camera = camera = seen_from.stereo if isinstance(seen_from, GroundedStereo) else seen_from
         width_px, height_px = (xyxy_px[:, 2:] - xyxy_px[:, :2]).T
         self.expected_m = expected_m
         by_height = height_px / expected_m[1]
@@ -226,8 +225,9 @@ class _View:
         }
         return beside | {"behind_above": self._share(self.behind, self.known, _ABOVE)}
 
-    def standing(self, seen_from: GroundedStereo | None) -> dict[str, FloatArray]:
-        if seen_from is None:
+    def standing(self) -> dict[str, FloatArray]:
+        seen_from = self.seen_from
+        if not isinstance(seen_from, GroundedStereo):
             unknown = np.full(len(self.boxes), np.nan)
             return {"foot": unknown, "ground_below": unknown}
         lower_edge_px = np.stack([(self.boxes[:, 0] + self.boxes[:, 2]) / 2, self.boxes[:, 3]], axis=1) - 0.5
