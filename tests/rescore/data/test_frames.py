@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.camera import GroundedStereo, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.ground import GroundDoubt
 from recon.stereo.sgbm import SgbmConfig, write_disparity
@@ -146,6 +146,14 @@ def test_a_stated_ground_is_kept(tmp_path: Path) -> None:
     stated = GroundPlane(1.2, 0.0)
     frame = load_frame(street_record(tmp_path, stated), SgbmConfig())
     assert (frame.ground, frame.ground_source, frame.ground_estimate) == (stated, GroundSource.STATED, None)
+
+
+def test_a_pair_is_seen_from_somewhere_where_camera_and_ground_are_known(tmp_path: Path) -> None:
+    frame = load_frame(street_record(tmp_path, TRUE), SgbmConfig())
+    assert frame.camera is not None
+    assert frame.seen_from == GroundedStereo(frame.camera, TRUE)
+    assert replace(frame, camera=None).seen_from is None
+    assert replace(frame, ground=None).seen_from is None
 
 
 def test_no_ground_is_taken_that_is_not_trusted(tmp_path: Path) -> None:
