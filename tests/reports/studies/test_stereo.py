@@ -8,9 +8,9 @@ import numpy as np
 from typer.testing import CliRunner
 
 from reports.publishing.stereo_pairs import lay_out_aloe, lay_out_motorcycle
-from reports.studies.stereo import PUBLIC
 from rescore.cli import app
 from rescore.formats.stereo_truth import find_true_scenes
+from rescore.studies.stereo_file import PUBLIC
 from tests.true_pairs import kitti_2015, noise, scene, untrue, write_png
 
 
