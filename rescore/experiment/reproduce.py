@@ -8,6 +8,7 @@ from types import ModuleType
 from recon import part_views
 from recon.class_model import ClassModel
 from recon.learning import learn
+from recon.localization import learn_shapes
 from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.detectors import detect, platt
@@ -98,7 +99,7 @@ class Experiment:
             [self.config.class_name, part_as_json(self.config.learn)],
             (views,),
             (self.folder.class_model,),
-            (learn, part_views),
+            (learn, learn_shapes, part_views),
         )
 
         def work(out: Path) -> None:
@@ -107,6 +108,7 @@ class Experiment:
                 learned = learn.learn_class_model(
                     labelled, self.config.class_name, labelled.part_names, self.config.learn
                 )
+                learned = learn_shapes.with_shape_space(learned, labelled)
             learned.save(out)
 
         self.report(run_stage(self.folder.root, stage, work))

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from recon.class_model import ClassModel
+from rescore.cues.plausibility import CHECKS
+from rescore.cues.surroundings import SURROUNDINGS
+from rescore.cues.words import share
 from rescore.data.frames import load_frame
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import CandidateTable
-from rescore.evidence.cue_words import share
 from rescore.evidence.cues import (
     CUES,
     Columns,
@@ -24,9 +26,7 @@ from rescore.evidence.cues import (
 from rescore.evidence.fit_model import EvidenceConfig, fit_modes
 from rescore.evidence.guarded import GUARDED
 from rescore.evidence.model import load_models, save_models
-from rescore.evidence.plausibility import CHECKS
 from rescore.evidence.registration import Registration
-from rescore.evidence.surroundings import SURROUNDINGS
 from rescore.formats.coco import read_detections, write_rescored
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
