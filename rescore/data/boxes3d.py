@@ -22,6 +22,9 @@ KITTI_NO_PLACE = -1000.0
 BoxValues = tuple[float, float, float, float, float, float, float]
 """One box in the order of ``bbox3d`` in files: x, y, z of the centre, length, width, height, rotation_y."""
 
+BOX_NAMES = ("x", "y", "z", "length", "width", "height", "rotation_y")
+"""Name of each of the seven numbers, for columns of tables."""
+
 
 @dataclass(frozen=True, eq=False)
 class Boxes3D:

@@ -14,7 +14,13 @@ from rescore.formats.coco import DetectionFile
 from rescore.formats.kitti import UNKNOWN_ALPHA, alpha_of_azimuth
 from rescore.formats.labels import UNKNOWN_OCCLUSION
 from rescore.metrics.boxes3d import BoxErrors, box_errors, box_overlaps
-from rescore.metrics.kitti_precision import Judged, Touching, kitti_precision, orientation_similarity
+from rescore.metrics.kitti_precision import (
+    N_RECALLS,
+    Judged,
+    Touching,
+    kitti_precision,
+    orientation_similarity,
+)
 from rescore.metrics.matching import HIT, MatchTable, TruthTable, pairs_of_image, take_cars
 from rescore.results.metrics_file import (
     BoxErrorFigures,
@@ -27,6 +33,9 @@ from rescore.results.metrics_file import (
 
 MIN_IOUS = (0.7, 0.5)
 """Overlaps from which a car is found: KITTI's, and the one at which methods without laser are compared."""
+MIN_CARS = N_RECALLS + 1
+"""Below this KITTI's rule, which reads each recall at a hit of its own, cannot reach 40 recalls, and perfect
+boxes would get less than 1: the figures are then undefined."""
 SAME_CAR_IOU = 0.5
 """Overlap in the picture from which a detection is on a car whose 3D box is unknown."""
 FOUND_WITHIN_M = 2.0
@@ -87,13 +96,20 @@ class TrueCars:
     @property
     def levels(self) -> tuple[Level, ...]:
         """KITTI's levels where their quantities are known, and that of every car."""
-        known = (self.occluded != UNKNOWN_OCCLUSION).any() and not np.isnan(self.truncated).all()
+        known = self._levels_of_occlusion and not np.isnan(self.truncated).all()
         return (*LEVELS, EVERY_CAR) if known else (EVERY_CAR,)
+
+    @property
+    def _levels_of_occlusion(self) -> bool:
+        return bool((self.occluded != UNKNOWN_OCCLUSION).any())
 
     @property
     def whole(self) -> BoolArray:
         """Cars that nothing is known to hide or cut off, shape (m,)."""
         hidden = np.isin(self.occluded, (1, 2)) | (self.visibility < WHOLE_VISIBILITY)
+        if self._levels_of_occlusion:
+            # where others have a level, one without is doubtful
+            hidden |= (self.occluded == UNKNOWN_OCCLUSION) & np.isnan(self.visibility)
         return ~hidden & ~(self.truncated > WHOLE_TRUNCATION)
 
     def left_out(self, level: Level) -> BoolArray:
@@ -192,9 +208,10 @@ def _precision(cars: TrueCars, found: Ranked, pairs: _Pairs, level: Level) -> Pr
     ranking = found.match.ranking
     solid = Judged(ranking, small | ~found.boxes3d.known, on_unknown, left_out)
     figures: dict[str, dict[str, float | None]] = {
-        name: {} for name in ("in_picture", "orientation", "from_above", "in_space")
+        name: {f"{iou:g}": None for iou in MIN_IOUS}
+        for name in ("in_picture", "orientation", "from_above", "in_space")
     }
-    for min_iou in MIN_IOUS:
+    for min_iou in MIN_IOUS if solid.n_cars >= MIN_CARS else ():
         on_region = pairs.any_of(region[pairs.car] & (pairs.of_own_area > min_iou), n)
         flat = kitti_precision(
             Judged(ranking, small, on_region, left_out), pairs.touching(pairs.in_picture, min_iou)

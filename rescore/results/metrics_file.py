@@ -248,7 +248,7 @@ class DetectorDifficulty(MetricsPart):
 
 
 class Precision3D(MetricsPart):
-    """Average precisions at 40 recalls on the cars of one of KITTI's levels; None where there is no car.
+    """Average precisions at 40 recalls on the cars of one of KITTI's levels; None where there are too few.
 
     Each by the IoU from which a car is found, as "0.7".
     """
