@@ -54,8 +54,7 @@ def error_table(metrics: Metrics) -> Table | None:
 
 
 def pose_table(metrics: Metrics) -> Table | None:
-    """How many cars found in the picture have the right pose in 3D, and the errors, by distance; None as
-    above.
+    """Poses of the cars that are found, right ones and their errors, by distance; None as above.
 
     Poses do not depend on how candidates are ranked, but which one is a car's hit does: a row a detector and
     distance, in the order of the last mode.

@@ -77,7 +77,7 @@ class Boxes3D:
 
     @property
     def known(self) -> BoolArray:
-        """Which rows hold a box, shape (n,)."""
+        """Mask of the rows that hold a box, shape (n,)."""
         return ~np.isnan(self.rotation_y_rad)
 
     @property
@@ -174,7 +174,7 @@ class Boxes3D:
 
 
 def wrapped(angle_rad: FloatArray) -> FloatArray:
-    """The same angles in [-pi, pi)."""
+    """Angles brought into [-pi, pi) by whole turns."""
     return np.asarray((angle_rad + np.pi) % (2 * np.pi) - np.pi)
 
 

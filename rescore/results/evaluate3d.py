@@ -75,8 +75,11 @@ class TrueCars:
     alpha_rad: FloatArray
     """KITTI's observation angle, NaN where unknown, shape (m,)."""
     truncated: FloatArray
+    """As in ``rescore.data.frames.Truth``, NaN where unknown, shape (m,)."""
     occluded: IntArray
+    """As there, 3 where unknown, shape (m,)."""
     visibility: FloatArray
+    """As there, NaN where unknown, shape (m,)."""
 
     @staticmethod
     def of(data: DataSet) -> "TrueCars | None":
@@ -126,6 +129,7 @@ class Ranked:
     image: IntArray
     """Image of each, as ``TruthTable.car_image`` counts them, shape (n,)."""
     xyxy_px: FloatArray
+    """Shape (n, 4)."""
     boxes3d: Boxes3D
     alpha_rad: FloatArray
     """KITTI's observation angle, NaN where unknown, shape (n,)."""
@@ -194,7 +198,7 @@ class _Pairs:
         return Touching(self.detection[keep], self.car[keep], overlap[keep], self.similarity[keep])
 
     def any_of(self, keep: BoolArray, n: int) -> BoolArray:
-        """Which of n detections have a pair of a mask (p,)."""
+        """Mask of the detections (n,) that have a pair of a mask (p,)."""
         return np.bincount(self.detection[keep], minlength=n) > 0
 
 

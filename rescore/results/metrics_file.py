@@ -295,11 +295,11 @@ class PoseFigures(MetricsPart):
     n_found: int
     """Cars that are found in the picture."""
     n_boxes: int
-    """Those whose detection has a 3D box."""
+    """Cars among them whose detection has a 3D box."""
     correct_share: float | None
     """Share of ``n_found`` with the right pose."""
     median_translation_m: float | None
-    """Of those with the right pose, as the next."""
+    """Median error of the right poses, as the next."""
     median_orientation_rad: float | None
 
 
