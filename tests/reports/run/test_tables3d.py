@@ -12,50 +12,8 @@ from reports.run.tables3d import (
     pose_table,
     terminal_boxes3d,
 )
-from rescore.results.metrics_file import (
-    BoxErrorFigures,
-    Boxes3DRow,
-    MeanMedian,
-    Metrics,
-    PoseFigures,
-    Precision3D,
-)
-
-
-def level(name: str, value: float | None) -> Precision3D:
-    figures = {"0.7": value, "0.5": None if value is None else 2 * value}
-    return Precision3D(
-        level=name, n_cars=60, in_picture=figures, orientation=figures, from_above=figures, in_space=figures
-    )
-
-
-def row(detector: str, mode: str, *levels: Precision3D) -> Boxes3DRow:
-    def pose(whole: bool, high: float | None, share: float | None) -> PoseFigures:
-        return PoseFigures(
-            whole=whole,
-            distance_m=(0.0, high),
-            n_found=50,
-            n_boxes=40,
-            correct_share=share,
-            median_translation_m=0.25,
-            median_orientation_rad=0.0349,
-        )
-
-    return Boxes3DRow(
-        detector=detector,
-        mode=mode,
-        n_boxes=70,
-        precision=levels,
-        errors=BoxErrorFigures(
-            within_m=2.0,
-            n_cars=60,
-            n_found=44,
-            translation_m=MeanMedian(mean=0.5, median=0.3),
-            scale=MeanMedian(mean=0.125, median=0.1),
-            orientation_rad=MeanMedian(mean=None, median=0.1),
-        ),
-        poses=(pose(False, None, 0.5), pose(True, 25.0, 0.875)),
-    )
+from rescore.results.metrics_file import Boxes3DRow, Metrics
+from tests.reports.solid_rows import boxes3d_level, boxes3d_row
 
 
 def metrics(*rows: Boxes3DRow) -> Metrics:
@@ -63,8 +21,8 @@ def metrics(*rows: Boxes3DRow) -> Metrics:
 
 
 def test_figures_of_every_level_and_mode() -> None:
-    first = row("hog", "detector", level("moderate", 0.25), level("all", None))
-    some = metrics(first, row("net", "paper", level("all", 0.5)))
+    first = boxes3d_row("hog", "detector", boxes3d_level("moderate", 0.25), boxes3d_level("all", None))
+    some = metrics(first, boxes3d_row("net", "paper", boxes3d_level("all", 0.5)))
     table = boxes3d_table(some)
     assert table is not None
     assert [r[2:] for r in table.rows] == [
@@ -76,7 +34,10 @@ def test_figures_of_every_level_and_mode() -> None:
 
 
 def test_errors_and_poses() -> None:
-    some = metrics(row("net", "detector", level("all", 0.5)), row("net", "metric", level("all", 0.5)))
+    some = metrics(
+        boxes3d_row("net", "detector", boxes3d_level("all", 0.5)),
+        boxes3d_row("net", "metric", boxes3d_level("all", 0.5)),
+    )
     errors, poses = error_table(some), pose_table(some)
     assert errors is not None
     assert poses is not None
@@ -99,7 +60,9 @@ def test_without_3d_boxes_there_is_no_table() -> None:
 
 @pytest.mark.parametrize("levels", [("moderate", "all"), ("all",)])
 def test_the_terminal_shows_kittis_middle_level_in_80_columns(levels: tuple[str, ...]) -> None:
-    some = metrics(row("hog", "guarded", *(level(name, 0.1 + 0.1 * i) for i, name in enumerate(levels))))
+    some = metrics(
+        boxes3d_row("hog", "guarded", *(boxes3d_level(name, 0.1 + 0.1 * i) for i, name in enumerate(levels)))
+    )
     table = terminal_boxes3d(some)
     assert table is not None
     assert table.title == f"3D boxes, 60 cars ({levels[0]})"
