@@ -31,7 +31,7 @@ def boxes3d_table(metrics: Metrics) -> Table | None:
         for level in row.precision
     )
     head = ("detector", "scores", "cars", "number", "AP in the picture at 70%", "AOS at 70%")
-    overlaps = ("BEV AP at 70%", "at 50%", "3D AP at 70%", "at 50%")
+    overlaps = ("BEV AP at 70%", "BEV AP at 50%", "3D AP at 70%", "3D AP at 50%")
     return Table("3D boxes against the true ones", (*head, *overlaps), rows, text_columns=3) if rows else None
 
 
