@@ -57,6 +57,11 @@ class SearchConfig:
     """Steps shrink by this from round to round."""
     scale_sd: float = 0.04
     """Standard deviation of the logarithm of an instance's size over that of its shape."""
+    unknown_sd: tuple[float, float, float, float] = (3.0, 1.0, 1.8, 0.12)
+    """Standard deviations of distance, place across it, heading and logarithm of the size of an instance of
+    which nothing is measured."""
+    probe: tuple[float, float, float, float] = (0.25, 0.12, 0.12, 0.03)
+    """Steps in which the curvature of the posterior is measured."""
 
 
 @dataclass(frozen=True)
@@ -81,14 +86,22 @@ class PlacedInstance:
     """Length, width and height, shape (3,)."""
     box: StandingBox
     """The 3D box in the ground frame."""
+    place_sd: FloatArray
+    """Standard deviations of the distance and of the place across it in metres, of the heading in radians,
+    and of the logarithm of the size, shape (4,), from the curvature of the posterior; what the disparity does
+    not tell is as uncertain as ``SearchConfig.unknown_sd`` says."""
     silhouette_px: FloatArray
     """Box around the silhouette, cut off at the picture's edge, pixel edges, shape (4,)."""
     log_ratio: Float32Array
-    """See ``Explained``, shape (rows, columns), as all that follow."""
+    """See ``Explained``, shape (rows, columns)."""
     disparity_px: Float32Array
+    """Predicted, shape (rows, columns); NaN beside the silhouette."""
     spread_px: Float32Array
+    """Standard deviation of what is measured around it, shape (rows, columns)."""
     residual: Float32Array
+    """Measured less predicted disparity in standard deviations, shape (rows, columns)."""
     weight: Float32Array
+    """Number of independent measurements that a sample counts as, shape (rows, columns)."""
 
     @property
     def total(self) -> float:
@@ -136,7 +149,12 @@ class DisparityFit:
         boxes = silhouette_boxes(grid, self.views, self.seen_from.left)
         box_density = self._box_density(boxes, xyxy_px)
         framed, seen = (
-            self._placed(self._moved(grid, ratio + weight * box_density, samples, xyxy_px, weight), samples)
+            self._placed(
+                self._moved(grid, ratio + weight * box_density, samples, xyxy_px, weight),
+                samples,
+                xyxy_px,
+                weight,
+            )
             for weight in (c.box.framed, c.box.seen)
         )
         overlap = float(softmax(ratio.astype(float)) @ _overlaps(boxes, xyxy_px))
@@ -230,13 +248,16 @@ class DisparityFit:
             shape = np.concatenate([shape, np.tile(np.arange(count), (len(poses), 1))], axis=1)
         return Poses(place.reshape(-1, 4), shape.ravel())
 
-    def _placed(self, pose: Poses, samples: BoxSamples) -> PlacedInstance:
+    def _placed(
+        self, pose: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
+    ) -> PlacedInstance:
         found = self._explain(pose, samples, fine=True)
         rows = samples.known.shape
         return PlacedInstance(
             pose,
             pose.size_m(self.views)[0],
             pose.standing_box(0, self.views),
+            self._deviations(pose, samples, xyxy_px, box_weight),
             silhouette_boxes(pose, self.views, self.seen_from.left)[0],
             found.log_ratio.reshape(rows),
             found.disparity_px.reshape(rows),
@@ -244,6 +265,17 @@ class DisparityFit:
             found.residual.reshape(rows),
             found.weight.reshape(rows),
         )
+
+    def _deviations(
+        self, pose: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
+    ) -> FloatArray:
+        """See ``PlacedInstance.place_sd``: each unknown with the others held."""
+        c = self.config.search
+        probe = np.concatenate([np.zeros((1, 4)), np.diag(c.probe), -np.diag(c.probe)])
+        near = self._near(pose, probe, other_shapes=False)
+        value = self._score(near, samples, xyxy_px, box_weight, fine=True)
+        curvature = (2 * value[0] - value[1:5] - value[5:]) / np.square(c.probe)
+        return np.asarray(1 / np.sqrt(np.maximum(curvature, 0) + 1 / np.square(c.unknown_sd)))
 
 
 _SAME_DISTANCE = 0.04

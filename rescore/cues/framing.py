@@ -118,7 +118,7 @@ def _explained(framed: PlacedInstance, on_framed: BoolArray, config: FramingConf
 
 
 def _at_depth(placed: PlacedInstance, samples: BoxSamples, config: FramingConfig) -> BoolArray:
-    """Which samples (rows, columns) lie at the middle depth of an instance."""
+    """Mask of the samples (rows, columns) that lie at the middle depth of an instance."""
     on = np.isfinite(placed.disparity_px)
     middle = float(np.median(placed.disparity_px[on])) if on.any() else np.nan
     tolerance = max(config.same_px, config.same_share * middle)
@@ -131,7 +131,7 @@ def _beyond(seen: PlacedInstance, samples: BoxSamples, config: FramingConfig) ->
 
 
 def _around(placed: PlacedInstance, samples: BoxSamples) -> tuple[BoolArray, BoolArray]:
-    """Which samples (rows, columns) lie beside and above the silhouette."""
+    """Masks of the samples (rows, columns) beside and above the silhouette."""
     (left, top, right, bottom), off = placed.silhouette_px, ~np.isfinite(placed.disparity_px)
     width, height = right - left, bottom - top
     u, v = samples.uv_px[..., 0] + 0.5, samples.uv_px[..., 1] + 0.5

@@ -56,7 +56,7 @@ def fit_evidence(
         raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
     columns = cues[:, [cue_column(n) for n in names]]
     use = np.isfinite(columns).mean(axis=1) >= config.min_share
-    if registration.needs is not None and registration.needs in names:
+    if registration.needs in names and registration.needs not in checks_of(registration):
         use &= np.isfinite(cues[:, cue_column(registration.needs)])
     n_cars = int(is_car[use].sum())
     if n_cars < config.min_cars or n_cars == int(use.sum()):

@@ -78,7 +78,8 @@ class EvidenceModel:
         own = cues[:, [cue_column(name) for name in self.knots]]
         enough = np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
         needed = self.registration.needs
-        if needed is None or needed not in self.knots:
+        # a check that could not be made is passed
+        if needed is None or needed not in self.knots or needed in checks_of(self.registration):
             return enough
         return np.asarray(enough & np.isfinite(cues[:, cue_column(needed)]))
 

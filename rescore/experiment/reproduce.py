@@ -7,6 +7,7 @@ from types import ModuleType
 
 from recon import part_views
 from recon.class_model import ClassModel
+from recon.errors import RescoreError
 from recon.learning import learn
 from recon.localization import learn_shapes
 from rescore.data.frames import DataSet
@@ -318,6 +319,11 @@ class Experiment:
     def _rescoring(self, kind: str, mode: Registration, w: float = 1.0) -> Rescoring:
         """How candidates of a detector are rescored in a mode."""
         models = model.load_models(self.folder.evidence_model(kind)) if mode in LEARNED else {}
+        if mode in LEARNED and mode not in models:
+            raise RescoreError(
+                f"registrations: expected candidates with cue {mode.needs!r} for mode {mode}, got none; leave"
+                " the mode out, or have calibrated cameras and, for instance, seven part-labelled cars"
+            )
         return Rescoring(self.config.rescore, models.get(mode), w)
 
     def _evidence_table(self, kind: str, split: str, data: DataSet) -> CandidateTable:

@@ -3,7 +3,7 @@
 Everything that rescores calls ``rescore_frame``: the library, the commands, the experiment and the studies.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
@@ -14,7 +14,7 @@ from rescore.evidence.align_depth import DepthAlignment, align_instances, measur
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CueInput, frame_cues
 from rescore.evidence.files import Predicted
-from rescore.evidence.instance_fits import fit_instances
+from rescore.evidence.instance_fits import boxes_of_fits, fit_instances
 from rescore.evidence.instances import DepthSource, predict_instances
 from rescore.evidence.model import EvidenceModel, with_difference
 from rescore.evidence.registration import Registration
@@ -105,7 +105,8 @@ def rescore_frame(
     depths, azimuth_rad = instances.scaled_depths, instances.views.azimuth_rad
     fits = _fitted(frame, candidates, source, rescoring)  # past eq. 6: an instance of the class, placed in 3D
     cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues, fits))
-    evidence = CandidateTable.of_alignments(candidates, alignments, cues, frame.ground_source)
+    placed = replace(candidates, boxes3d=boxes_of_fits(fits, frame) or candidates.boxes3d)
+    evidence = CandidateTable.of_alignments(placed, alignments, cues, frame.ground_source)
     rescored = rescoring.fuse(evidence)  # eq. 7
     return RescoredFrame(rescored, instances.views, instances.found, alignments, fits)
 
