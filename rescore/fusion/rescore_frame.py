@@ -21,6 +21,7 @@ from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.evidence.views import Views
 from rescore.fusion.fuse import fuse
+from rescore.fusion.suppress3d import suppress_second_boxes
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,8 @@ class Rescoring:
     w: float = 1.0
     """Weight of the detector in eq. 7, in [0, 1]; 1 keeps the likelihoods, so that D can be looked at
     alone."""
+    suppress: bool = False
+    """Whether second boxes of a car are ranked below all others (``rescore.fusion.suppress3d``)."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.w <= 1:
@@ -53,7 +56,8 @@ class Rescoring:
     def fuse(self, evidence: CandidateTable) -> RescoredTable:
         """Candidates with their depth evidence, of one frame or many, fused with what the detector says."""
         judged = with_difference(evidence, self.evidence_model)
-        return RescoredTable(judged, fuse(judged.likelihood, judged.depth_difference, self.w))
+        fused = RescoredTable(judged, fuse(judged.likelihood, judged.depth_difference, self.w))
+        return suppress_second_boxes(fused) if self.suppress else fused
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +119,7 @@ def _fitted(
     frame: Frame, candidates: Candidates, source: DepthSource, rescoring: Rescoring
 ) -> tuple[BoxFit | None, ...]:
     """Instances fitted to the boxes, where a mode may ask for them and the source can tell."""
-    asked = rescoring.evidence_model is None or rescoring.mode is Registration.INSTANCE
+    asked = rescoring.evidence_model is None or rescoring.mode is Registration.INSTANCE or rescoring.suppress
     if not asked or not isinstance(source, ClassModel):
         return (None,) * len(candidates)
     return fit_instances(frame, candidates.xyxy_px, source, rescoring.config.fit)

@@ -35,6 +35,14 @@ def _known_overlaps(a: Boxes3D, b: Boxes3D) -> tuple[FloatArray, FloatArray]:
     return plane / (area_a + area_b - plane), shared / (volume_a + volume_b - shared)
 
 
+def footprint_shares(a: Boxes3D, b: Boxes3D) -> FloatArray:
+    """Share of the smaller footprint that lies in the other, of each a and the b of its row, shape (n,)."""
+    both, shares = a.known & b.known, np.zeros(len(a))
+    smaller = np.minimum(*(np.prod(x.size_m[both][:, :2], axis=1) for x in (a, b)))
+    shares[both] = _shared_footprint(a[both], b[both]) / smaller
+    return shares
+
+
 def _shared_footprint(a: Boxes3D, b: Boxes3D) -> FloatArray:
     """Area that two footprints share (n,): that of a, cut by the four sides of b in the frame of b."""
     relative = _turned(a.centre_cam_m[:, ::2] - b.centre_cam_m[:, ::2], b.rotation_y_rad)

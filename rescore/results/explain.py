@@ -190,6 +190,8 @@ class _Teller:
                 detail = f"{100 * (1 - cues[cue_column('measured')]):.0f} % of stereo missing"
             case Reason.STEREO_NOT_BELIEVED:
                 detail = self._failed_checks(cues)
+            case Reason.SECOND_BOX:
+                return f"{status_text(why)} ({detail}): ranks below all boxes that stay"
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
         keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")
         left = keeps if self.mode == Registration.PAPER else "gets the D of no evidence"

@@ -21,6 +21,7 @@ STATUS_TEXT: dict[str, str] = {
     Reason.NO_CALIBRATION: "camera not calibrated",
     Reason.NO_PREDICTION: "no depth predicted in the box",
     Reason.BOX_OUTSIDE_IMAGE: "box outside the image",
+    Reason.SECOND_BOX: "a second box of a car",
 }
 """Words for each status of a candidate."""
 

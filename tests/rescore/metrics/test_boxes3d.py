@@ -6,7 +6,7 @@ import shapely
 
 from recon.arrays import FloatArray
 from rescore.data.boxes3d import Boxes3D
-from rescore.metrics.boxes3d import box_errors, box_overlaps
+from rescore.metrics.boxes3d import box_errors, box_overlaps, footprint_shares
 
 
 def boxes(*rows: tuple[float, ...]) -> Boxes3D:
@@ -98,3 +98,11 @@ def test_errors_by_hand() -> None:
     # 3.2 x 2 x 1.5 = 9.6 of 12 + 11.52 - 9.6 = 13.92
     assert errors.scale[0] == pytest.approx(1 - 9.6 / 13.92)
     assert errors.orientation_rad[0] == pytest.approx(2 * np.pi - 6)
+
+
+def test_shares_of_the_smaller_footprint() -> None:
+    # 2 x 2 m inside 4 x 4 m, half over its edge, and a row without a box
+    large = boxes(*[(0, 0, 10, 4, 4, 1, 0)] * 3)
+    small = boxes((0, 0, 10, 2, 2, 1, 0.4), (2, 0, 10, 2, 2, 1, 0), (np.nan,) * 7)
+    np.testing.assert_allclose(footprint_shares(large, small), [1, 0.5, 0])
+    np.testing.assert_allclose(footprint_shares(small, large), [1, 0.5, 0])
