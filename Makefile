@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-stereo published-recording published-report bench docs clean
+	published-evidence published-stereo published-recording published-report published-defaults bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -51,6 +51,11 @@ published-report: paper
 
 published-evidence: paper
 	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
+
+# what `rescore apply` uses where no model is named; STREETS= names a finished run that has mode instance
+STREETS ?= runs/streets
+published-defaults: setup
+	$(BIN)/python -m reports.publishing.defaults $(STREETS)
 
 # KITTI= names a folder of KITTI pairs, with or without truth
 KITTI ?=

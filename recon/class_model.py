@@ -111,19 +111,34 @@ class ClassModel:
         if not path.is_file():
             raise RescoreError(f"{path}: expected a class model, found no file; learn one first")
         try:
-            return _parse(json.loads(path.read_text()), path)
-        except (
-            UnicodeDecodeError,
-            json.JSONDecodeError,
-            KeyError,
-            TypeError,
-            ValueError,
-            IndexError,
-        ) as error:
-            raise RescoreError(
-                f"{path}: expected {FORMAT!r} JSON, could not read it ({type(error).__name__}: {error}); "
-                "learn the model again"
-            ) from error
+            value = json.loads(path.read_text())
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise _unreadable(path, error) from error
+        return ClassModel.from_json(value, path)
+
+    def as_json(self) -> dict[str, Any]:
+        """The model as JSON values, as ``save`` writes them; ``from_json`` gives back exactly this model."""
+        value: dict[str, Any] = json.loads(_dumps(self))
+        return value
+
+    @staticmethod
+    def from_json(value: Any, where: Path) -> "ClassModel":
+        """What ``as_json`` made; ``where`` names it in the error.
+
+        Raises:
+            RescoreError: not a class model, another version.
+        """
+        try:
+            return _parse(value, where)
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise _unreadable(where, error) from error
+
+
+def _unreadable(where: Path, error: Exception) -> RescoreError:
+    return RescoreError(
+        f"{where}: expected {FORMAT!r} JSON, could not read it ({type(error).__name__}: {error}); "
+        "learn the model again"
+    )
 
 
 def _dumps(model: ClassModel) -> str:

@@ -33,7 +33,7 @@ FLOORS = {
     ),
     "rescore": (
         *(
-            "speech",
+            "speech defaults",
             "files parallel",
             "data",
             "metrics",

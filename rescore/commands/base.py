@@ -44,7 +44,7 @@ Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
 TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
 RegistrationMode = Annotated[
-    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
+    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded, metric or instance.")
 ]
 EvidenceModelFile = Annotated[
     Path | None,

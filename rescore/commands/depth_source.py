@@ -37,9 +37,10 @@ Predicted = Annotated[
 
 @dataclass(frozen=True)
 class Source:
-    """What predicts depth, as the options of a command say: a class model or a folder of predictions."""
+    """What predicts depth, as the options of a command say: a class model, its file or itself, or a folder
+    of predictions."""
 
-    model: Path | None
+    model: "Path | ClassModel | None"
     folder: "PredictionFolder | None"
 
     @property
@@ -56,7 +57,7 @@ class Source:
 
         if self.folder is None:
             assert self.model is not None
-            return ClassModel.load(self.model)
+            return self.model if isinstance(self.model, ClassModel) else ClassModel.load(self.model)
         return Predictions.of(self.folder, data, [i for i, found in candidates.items() if len(found)])
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
     AdaptShare,
@@ -17,14 +16,12 @@ from rescore.commands.base import (
     EvidenceModelFile,
     Jobs,
     Preset,
-    RegistrationMode,
     Seed,
     Split,
     TestMeshes,
     TrainMeshes,
     app,
     config_of,
-    mode_of,
     read_split,
     with_share,
 )
@@ -33,9 +30,9 @@ from rescore.commands.depth_source import (
     Predicted,
     evidence_of,
     source_as_json,
-    source_of,
 )
 from rescore.commands.results import print_results
+from rescore.commands.what_rescores import Named
 from rescore.speech import say
 
 if TYPE_CHECKING:
@@ -80,9 +77,19 @@ def apply(
     w: Annotated[
         float | None, typer.Option(min=0, max=1, help="The weight itself, in place of --tuned.")
     ] = None,
-    registration: RegistrationMode = "paper",
+    registration: Annotated[
+        str | None,
+        typer.Option(
+            help="What D comes from: paper (eq. 6), guarded, metric or instance.",
+            show_default="paper where another option names what rescores",
+        ),
+    ] = None,
     evidence_model: EvidenceModelFile = None,
     adapt_share: AdaptShare = False,
+    suppress: Annotated[
+        bool,
+        typer.Option("--suppress", help="Rank second boxes of a car, found in 3D, below all others."),
+    ] = False,
     evidence: Annotated[
         Path | None,
         typer.Option(help="Folder for what led to each score, by detector, an NPZ file an image."),
@@ -107,43 +114,40 @@ def apply(
 ) -> None:
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
+    Without options of what rescores the rescorer that comes with the package is used (mode instance).
     A candidate without depth evidence keeps its likelihood in mode paper.
-    In guarded and metric it gets the D of silent cues. Its status says why.
+    In the other modes it gets the D of silent cues. Its status says why.
 
-    Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
+    Example: [bold]rescore apply MY_DATA my_detections.json --out rescored.json[/bold]
     """
     from rescore.evidence.model import models_as_json
-    from rescore.evidence.registration import check_depth_of
     from rescore.evidence.settings import with_camera, with_stereo_for
     from rescore.experiment.config import part_as_json
     from rescore.files import write_provenance
     from rescore.formats.coco import write_rescored
     from rescore.fusion.rescore_frame import Rescoring
-    from rescore.fusion.tuning_file import tuned_weight
 
-    if (tuned is None) == (w is None):
-        raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
-    mode, learned = mode_of(registration, evidence_model)
-    asked = source_of(model, predicted, (mode,))
-    weight = w if tuned is None else tuned_weight(tuned, mode, asked.depth_of)
-    assert weight is not None
-    if learned is not None:
-        check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
-    settings = config_of(preset, config)
-    data = read_split(dataset, split, settings.class_name)
-    looked = with_stereo_for(with_camera(settings.rescore, camera), data, disparities)
-    source, table, detector = evidence_of(data, detections, asked, looked, jobs, evidence)
-    learned, shift = with_share(learned, table, adapt_share)
-    rescoring = Rescoring(looked, learned, weight)
+    used = Named(model, predicted, tuned, w, registration, evidence_model).rescores(preset, config)
+    data = read_split(dataset, split, used.settings.class_name)
+    looked = with_stereo_for(with_camera(used.settings.rescore, camera), data, disparities)
+    source, table, detector = evidence_of(data, detections, used.source, looked, jobs, evidence)
+    learned, shift = with_share(used.learned, table, adapt_share)
+    rescoring = Rescoring(looked, learned, used.w, suppress)
     found = rescoring.fuse(table)
     write_rescored(out, detector, found, data, w=rescoring.w, registration=rescoring.mode)
-    made_with = {"w": weight, "split": split, "registration": mode.value, "log_odds_shift": shift}
-    made_with |= {"rescore": part_as_json(looked)}
+    made_with = {"w": used.w, "split": split, "registration": used.mode.value, "log_odds_shift": shift}
+    made_with |= {"rescore": part_as_json(looked), "suppress": suppress, "used": used.words}
     if learned is not None:
         # for the words of reports: D cannot be explained without what it was made with
-        made_with["evidence_model"] = models_as_json({mode: learned})
+        made_with["evidence_model"] = models_as_json({used.mode: learned})
     write_provenance(out, "apply", made_with | source_as_json(source), None)
+    say(f"used: {used.words}")
     say(_grounds(table.image_id.tolist(), table.ground.tolist()))
+    if suppress and table.boxes3d is None:
+        say(
+            "note: --suppress: no candidate has a 3D box, which takes a class model with a shape space, a "
+            "calibrated camera and a ground plane"
+        )
     say(f"{_reasons(found.candidates.status.tolist())}: {out}")
 
 
@@ -175,8 +179,10 @@ def _reasons(status: list[str]) -> str:
     from collections import Counter
 
     counts = Counter(status)
+    second = counts.pop("second_box", 0)
     rest = ", ".join(f"{n} {reason}" for reason, n in sorted(counts.items()) if reason != "ok")
-    return f"{len(status)} candidates, {counts['ok']} with depth evidence" + (f" ({rest})" if rest else "")
+    text = f"{len(status)} candidates, {counts['ok']} with depth evidence" + (f" ({rest})" if rest else "")
+    return text + (f", {second} second boxes of a car" if second else "")
 
 
 def _grounds(image_id: list[int], ground: list[str]) -> str:

@@ -105,6 +105,12 @@ class Boxes3D:
         return wrapped(self.rotation_y_rad - direction)
 
     @property
+    def azimuth_deg(self) -> FloatArray:
+        """Azimuth in [0, 360) from which each is seen, shape (n,), counter-clockwise from above: 0 its front,
+        90 its left side; as ``rescore.data.frames.Truth`` has it."""
+        return np.asarray((np.degrees(self.alpha_rad) - 90) % 360)
+
+    @property
     def distance_m(self) -> FloatArray:
         """Distance of each centre from the camera along the ground, shape (n,)."""
         return np.hypot(self.centre_cam_m[:, 0], self.centre_cam_m[:, 2])

@@ -172,6 +172,29 @@ class Boxes:
     def __len__(self) -> int:
         return len(self.xyxy_px)
 
+    @staticmethod
+    def of(detections: Any) -> "Boxes":
+        """The boxes of what a detector's library hands out, of all its classes: leave others out first.
+
+        Args:
+            detections: an object with ``xyxy`` and ``conf`` or ``confidence``, arrays or tensors on any
+                device, such as ``results[0].boxes`` of Ultralytics or ``Detections`` of supervision.
+
+        Raises:
+            RescoreError: no such object, or boxes or confidences that ``Boxes`` does not take.
+        """
+        confidence = getattr(detections, "conf", None)
+        confidence = getattr(detections, "confidence", None) if confidence is None else confidence
+        xyxy = getattr(detections, "xyxy", None)
+        if xyxy is None or confidence is None:
+            lacks = "xyxy" if xyxy is None else "conf or confidence"
+            raise RescoreError(
+                f"detections: expected an object with xyxy and conf or confidence, got "
+                f"{type(detections).__name__} without {lacks}; give results[0].boxes of Ultralytics, "
+                "Detections of supervision, or Boxes(xyxy_px, likelihood=...)"
+            )
+        return Boxes(_array_of("xyxy", xyxy), likelihood=_array_of("confidence", confidence))
+
     def candidates(self, scaling: PlattScaling | None) -> Candidates:
         """The detections as rescoring takes them; ``scaling`` turns scores to likelihoods.
 
@@ -190,6 +213,18 @@ class Boxes:
             )
         score = np.array(self.score, float)
         return Candidates(0, boxes, score, scaling.likelihood(score), azimuth)
+
+
+def _array_of(name: str, value: Any) -> Float:
+    """An array of double precision of an array or a tensor, wherever it lies."""
+    for step in ("detach", "cpu", "numpy"):
+        value = getattr(value, step)() if hasattr(value, step) else value
+    try:
+        return np.asarray(value, float)
+    except (TypeError, ValueError) as error:
+        raise RescoreError(
+            f"{name}: expected an array or tensor of numbers, got {kind_of(value)}; convert it"
+        ) from error
 
 
 def _measured(values: Float) -> Float32Array:

@@ -12,8 +12,8 @@ import numpy as np
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
+from rescore.data.boxes3d import Boxes3D
 from rescore.detectors.platt import PlattScaling
-from rescore.evidence.candidates import OK
 from rescore.evidence.cues import cue_names
 from rescore.evidence.files import Predicted
 from rescore.evidence.model import EvidenceModel
@@ -21,8 +21,12 @@ from rescore.evidence.predicted_depth import PredictedDepth, another_system, che
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.evidence.settings import RescoreConfig
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.library.bundles import default_bundle
 from rescore.library.inputs import Boxes, StereoFrame
 from rescore.library.rescorer_files import Parts, parts_of_file, parts_of_run
+
+SIDES = ("front", "front left", "left", "rear left", "rear", "rear right", "right", "front right")
+"""Sides from which an object is seen, each 45 degrees wide, from azimuth 0 on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +41,11 @@ class Rescored:
     """D in [0, 1], shape (n,). Without evidence it is NaN in mode "paper", which keeps l, and in the others
     the D of silent cues."""
     status: tuple[str, ...]
-    """"ok", or the reason for which a box has no evidence (``recon.errors.Reason``)."""
+    """"ok", or the reason for which a box has no evidence or was suppressed (``recon.errors.Reason``)."""
     reasons: tuple[str, ...]
     """What was expected and what came, a sentence for a person; "" where the status is "ok"."""
+    has_evidence: BoolArray
+    """Whether depth gave evidence on each box, shape (n,)."""
     cues: FloatArray
     """Parts of the evidence, shape (n, k), columns ``cue_names``; NaN where one is missing."""
     log_odds: FloatArray
@@ -48,6 +54,11 @@ class Rescored:
     view_bin: IntArray
     """View bin of the class model that each box was reconstructed with, shape (n,); -1 where none will do, or
     another system predicts depth."""
+    boxes3d: Boxes3D | None
+    """The 3D box of the instance of the class that was fitted to each box and the disparity, camera frame,
+    metres, with standard deviations; NaN rows where nothing is measured. None where no instance was fitted:
+    that takes mode "instance", "paper" or ``suppress``, a class model with a shape space, a calibrated
+    camera, and a ground plane, stated or measured."""
     instances: tuple[Predicted, ...] | None
     """The 3D instance in each box, or the depth that another system predicts there, or why there is none;
     None where they were not asked for."""
@@ -58,9 +69,18 @@ class Rescored:
         return cue_names()
 
     @property
-    def has_evidence(self) -> BoolArray:
-        """Whether depth gave evidence on each box, shape (n,)."""
-        return np.array([s == OK for s in self.status], np.bool_)
+    def azimuth_deg(self) -> FloatArray:
+        """Azimuth from which each fitted 3D box is seen, shape (n,), counter-clockwise from above: 0 its
+        front, 90 its left side; NaN where there is none."""
+        return np.full(len(self.posterior), np.nan) if self.boxes3d is None else self.boxes3d.azimuth_deg
+
+    @property
+    def side(self) -> tuple[str, ...]:
+        """The one of ``SIDES`` from which each fitted 3D box is seen; "" where there is none."""
+        width_deg = 360 / len(SIDES)
+        return tuple(
+            "" if np.isnan(a) else SIDES[round(a / width_deg) % len(SIDES)] for a in self.azimuth_deg.tolist()
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +88,8 @@ class Rescorer:
     """A class model, a weight, and what turns depth into D: all that rescoring needs.
 
     Raises:
-        RescoreError: w outside [0, 1], or a view bin that the class model does not have.
+        RescoreError: w outside [0, 1], a view bin that the class model does not have, or ``suppress`` with a
+            class model that has no shape space.
     """
 
     class_model: ClassModel | None
@@ -76,15 +97,36 @@ class Rescorer:
     w: float
     """Weight of the detector in eq. 7, in [0, 1]."""
     evidence_model: EvidenceModel | None = None
-    """Model of D of modes "guarded" and "metric"; None for mode "paper", whose D is that of eq. 6."""
+    """Model of D of modes "guarded", "metric" and "instance"; None for mode "paper", whose D is that of
+    eq. 6."""
     scaling: PlattScaling | None = None
     """Platt scaling from raw scores to likelihoods; None where boxes come with likelihoods."""
     config: RescoreConfig = field(default_factory=RescoreConfig)
+    suppress: bool = False
+    """Whether second boxes of a car, found in 3D, get status "second_box" and a posterior below all others
+    (``rescore.fusion.suppress3d``)."""
 
     def __post_init__(self) -> None:
-        Rescoring(self.config, self.evidence_model, self.w)
+        _ = self._rescoring
         if self.class_model is not None and self.config.view_bin != "model":
             self.class_model.view(self.config.view_bin)
+        if self.suppress and (self.class_model is None or self.class_model.shape_space is None):
+            raise RescoreError(
+                "rescorer: expected a class model with a shape space for suppress=True, got none; learn one "
+                "from seven part-labelled instances or more, or leave suppress out"
+            )
+
+    @staticmethod
+    def default(class_name: str = "car") -> "Rescorer":
+        """The rescorer that comes with the package for a class: mode "instance", for boxes with likelihoods.
+
+        ``dataclasses.replace`` changes a part of it, such as ``suppress``.
+
+        Raises:
+            RescoreError: none comes with it for this class.
+        """
+        bundle = default_bundle(class_name)
+        return Rescorer(bundle.class_model, bundle.w, bundle.evidence_model, None, bundle.config)
 
     @staticmethod
     def from_file(path: str | Path) -> "Rescorer":
@@ -103,12 +145,16 @@ class Rescorer:
             run_dir: its folder.
             detector: a detector of the run, such as "hog", whose weight, evidence model and Platt scaling are
                 taken.
-            mode: "paper", "guarded" or "metric".
+            mode: "paper", "guarded", "metric" or "instance".
 
         Raises:
             RescoreError: no such run, detector or mode, or a damaged file.
         """
         return _of_parts(parts_of_run(Path(run_dir), detector, mode))
+
+    @property
+    def _rescoring(self) -> Rescoring:
+        return Rescoring(self.config, self.evidence_model, self.w, self.suppress)
 
     @property
     def mode(self) -> Registration:
@@ -139,22 +185,23 @@ class Rescorer:
         candidates = boxes.candidates(self.scaling)
         loaded = frame.loaded(self.config.stereo, self.config.nearest_m)
         source = self._source(predicted)
-        rescored = rescore_frame(
-            loaded, candidates, source, Rescoring(self.config, self.evidence_model, self.w)
-        )
-        table = rescored.candidates
-        log_odds = np.zeros_like(table.cues)
-        if self.evidence_model is not None:
-            log_odds = self.evidence_model.contributions(table.cues) * (table.status == OK)[:, None]
+        rescored = rescore_frame(loaded, candidates, source, self._rescoring)
+        table, model = rescored.candidates, self.evidence_model
+        d = table.depth_difference if model is None else model.difference(table.cues)
+        has_evidence, log_odds = np.isfinite(d), np.zeros_like(table.cues)
+        if model is not None:
+            log_odds = model.contributions(table.cues) * has_evidence[:, None]
         return Rescored(
             posterior=rescored.posterior,
             likelihood=candidates.likelihood,
             depth_difference=table.depth_difference,
             status=tuple(str(s) for s in table.status),
             reasons=tuple(str(s) for s in table.reason_detail),
+            has_evidence=has_evidence,
             cues=table.cues,
             log_odds=log_odds,
             view_bin=rescored.views.view_bin,
+            boxes3d=table.boxes3d,
             instances=rescored.instances if instances else None,
         )
 

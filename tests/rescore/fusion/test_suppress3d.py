@@ -100,7 +100,7 @@ def test_images_do_not_mix() -> None:
     )
 )
 def test_what_stays_keeps_its_posterior_and_ranks_above(
-    cars: list[tuple[float, float, float, float]],
+    cars: list[tuple[float, float, float, int]],
 ) -> None:
     before = table_of([WHOLE] * len(cars), [c[:3] for c in cars], [c[3] / 1e6 for c in cars])
     after = suppress_second_boxes(before)
