@@ -186,12 +186,13 @@ class _Teller:
         if why == NOT_RESCORED:
             return "not rescored"
         match why:
+            case Reason.SECOND_BOX:
+                told = f" ({detail})" if detail else ""
+                return f"{status_text(why)}{told}: ranks below all boxes that stay"
             case Reason.NO_STEREO if self.mode != Registration.PAPER:
                 detail = f"{100 * (1 - cues[cue_column('measured')]):.0f} % of stereo missing"
             case Reason.STEREO_NOT_BELIEVED:
                 detail = self._failed_checks(cues)
-            case Reason.SECOND_BOX:
-                return f"{status_text(why)} ({detail}): ranks below all boxes that stay"
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
         keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")
         left = keeps if self.mode == Registration.PAPER else "gets the D of no evidence"

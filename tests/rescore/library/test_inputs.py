@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -117,3 +118,67 @@ def test_without_a_stated_ground_the_measured_depth_gives_it() -> None:
     assert seen.ground.pitch_rad == pytest.approx(np.radians(8), abs=1e-3)
     stated = StereoFrame(rgb, depth_m=depth, camera=camera, ground=GroundPlane(1.5)).loaded(SgbmConfig(), 2.0)
     assert (stated.ground, stated.ground_source) == (GroundPlane(1.5), GroundSource.STATED)
+
+
+class Tensor:
+    """What a tensor on a graphics card is: an array only after ``detach``, ``cpu`` and ``numpy``."""
+
+    def __init__(self, values: np.ndarray, steps: tuple[str, ...] = ("detach", "cpu", "numpy")) -> None:
+        self._values, self._steps = values, steps
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        raise TypeError("can't convert cuda:0 device type tensor to numpy")
+
+    def __getattr__(self, name: str) -> Any:
+        if self._steps[:1] != (name,):
+            raise RuntimeError(f"{name} before {self._steps[0]}")
+        rest = self._steps[1:]
+        return lambda: Tensor(self._values, rest) if rest else self._values
+
+
+CONFIDENCE = np.array([0.25], np.float32)
+
+
+@pytest.mark.parametrize(
+    "detections",
+    [
+        SimpleNamespace(xyxy=BOX.astype(np.float32), confidence=CONFIDENCE, class_id=np.array([2])),
+        SimpleNamespace(xyxy=Tensor(BOX.astype(np.float32)), conf=Tensor(CONFIDENCE)),
+        SimpleNamespace(xyxy=BOX.tolist(), conf=[0.25]),
+    ],
+)
+def test_boxes_of_what_detectors_hand_out(detections: Any) -> None:
+    boxes = Boxes.of(detections)
+    assert boxes.xyxy_px.dtype == float
+    np.testing.assert_array_equal(boxes.xyxy_px, BOX)
+    assert boxes.likelihood is not None
+    assert boxes.likelihood.tolist() == [0.25]
+    assert boxes.score is None
+
+
+def test_a_detector_that_found_nothing() -> None:
+    assert len(Boxes.of(SimpleNamespace(xyxy=np.zeros((0, 4), np.float32), confidence=np.zeros(0)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("detections", "message"),
+    [
+        (
+            [1, 2],
+            "detections: expected an object with xyxy and conf or confidence, got list without xyxy; give",
+        ),
+        (SimpleNamespace(xyxy=BOX), "got SimpleNamespace without conf or confidence; give results[0].boxes"),
+        (SimpleNamespace(xyxy=BOX, confidence=None), "got SimpleNamespace without conf or confidence; give"),
+        (SimpleNamespace(xyxy=["a"], conf=HALF), "xyxy: expected an array or tensor of numbers, got list"),
+        (
+            SimpleNamespace(xyxy=BOX, conf=HALF * 90),
+            "likelihood: expected numbers in [0, 1], got 45 for box 0",
+        ),
+        (SimpleNamespace(xyxy=BOX[:, :3], conf=HALF), "xyxy_px: expected an array (n, 4) of numbers"),
+        (SimpleNamespace(xyxy=BOX, conf=np.ones(2)), "likelihood: expected an array (1,) of numbers"),
+    ],
+)
+def test_what_is_no_detections_is_refused(detections: Any, message: str) -> None:
+    with pytest.raises(RescoreError, match=re.escape(message)) as raised:
+        Boxes.of(detections)
+    assert "\n" not in str(raised.value)

@@ -80,6 +80,18 @@ def test_without_evidence_the_status_and_the_failed_check_are_told() -> None:
     assert not doubted.parts
 
 
+def test_a_second_box_names_the_one_that_stays() -> None:
+    model = metric_model()
+    rows = rows_of(model, np.stack([cues_with(height=0, foot=0, relief_scale=0.0)] * 2), ["second_box"] * 2)
+    rows["status"][0] = "second_box"
+    rows["reason_detail"][0] = "the same car as candidate 1 at 1, 2, 3, 4"
+    named, other = explain(rows, "metric", np.zeros(2, bool), model)
+    end = ": ranks below all boxes that stay"
+    assert named.text == f"a second box of a car (the same car as candidate 1 at 1, 2, 3, 4){end}"
+    # the detail of the table is that of another mode
+    assert other.text == f"a second box of a car{end}"
+
+
 def test_eq_6_is_told_by_its_numbers_and_failures_keep_their_likelihood() -> None:
     rows = {
         "image_id": np.arange(3),
