@@ -5,6 +5,8 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from rescore import Boxes, Camera, Rescored, RescoreError, Rescorer, StereoFrame
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
 from rescore.library.bundles import default_bundle, read_bundle, write_bundle
+from tests.conftest import ROOT
 from tests.recon.localization import stepped_car as car
 from tests.rescore import shipped
 
@@ -35,14 +38,18 @@ def default(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Rescorer:
     return Rescorer.default()
 
 
-def rescored(rescorer: Rescorer, *, calibrated: bool = True) -> Rescored:
+def frame_of(*, calibrated: bool = True) -> StereoFrame:
     camera = Camera(LENS.fx_px, LENS.fy_px, LENS.cx_px, LENS.cy_px, car.RIG.stereo.baseline_m)
-    frame = StereoFrame(
+    return StereoFrame(
         np.full((LENS.height_px, LENS.width_px, 3), 90, np.uint8),
         disparity_px=car.disparity_of(shipped.PLACE, noise_px=0.3),
         camera=camera if calibrated else None,
         ground=GroundPlane(1.65),
     )
+
+
+def rescored(rescorer: Rescorer, *, calibrated: bool = True) -> Rescored:
+    frame = frame_of(calibrated=calibrated)
     return rescorer.rescore(frame, Boxes(shipped.boxes_px(), likelihood=np.array(shipped.LIKELIHOODS)))
 
 
@@ -88,6 +95,30 @@ def test_suppression_is_one_argument_more(default: Rescorer) -> None:
     np.testing.assert_array_equal(found.posterior[~second], plain.posterior[~second])
     np.testing.assert_array_equal(found.log_odds, plain.log_odds)
     np.testing.assert_array_equal(found.has_evidence, plain.has_evidence)
+
+
+class UltralyticsBoxes:
+    """Boxes as Ultralytics hands them out: rows are taken by a mask."""
+
+    def __init__(self, xyxy: np.ndarray, conf: np.ndarray, cls: np.ndarray) -> None:
+        self.xyxy, self.conf, self.cls = xyxy, conf, cls
+
+    def __getitem__(self, rows: np.ndarray) -> "UltralyticsBoxes":
+        return UltralyticsBoxes(self.xyxy[rows], self.conf[rows], self.cls[rows])
+
+
+def test_the_example_of_the_documentation(default: Rescorer) -> None:
+    names: dict[str, Any] = {}
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(), re.DOTALL)
+    (example,) = (b for b in blocks if "Rescorer.default" in b)
+    exec(example, names)
+    xyxy = np.concatenate([shipped.boxes_px(), [[10, 10, 50, 90]]]).astype(np.float32)
+    boxes = UltralyticsBoxes(xyxy, np.array([*shipped.LIKELIHOODS, 0.9]), np.array([2, 2, 2, 0.0]))
+    posterior, boxes3d, side = names["rescored"](frame_of(), [SimpleNamespace(boxes=boxes)])
+    expected = rescored(replace(default, suppress=True))
+    np.testing.assert_allclose(posterior, expected.posterior)
+    assert len(boxes3d) == 3
+    assert side == expected.side
 
 
 def test_a_frame_without_calibration_has_neutral_evidence_and_says_why(default: Rescorer) -> None:
