@@ -9,6 +9,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    LEARNED_PANEL,
     AdaptShare,
     AsJson,
     Changes,
@@ -88,7 +89,11 @@ def apply(
     adapt_share: AdaptShare = False,
     suppress: Annotated[
         bool,
-        typer.Option("--suppress", help="Rank second boxes of a car, found in 3D, below all others."),
+        typer.Option(
+            "--suppress",
+            help="Rank second boxes of a car, found in 3D, below all others.",
+            rich_help_panel=LEARNED_PANEL,
+        ),
     ] = False,
     evidence: Annotated[
         Path | None,
