@@ -29,7 +29,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-LEARNED_PANEL = "Past eq. 6"
+LEARNED_PANEL = "Modes with a learned D"
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
@@ -44,7 +44,7 @@ Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
 TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
 RegistrationMode = Annotated[
-    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded, metric or instance.")
+    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
 ]
 EvidenceModelFile = Annotated[
     Path | None,

@@ -9,7 +9,6 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
-    LEARNED_PANEL,
     AdaptShare,
     AsJson,
     Changes,
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from rescore.experiment.stages import Done
 
 STEREO_PANEL = "Camera and stereo matching"
+SECOND_PANEL = "Second boxes"
 
 
 @app.command()
@@ -92,7 +92,7 @@ def apply(
         typer.Option(
             "--suppress",
             help="Rank second boxes of a car, found in 3D, below all others.",
-            rich_help_panel=LEARNED_PANEL,
+            rich_help_panel=SECOND_PANEL,
         ),
     ] = False,
     evidence: Annotated[

@@ -89,7 +89,8 @@ class CandidateTable:
     likelihood: FloatArray
     """l in [0, 1], shape (n,); NaN where the scores were never calibrated."""
     depth_difference: FloatArray
-    """D of eq. 6 in [0, 1], shape (n,); this and the next five are NaN where ``status`` is not "ok"."""
+    """D of eq. 6 in [0, 1], shape (n,); this and the next five are NaN where ``status`` is not "ok"
+    or "second_box"."""
     scale: FloatArray
     """a1 of eq. 6, shape (n,)."""
     offset: FloatArray
@@ -105,8 +106,7 @@ class CandidateTable:
     reason_detail: NDArray[np.object_]
     """What was expected and what came, "" where status is "ok"; strings, shape (n,)."""
     cues: FloatArray
-    """Parts of the evidence of modes "guarded" and "metric", shape (n, k), columns ``CUES``; NaN where one is
-    missing."""
+    """Parts of the evidence of the learned modes, shape (n, k), columns ``CUES``; NaN where one is missing."""
     azimuth_deg: FloatArray
     """Azimuth from which the detector sees the object (see ``rescore.data.frames.Truth``), shape (n,); NaN
     where it does not say."""

@@ -63,7 +63,7 @@ def parts_of_file(path: Path) -> Parts:
         )
     if (mode in LEARNED) != (file.evidence_model is not None):
         raise RescoreError(
-            f"{path}: expected evidence_model for registrations {' and '.join(LEARNED)} alone, got "
+            f"{path}: expected evidence_model for registrations {', '.join(LEARNED)} alone, got "
             f"{file.evidence_model!r} for {mode}; mend one of the two"
         )
     if file.log_odds_shift and file.evidence_model is None:
