@@ -17,6 +17,9 @@ TILE_M = {
     "grass": 3.0,
     "leaves": 1.3,
     "planks": 1.5,
+    "road": 7.0,
+    "lawn": 2.6,
+    "foliage": 1.1,
 }
 """Metres that one tile of a texture spans."""
 

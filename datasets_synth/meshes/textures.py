@@ -305,6 +305,92 @@ def _wicker(rng: np.random.Generator) -> UInt8Array:
     return _paint((170, 124, 74), light.astype(np.float32))
 
 
+def _road(rng: np.random.Generator) -> UInt8Array:
+    """Asphalt of a driven road: fine grain, faint clouds, a few thin cracks and a mended strip."""
+    size = 1024
+    grain = _blur(rng.normal(size=(size, size)).astype(np.float32), 0.7, 0.7)
+    light = 1 + 0.16 * grain + 0.035 * fractal_noise(rng, size, 3) + 0.03 * fractal_noise(rng, size, 32, 3)
+    if rng.random() < 0.5:
+        x, y = (int(v) for v in rng.integers(80, size - 300, 2))
+        w, h = (int(v) for v in rng.integers(60, 220, 2))
+        light[y : y + h, x : x + w] *= rng.uniform(0.85, 0.95)
+    for _ in range(rng.integers(0, 4)):
+        path = _wander(rng, size, 50, 7)
+        cv2.polylines(light, [path], False, float(rng.uniform(0.55, 0.75)), 1, cv2.LINE_AA)
+    return _paint((104, 103, 102), light, fractal_noise(rng, size, 4, 3) * 0.12)
+
+
+def _strokes(
+    rng: np.random.Generator, picture: UInt8Array, colours: NDArray[np.floating], length_px: float
+) -> None:
+    """Short strokes (n, 3 colours) at random places and in random directions, tiling, later ones on top."""
+    size = len(picture)
+    at = rng.uniform(0, size, (len(colours), 2))
+    turn = rng.uniform(0, 2 * np.pi, len(colours))
+    reach = length_px * rng.uniform(0.4, 1.2, len(colours))
+    end = at + np.stack([np.cos(turn), np.sin(turn)], 1) * reach[:, None]
+    for shift in ((0, 0), (size, 0), (0, size)):
+        for a, b, colour in zip(at - shift, end - shift, colours, strict=True):
+            if max(a.max(), b.max()) > -length_px and min(a.min(), b.min()) < size + length_px:
+                start, stop = (int(a[0]), int(a[1])), (int(b[0]), int(b[1]))
+                cv2.line(picture, start, stop, [float(v) for v in colour], 1, cv2.LINE_AA)
+
+
+def _lawn(rng: np.random.Generator) -> UInt8Array:
+    """Blades of grass from above, green and dry, in patches, with a few small flowers."""
+    size, n = 1024, 26_000
+    dry = fractal_noise(rng, size, 3, 5)
+    picture = np.empty((size, size, 3), np.uint8)
+    picture[:] = (58, 66, 34)
+    tone = rng.uniform(0.55, 1.3, (n, 1))
+    colours = np.array([92.0, 108.0, 52.0]) * tone + np.array([40.0, 18.0, 12.0]) * (rng.random((n, 1)) < 0.2)
+    _strokes(rng, picture, colours, 15.0)
+    for _ in range(int(rng.integers(0, 26))):
+        x, y = (int(v) for v in rng.integers(0, size, 2))
+        cv2.circle(picture, (x, y), int(rng.integers(2, 5)), (214, 214, 200), -1, cv2.LINE_AA)
+    light = np.clip(1 + 0.10 * dry, 0.6, 1.5)[..., None]
+    warm = np.clip(dry, 0, 2)[..., None] * np.array([14.0, 6.0, -4.0])
+    return _bytes(picture * light + warm)
+
+
+def _foliage(rng: np.random.Generator) -> UInt8Array:
+    """Leaves close together, lit from above, with small gaps."""
+    picture = np.empty((_SIZE, _SIZE, 3), np.uint8)
+    picture[:] = (46, 60, 26)
+    n = 1500
+    for i in range(n):
+        shade = (0.62 + 0.45 * i / n) * rng.uniform(0.75, 1.2)
+        colour = [float(min(255.0, c * shade)) for c in (104 + 26 * rng.random(), 128, 58)]
+        centre = rng.integers(0, _SIZE, 2)
+        axes = (int(rng.integers(8, 20)), int(rng.integers(4, 9)))
+        turn = float(rng.uniform(0, 180))
+        for shift in ((0, 0), (_SIZE, 0), (0, _SIZE)):
+            at = (int(centre[0] - shift[0]), int(centre[1] - shift[1]))
+            cv2.ellipse(picture, at, axes, turn, 0, 360, colour, -1, cv2.LINE_AA)
+    return picture
+
+
+def _pane(rng: np.random.Generator) -> UInt8Array:
+    """A window by day: a dark room behind, a curtain or a blind, and the other side of the street mirrored."""
+    size = 256
+    y, x = np.mgrid[0:size, 0:size].astype(np.float32) / size
+    light = 0.16 + 0.05 * fractal_noise(rng, size, 3)
+    style = int(rng.integers(5))
+    if style == 0:  # curtains at both sides
+        side = np.minimum(x, 1 - x) < rng.uniform(0.12, 0.3)
+        light = np.where(side, 0.75 + 0.16 * np.sin(x * 90), light)
+    elif style == 1:  # a blind, lowered in part
+        light = np.where(y < rng.uniform(0.15, 0.75), 0.8 + 0.07 * np.sin(y * 180), light)
+    elif style == 2:  # net curtains
+        light = light + 0.4 + 0.07 * np.sin(x * 60 + 3 * y)
+    # roofs of the houses opposite: sky above them, their dark fronts below
+    steps = np.interp(x[0], np.linspace(0, 1, 5), rng.uniform(0.15, 0.6, 5))
+    sky = np.clip((steps[None] - y) * 14, 0, 1)
+    light = light + 0.55 * sky * rng.uniform(0.5, 1.0)
+    tinted = light[..., None] * np.array([118.0, 122.0, 128.0])
+    return _bytes(tinted + sky[..., None] * np.array([8.0, 16.0, 30.0]))
+
+
 _PAINTERS: dict[str, Callable[[np.random.Generator], UInt8Array]] = {
     "asphalt": _asphalt,
     "slabs": _slabs,
@@ -325,6 +411,10 @@ _PAINTERS: dict[str, Callable[[np.random.Generator], UInt8Array]] = {
     "wood": _wood,
     "cloth": _cloth,
     "wicker": _wicker,
+    "road": _road,
+    "lawn": _lawn,
+    "foliage": _foliage,
+    "pane": _pane,
 }
 TEXTURE_KINDS = tuple(_PAINTERS)
 

@@ -77,7 +77,7 @@ def render_radiance(scene: Scene) -> Float32Array:
 
 
 def _shader(scene: Scene, rays: SceneRays | None = None) -> Shader:
-    return build_shader(scene.items, scene.light, scene.camera.left.fx_px, rays)
+    return build_shader(scene.items, scene.light, scene.camera.left.fx_px, rays, scene.grade)
 
 
 def _render_left(scene: Scene, shader: Shader, rng: np.random.Generator) -> ViewRender:

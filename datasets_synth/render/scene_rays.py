@@ -6,12 +6,13 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Material, Mesh, Placed
 from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 
 MISS = -1
 FLAT_M = 0.3
-"""Things that stay below this height, like roads, share the tree of those that cast a shadow: one cast
+"""Things that stay below this height above the ground, like roads, share the tree of those that cast a shadow: one cast
 serves both, and a sheet on the ground shades nothing."""
 
 
@@ -129,10 +130,10 @@ class SceneRays:
 _Columns = tuple[NDArray[np.int32], NDArray[np.int32], UInt8Array, Float32Array, Float32Array, Float32Array]
 
 
-def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
-    """The ray trees and the table of faces of placed meshes."""
+def build_scene_rays(items: tuple[Placed, ...], grade: Grade | None = None) -> SceneRays:
+    """The ray trees and the table of faces of placed meshes, which stand on ground of a grade."""
     world = [world_vertices(p) for p in items]
-    casts = [p.casts_shadow or float(v[:, 2].max()) <= FLAT_M for p, v in zip(items, world, strict=True)]
+    casts = [p.casts_shadow or _top_m(v, grade) <= FLAT_M for p, v in zip(items, world, strict=True)]
     order = [i for i, c in enumerate(casts) if c] + [i for i, c in enumerate(casts) if not c]
     materials: list[Material] = []
     first_material: dict[int, int] = {}
@@ -169,6 +170,12 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
         tuple(materials),
     )
     return SceneRays(table, _tree(trees[True]), _tree(trees[False]))
+
+
+def _top_m(vertices_m: Float32Array, grade: Grade | None) -> float:
+    """Height of the highest vertex above the ground."""
+    height = vertices_m[:, 2] if grade is None else vertices_m[:, 2] - grade.height_m(vertices_m[:, 1])
+    return float(height.max())
 
 
 def _no_faces() -> _Columns:
