@@ -59,6 +59,16 @@ def _pane(variant: int, bright: float) -> Material:
     )
 
 
+def day_glass(rng: np.random.Generator) -> Material:
+    """A window pane by day that shows the room behind and the houses opposite."""
+    return _day_pane(int(rng.integers(14)), float(rng.choice([0.55, 0.8, 1.0])))
+
+
+@lru_cache(maxsize=64)
+def _day_pane(variant: int, bright: float) -> Material:
+    return Material(f"pane_{variant}", (bright, bright, bright), texture("pane", variant), 0.25, 90.0, 0.06)
+
+
 def paint_rgb(rng: np.random.Generator) -> tuple[float, float, float]:
     """A linear colour of things that are painted: mostly grey, white or muted, now and then strong."""
     if rng.random() < 0.55:

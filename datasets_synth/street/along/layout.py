@@ -1,0 +1,58 @@
+"""Draws a street that is seen along its length: road, traffic, fronts, light and camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets_synth.cars.shapes import CarModel
+from datasets_synth.meshes.mesh import Scene
+from datasets_synth.presets import SynthConfig
+from datasets_synth.street.along.frontage import put_frontage
+from datasets_synth.street.along.ground import ground_items
+from datasets_synth.street.along.heads import Ground, ground_of, sample_head
+from datasets_synth.street.along.road import sample_road
+from datasets_synth.street.along.stage import Stage
+from datasets_synth.street.along.traffic import Vehicles, put_vehicles, sample_traffic
+from datasets_synth.street.footprints import Footprint
+from datasets_synth.street.lighting import sample_imaging, sample_light
+from datasets_synth.street.prop_parts import Pictures
+
+
+@dataclass(frozen=True, eq=False)
+class AlongStreet:
+    """A street seen along its length, and what is known of its ground."""
+
+    scene: Scene
+    ground: Ground
+    states_ground: bool
+    """Whether the camera record says where the ground is."""
+
+
+def sample_along(
+    config: SynthConfig, models: Sequence[CarModel], rng: np.random.Generator, pictures: Pictures = ()
+) -> AlongStreet:
+    """A street with cars in all views.
+
+    Args:
+        config: What streets look like.
+        models: The cars to choose from.
+        rng: Source of everything.
+        pictures: Pictures of cars for posters and prints; without them there are none.
+    """
+    road = sample_road(config.along, rng)
+    head = sample_head(config.along, road, rng)
+    stage = Stage(road, rng)
+    stage.reserve(Footprint(head.x_m, 0.5, 1.3, 5.0))
+    put_vehicles(Vehicles(stage, models, pictures, sample_traffic(rng), config.along.far_m), head.x_m)
+    put_frontage(stage, pictures)
+    light, brightness = sample_light(config.light, rng)
+    scene = Scene(
+        items=(*ground_items(road, rng), *stage.items),
+        light=light,
+        camera=head.camera,
+        left_from_world=head.left_from_world,
+        imaging=sample_imaging(config.sensor, light, brightness, rng),
+        grade=road.grade,
+    )
+    return AlongStreet(scene, ground_of(head, road), bool(rng.random() < config.along.stated_share))
