@@ -197,9 +197,18 @@ class SynthConfig:
     n_pictures: int = 10
     """Different pictures of cars that the posters of one split show."""
     layout: Literal["across", "along"] = "across"
-    """Whether the camera looks across its street, at the sides of cars, or along it, at all views. ``camera``,
-    ``cars`` and ``clutter`` are of streets seen across, ``along`` of those seen along."""
+    """Whether the camera looks across its street, at the sides of cars, or along it, at all views.
+    ``camera``, ``cars`` and ``clutter`` are of streets seen across, ``along`` of those seen along."""
     along: AlongConfig = AlongConfig()
+
+    def __post_init__(self) -> None:
+        for split, size in self.splits.items():
+            if (size.n_cars is None) != (self.layout == "along"):
+                wanted = "a number of cars" if self.layout == "across" else "no number of cars"
+                raise RescoreError(
+                    f"split {split}: expected {wanted} for streets seen {self.layout}, got {size.n_cars}; "
+                    "mend the preset"
+                )
 
 
 def synth_preset(name: str) -> SynthConfig:

@@ -371,7 +371,7 @@ def _foliage(rng: np.random.Generator) -> UInt8Array:
 
 
 def _pane(rng: np.random.Generator) -> UInt8Array:
-    """A window by day: a dark room behind, a curtain or a blind, and the other side of the street mirrored."""
+    """A window by day: a dark room, a curtain or a blind, and the other side of the street mirrored."""
     size = 256
     y, x = np.mgrid[0:size, 0:size].astype(np.float32) / size
     light = 0.16 + 0.05 * fractal_noise(rng, size, 3)

@@ -12,8 +12,8 @@ from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 
 MISS = -1
 FLAT_M = 0.3
-"""Things that stay below this height above the ground, like roads, share the tree of those that cast a shadow: one cast
-serves both, and a sheet on the ground shades nothing."""
+"""Things that stay below this height above the ground, like roads, share the tree of those that cast a
+shadow: one cast serves both, and a sheet on the ground shades nothing."""
 
 
 def rows(array: Float32Array, index: NDArray[np.integer]) -> Float32Array:

@@ -185,7 +185,10 @@ def _sides(
     skins: _Skins,
     rng: np.random.Generator,
 ) -> None:
-    """Gables below the roof, and windows in both side walls; size_m is width, wall height, rise of the roof."""
+    """Gables below the roof, and windows in both side walls.
+
+    size_m is the width, the height of the wall and the rise of the roof.
+    """
     width, height, rise = size_m
     sign = [-1.0, 1.0]
     for x, out in zip((0.0, width), sign, strict=True):

@@ -1,4 +1,4 @@
-"""What stands beside a street: rows of houses, villas in gardens, parks, walls, yards, and what closes its end."""
+"""What stands beside a street: houses, gardens, parks, walls, yards, furniture, and what closes its end."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -134,7 +134,12 @@ def _wall(stage: Stage, side: int, block: tuple[float, float]) -> None:
     rng = stage.rng
     variant = int(rng.integers(4))
     for y in np.arange(block[0] + 3, min(block[1], 90.0) - 3, 6.0):
-        stage.put(garden_wall(6, variant), "wall", (_front(stage, side) + side * 0.25, float(y), facing_rad(side)), gap_m=-0.05)
+        stage.put(
+            garden_wall(6, variant),
+            "wall",
+            (_front(stage, side) + side * 0.25, float(y), facing_rad(side)),
+            gap_m=-0.05,
+        )
     for _ in range(int((block[1] - block[0]) / 5)):
         _tree(stage, side, float(rng.uniform(*block)), 2.5 + float(rng.uniform(0, 14)))
     _row_behind(stage, side, block)
@@ -144,10 +149,14 @@ def _yard(stage: Stage, side: int, block: tuple[float, float]) -> None:
     """An open yard with few things on it and houses behind."""
     rng = stage.rng
     for _ in range(int(rng.integers(1, 4))):
-        prop = PROP[str(rng.choice(["container", "skip", "crates", "pallets", "bins", "trailer", "caravan", "boat"]))]
+        prop = PROP[
+            str(rng.choice(["container", "skip", "crates", "pallets", "bins", "trailer", "caravan", "boat"]))
+        ]
         at = (_front(stage, side) + side * float(rng.uniform(3, 9)), float(rng.uniform(8, 50)))
         if block[0] + 3 < at[1] < block[1] - 3:
-            stage.put(prop.build(rng, ()).mesh(), prop.kind, (*at, facing_rad(side) + float(rng.normal(0, 0.4))))
+            stage.put(
+                prop.build(rng, ()).mesh(), prop.kind, (*at, facing_rad(side) + float(rng.normal(0, 0.4)))
+            )
     _row_behind(stage, side, block)
 
 
@@ -204,7 +213,9 @@ def _bush(stage: Stage, side: int, y: float, behind_m: float) -> None:
     mesh = plant("bush", int(rng.integers(N_VARIANTS)), y > FAR_M)
     x = _front(stage, side) + side * behind_m
     if y > CLEAR_M:
-        stage.put(mesh, "bush", (x, y, float(rng.uniform(0, 6.28))), scale=float(rng.uniform(0.8, 1.5)), gap_m=0.0)
+        stage.put(
+            mesh, "bush", (x, y, float(rng.uniform(0, 6.28))), scale=float(rng.uniform(0.8, 1.5)), gap_m=0.0
+        )
 
 
 def _street_trees(stage: Stage) -> None:
@@ -284,7 +295,9 @@ def _far_end(stage: Stage) -> None:
         kind = str(rng.choice(["broadleaf", "broadleaf", "slender", "conifer"]))
         at = (float(x + rng.normal(0, 2)), float(rng.uniform(125, END_M - 5)), float(rng.uniform(0, 6)))
         if abs(at[0]) > 9 or at[1] > 165:
-            stage.put_freely(plant(kind, int(rng.integers(N_VARIANTS)), True), "tree", at, scale=float(rng.uniform(1, 1.8)))
+            stage.put_freely(
+                plant(kind, int(rng.integers(N_VARIANTS)), True), "tree", at, scale=float(rng.uniform(1, 1.8))
+            )
     for x in np.arange(-70, 70, 17.0):
         mesh = house("row", int(rng.integers(N_HOUSES)))
         stage.put_freely(mesh, "facade", (float(x + rng.normal(0, 3)), END_M - float(rng.uniform(1, 9)), 0.0))

@@ -1,5 +1,8 @@
 """The ground of a street seen along its length: bands that follow its rise and fall, kerbs, marks, rails."""
 
+from collections.abc import Callable
+from itertools import pairwise
+
 import numpy as np
 
 from datasets_synth.meshes.materials import TILE_M, plain, surface, tint
@@ -140,7 +143,7 @@ def _marks(road: Road, rng: np.random.Generator) -> MeshDraft:
 
     dash, gap = DASH_M[int(rng.integers(len(DASH_M)))]
     start = float(rng.uniform(0, dash + gap))
-    between = [(a + b) / 2 for a, b in zip(road.lanes_m, road.lanes_m[1:], strict=False) if b - a < 4]
+    between = [(a + b) / 2 for a, b in pairwise(road.lanes_m) if b - a < 4]
     for y0, y1 in _blocks(road):
         for x in between:
             for y in np.arange(y0 + start, y1 - dash, dash + gap):
@@ -152,7 +155,8 @@ def _marks(road: Road, rng: np.random.Generator) -> MeshDraft:
         _bay_lines(road, band, how, flat, rng)
     if road.crossing is not None:
         low, high = road.crossing.road_m
-        flat(0.2 if road.lanes_m[-1] < 4 else road.lanes_m[-1] - 1.6, road.edge_m[1] - 0.1, low - 1.2, low - 0.8)
+        first = min(x for x in road.lanes_m if x > 0) - road.lane_width_m / 2
+        flat(first + 0.15, road.edge_m[1] - 0.1, low - 1.2, low - 0.8)
         if rng.random() < 0.35:
             for x in np.arange(road.edge_m[0] + 0.3, road.edge_m[1] - 0.4, 1.0):
                 flat(x, x + 0.5, high + 0.6, high + 3.6)
@@ -164,7 +168,13 @@ def _lots(road: Road) -> list[str]:
     return [how for how in road.parking if how != "none"]
 
 
-def _bay_lines(road: Road, band: Band, how: str, flat, rng: np.random.Generator) -> None:  # type: ignore[no-untyped-def]
+def _bay_lines(
+    road: Road,
+    band: Band,
+    how: str,
+    flat: Callable[[float, float, float, float], None],
+    rng: np.random.Generator,
+) -> None:
     if rng.random() < 0.35:
         return
     pitch = 5.6 if how == "parallel" else 2.6
@@ -222,12 +232,14 @@ def _cross_kerb(
     low_m: float,
     stone: Material,
 ) -> None:
-    """The kerb along one side of the side street, from the lanes outwards; ``face`` is y and where it looks."""
+    """The kerb along one side of the side street, from the lanes out; ``face`` is y and where it looks."""
     y, towards = face
     inside = y - 0.3 * towards
     ground = float(road.grade.height_m(y))
-    xs = sorted({start_m, end_m, *(b.x0_m for b in road.bands if min(start_m, end_m) < b.x0_m < max(start_m, end_m))})
-    for x0, x1 in zip(xs, xs[1:], strict=False):
+    xs = sorted(
+        {start_m, end_m, *(b.x0_m for b in road.bands if min(start_m, end_m) < b.x0_m < max(start_m, end_m))}
+    )
+    for x0, x1 in pairwise(xs):
         tops = [road.profile_m(x, inside) for x in (x0 + 0.001, x1 - 0.001)]
         if max(tops) - low_m < 0.03:
             continue
@@ -246,5 +258,3 @@ def _cross_kerb(
         )
         y0, y1 = sorted((y, y - KERB_WIDTH_M * towards))
         sheet(draft, road, (x0, x1), (tops[0] + 0.014, tops[1] + 0.014), (y0, y1), stone, 1.0)
-
-

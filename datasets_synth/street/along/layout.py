@@ -24,6 +24,8 @@ class AlongStreet:
     """A street seen along its length, and what is known of its ground."""
 
     scene: Scene
+    rig: str
+    """Name of the stereo head."""
     ground: Ground
     states_ground: bool
     """Whether the camera record says where the ground is."""
@@ -55,4 +57,5 @@ def sample_along(
         imaging=sample_imaging(config.sensor, light, brightness, rng),
         grade=road.grade,
     )
-    return AlongStreet(scene, ground_of(head, road), bool(rng.random() < config.along.stated_share))
+    states_ground = bool(rng.random() < config.along.stated_share)
+    return AlongStreet(scene, head.rig.name, ground_of(head, road), states_ground)

@@ -55,7 +55,10 @@ def hedge(length_m: int, height_dm: int, variant: int, is_far: bool = False) -> 
     half = np.array([length_m / 2, 0.32, height_dm / 20])
     leaves = _green(rng, int((60 if is_far else 240) * length_m * (0.5 + height_dm / 20)), 0.11)
     draft.box(
-        (0, 0, half[2] * 0.92), half * (1.98, 1.7, 1.8), _leaf_materials(leaves, variant)[0], TILE_M["foliage"]
+        (0, 0, half[2] * 0.92),
+        half * (1.98, 1.7, 1.8),
+        _leaf_materials(leaves, variant)[0],
+        TILE_M["foliage"],
     )
     at = rng.uniform(-1, 1, (leaves.n_clumps, 3))
     side = np.where(rng.random(len(at)) < 0.7, 1, 2)  # the two long sides and the top
@@ -63,7 +66,7 @@ def hedge(length_m: int, height_dm: int, variant: int, is_far: bool = False) -> 
     outward = np.zeros_like(at)
     outward[np.arange(len(at)), side] = at[np.arange(len(at)), side]
     at = at * half + (0, 0, half[2]) + rng.normal(0, 0.035, at.shape)
-    _clumps(draft, at, outward + (0, 0, 0.35), np.ones(len(at)), leaves, rng, variant)
+    _clumps(draft, at, outward + np.array([0, 0, 0.35]), np.ones(len(at)), leaves, rng, variant)
     return draft.mesh()
 
 
@@ -188,9 +191,7 @@ def _slender(draft: MeshDraft, rng: np.random.Generator, coarse: int) -> None:
     level = (np.arange(n) + 0.5) / n
     wide = float(rng.uniform(0.5, 0.9)) * np.sin(np.pi * np.clip(level * 0.8 + 0.18, 0, 1))
     angle = rng.uniform(0, 6.28, n)
-    boughs = np.stack(
-        [0.5 * wide * np.cos(angle), 0.5 * wide * np.sin(angle), trunk + rise * level], 1
-    )
+    boughs = np.stack([0.5 * wide * np.cos(angle), 0.5 * wide * np.sin(angle), trunk + rise * level], 1)
     _trunk(draft, trunk, float(rng.uniform(0.1, 0.2)), boughs[-1:], rng)
     leaves = _green(rng, 4200 // coarse, 0.13 * np.sqrt(coarse))
     _crown(draft, boughs, wide * 1.1 + 0.3, leaves, rng, int(rng.integers(4)))
@@ -211,15 +212,13 @@ def _conifer(draft: MeshDraft, rng: np.random.Generator, coarse: int) -> None:
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], 1)
     at = ring * radius[:, None] + np.stack([np.zeros(n), np.zeros(n), z], 1)
     leaves = _Leaves(n, 0.17 * np.sqrt(coarse), (0.42, 0.55, 0.48), 0.6)
-    _clumps(draft, at, ring + (0, 0, 0.6), 0.1 + 0.85 * out, leaves, rng, int(rng.integers(4)))
+    _clumps(draft, at, ring + np.array([0, 0, 0.6]), 0.1 + 0.85 * out, leaves, rng, int(rng.integers(4)))
 
 
 def _bush(draft: MeshDraft, rng: np.random.Generator, coarse: int) -> None:
     """A shrub that reaches the ground."""
     n = int(rng.integers(4, 8))
-    boughs = np.stack(
-        [rng.normal(0, 0.45, n), rng.normal(0, 0.35, n), rng.uniform(0.3, 1.0, n)], 1
-    )
+    boughs = np.stack([rng.normal(0, 0.45, n), rng.normal(0, 0.35, n), rng.uniform(0.3, 1.0, n)], 1)
     leaves = _green(rng, 1700 // coarse, 0.085 * np.sqrt(coarse))
     _crown(draft, boughs, rng.uniform(0.35, 0.6, n), leaves, rng, int(rng.integers(4)))
 

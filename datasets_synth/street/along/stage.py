@@ -89,6 +89,6 @@ class Stage:
 
 
 def kind_of(car: CarModel) -> str:
-    """"van" for vans, as KITTI tells them from cars (minivans are cars there), "car" for all others."""
+    """ "van" for vans, as KITTI tells them from cars (minivans are cars there), "car" for all others."""
     is_van = isinstance(car, ParametricCar) and car.shape.body_type == "van"
     return "van" if is_van else "car"

@@ -101,7 +101,11 @@ def _park_in_line(vehicles: Vehicles, band: Band) -> None:
     while y < vehicles.far_m:
         room = float(rng.uniform(5.0, 6.3))
         at = y + room / 2
-        if rng.random() < vehicles.traffic.parked and at > CLEAR_M + 1 and not _in_crossing(vehicles, at, 4.5):
+        if (
+            rng.random() < vehicles.traffic.parked
+            and at > CLEAR_M + 1
+            and not _in_crossing(vehicles, at, 4.5)
+        ):
             usual = AWAY_RAD if band.side > 0 else TOWARDS_RAD
             yaw = usual + (np.pi if rng.random() < 0.2 else 0.0) + float(rng.normal(0, 0.025))
             x = middle + float(rng.normal(0, 0.1)) + 0.1 * band.side
@@ -155,7 +159,10 @@ def _cross(vehicles: Vehicles) -> None:
     if crossing is None:
         return
     rng = stage.rng
-    for yaw, y in ((0.0, crossing.y_m - crossing.half_width_m / 2), (np.pi, crossing.y_m + crossing.half_width_m / 2)):
+    for yaw, y in (
+        (0.0, crossing.y_m - crossing.half_width_m / 2),
+        (np.pi, crossing.y_m + crossing.half_width_m / 2),
+    ):
         for _ in range(int(rng.integers(0, 4))):
             # while traffic waits in the street, the side street drives
             reach = 16 if vehicles.traffic.queue or not vehicles.traffic.flow else 24

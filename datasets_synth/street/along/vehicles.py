@@ -1,4 +1,4 @@
-"""Vehicles in traffic that are no cars: trucks, buses, trams, vans for goods; noses at +x, dressed at both ends.
+"""Vehicles in traffic that are no cars, dressed at both ends: trucks, buses, trams, vans for goods.
 
 Each function returns a draft in the object frame: x forward, y left, z up, the origin on the ground below the
 middle.
@@ -65,13 +65,17 @@ def _dressed(kind: str) -> Callable[[np.random.Generator, Pictures], MeshDraft]:
         _lamps(draft, front, 1, across, 0.68, rng)
         _lamps(draft, rear, -1, across, 0.78 if kind != "flatbed" else 0.62, rng)
         if kind.startswith("bus") or kind == "minibus":
-            end_panel(draft, rear, -1, (-across * 0.4, across * 0.4, height * 0.5, height * 0.82), vehicle_glass())
+            end_panel(
+                draft, rear, -1, (-across * 0.4, across * 0.4, height * 0.5, height * 0.82), vehicle_glass()
+            )
         if kind == "minibus":
             end_panel(draft, front, 1, (-across * 0.42, across * 0.42, 1.25, 1.4), plain(DARK))
         if kind.startswith("truck"):
             end_panel(draft, rear - 0.004, -1, (-0.015, 0.015, 1.0, height - 0.1), plain(DARK))
             for y in (-across / 2 + 0.05, across / 2 - 0.05):
-                end_panel(draft, rear - 0.004, -1, (y - 0.02, y + 0.02, 1.0, height - 0.1), plain((0.2, 0.2, 0.2)))
+                end_panel(
+                    draft, rear - 0.004, -1, (y - 0.02, y + 0.02, 1.0, height - 0.1), plain((0.2, 0.2, 0.2))
+                )
         return draft
 
     return build
@@ -84,9 +88,9 @@ def goods_van(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     half, low, belt = length / 2, 0.26, float(rng.uniform(1.12, 1.25))
     nose, screen = float(rng.uniform(0.75, 1.0)), float(rng.uniform(0.6, 0.85))
     outline = np.array(
-        [(-half, low), (half, low), (half + 0.02, belt - 0.35), (half - 0.08, belt - 0.18), (half - nose, belt),
-         (half - nose - screen, top - 0.04), (half - nose - screen - 0.3, top), (-half + 0.06, top),
-         (-half, top - 0.1)]
+        [(-half, low), (half, low), (half + 0.02, belt - 0.35), (half - 0.08, belt - 0.18),
+         (half - nose, belt), (half - nose - screen, top - 0.04), (half - nose - screen - 0.3, top),
+         (-half + 0.06, top), (-half, top - 0.1)]
     )  # fmt: skip
     skin = plain((0.72, 0.72, 0.70), 0.2) if rng.random() < 0.55 else plain(paint_rgb(rng), 0.2)
     extrude(draft, outline, width, skin)
@@ -124,7 +128,9 @@ def tram(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
     """A tram of three cars with bellows between them and a band of windows."""
     draft = MeshDraft()
     width, low, top, car = 2.4, 0.32, 3.35, float(rng.uniform(8.0, 10.0))
-    skin = plain(((0.5, 0.36, 0.03), (0.42, 0.03, 0.03), (0.05, 0.12, 0.3), (0.6, 0.6, 0.58))[rng.integers(4)], 0.2)
+    skin = plain(
+        ((0.5, 0.36, 0.03), (0.42, 0.03, 0.03), (0.05, 0.12, 0.3), (0.6, 0.6, 0.58))[rng.integers(4)], 0.2
+    )
     light = plain((0.6, 0.58, 0.5), 0.2)
     for k in (-1, 0, 1):
         x = k * (car + 0.7)
@@ -134,7 +140,9 @@ def tram(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
             for start in np.arange(x - car / 2 + 0.3, x + car / 2 - 1.0, 1.5):
                 face(draft, (start, start + 1.35, 1.4, 2.6), y, vehicle_glass())
         if k < 1:
-            draft.box((x + car / 2 + 0.35, 0, 1.8), (0.75, width - 0.25, 2.7), surface("shutter", 1, (0.1,) * 3))
+            draft.box(
+                (x + car / 2 + 0.35, 0, 1.8), (0.75, width - 0.25, 2.7), surface("shutter", 1, (0.1,) * 3)
+            )
     half = 1.5 * car + 0.7
     for out in (1, -1):
         x = out * (half + 0.012)
