@@ -51,7 +51,11 @@ def frame_of(image: dict[str, Any], data: Path) -> StereoFrame:
     camera = Camera(**{name: known[name] for name in ("fx", "fy", "cx", "cy", "baseline_m")})
     # where the ground is not stated it is taken from the disparity
     stated = "height_m" in known
-    ground = GroundPlane(known["height_m"], known.get("pitch_rad", 0.0)) if stated else None
+    ground = (
+        GroundPlane(known["height_m"], known.get("pitch_rad", 0.0), known.get("roll_rad", 0.0))
+        if stated
+        else None
+    )
     left, right = (
         np.asarray(Image.open(data / image[name]).convert("RGB")) for name in ("file_name", "right_file_name")
     )

@@ -99,11 +99,14 @@ class StereoCamera:
 
 @dataclass(frozen=True)
 class GroundPlane:
-    """The ground Qg of eq. 5 as camera height and pitch: ``up . X + height_m = 0`` in the camera frame."""
+    """The ground Qg of eq. 5 as height and angles of the camera: ``up . X + height_m = 0`` in its frame."""
 
     height_m: float
+    """Distance of the camera from the plane."""
     pitch_rad: float = 0.0
     """Positive when the camera looks down."""
+    roll_rad: float = 0.0
+    """Positive when the camera leans to its right, so that the ground is nearer there."""
 
     def __post_init__(self) -> None:
         if not self.height_m > 0:
@@ -114,7 +117,16 @@ class GroundPlane:
     @property
     def up(self) -> FloatArray:
         """Unit normal (ag, bg, cg), pointing up, in the camera frame, shape (3,)."""
-        return np.array([0.0, -np.cos(self.pitch_rad), -np.sin(self.pitch_rad)])
+        level = np.cos(self.roll_rad)
+        return np.array(
+            [0.0 - np.sin(self.roll_rad), -np.cos(self.pitch_rad) * level, -np.sin(self.pitch_rad) * level]
+        )
+
+    @property
+    def right(self) -> FloatArray:
+        """Unit vector along the ground to the right of the camera, in the camera frame, shape (3,)."""
+        lean = 0.0 - np.sin(self.roll_rad)
+        return np.array([np.cos(self.roll_rad), lean * np.cos(self.pitch_rad), lean * np.sin(self.pitch_rad)])
 
     def intersect(self, rays: FloatArray) -> FloatArray:
         """Points (..., 3) where rays (..., 3) meet the ground (eqs. 2 to 5); NaN on or above the horizon."""

@@ -13,7 +13,7 @@ from recon.camera import GroundPlane
 
 def cam_from_ground(ground: GroundPlane) -> FloatArray:
     """The pose (4, 4) of the ground frame in the camera frame."""
-    up, right = ground.up, np.array([1.0, 0.0, 0.0])
+    up, right = ground.up, ground.right
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(up, right), up], axis=1)
     pose[:3, 3] = -ground.height_m * up

@@ -1,4 +1,4 @@
-"""The ground plane from measured disparity: height and pitch of the camera, and whether to trust them.
+"""The ground plane from measured disparity: height, pitch and roll of the camera, and whether to trust them.
 
 A plane before a rectified pair is a plane in (u, v, disparity) too, with the same noise everywhere
 (Labayrade, Aubert and Tarel 2002 use its section, the line in v-disparity). It is searched with three points
@@ -38,8 +38,8 @@ class GroundFitConfig:
     n_refined: int = 8
     height_m: tuple[float, float] = (0.5, 4.0)
     pitch_deg: tuple[float, float] = (-10.0, 30.0)
-    roll_deg: float = 4.0
-    """The ground of everything else has no roll: beyond this it is too wrong at the sides."""
+    roll_deg: float = 6.0
+    """Largest roll of a camera that is held level."""
     min_on: float = 0.25
     """Least share on the plane of the measurements where it predicts one within ``farthest_m``."""
     min_area: float = 0.04
@@ -91,9 +91,7 @@ class GroundEstimate:
     """The ground plane that fits the measured disparity of one picture best."""
 
     ground: GroundPlane | None
-    """The plane without roll, exact in the column of the principal point; None where no plane was found."""
-    roll_rad: float = 0.0
-    """Roll of the camera in radians, positive when it leans to its right; ``ground`` leaves it out."""
+    """None where no plane was found."""
     support: GroundSupport | None = None
     doubt: GroundDoubt | None = None
     """Why the estimate is not trusted; None where it is."""
@@ -133,7 +131,7 @@ def estimate_ground(
         return _doubted(GroundDoubt.NO_PLANE, "the best plane is not below the camera")
     support = _support(plane, points, config)
     doubt, detail = _judge(height, pitch, roll, support, config)
-    return GroundEstimate(GroundPlane(height, pitch), roll, support, doubt, detail)
+    return GroundEstimate(GroundPlane(height, pitch, roll), support, doubt, detail)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,14 +165,11 @@ class _Points:
 
 
 def _pose(planes: FloatArray) -> FloatArray:
-    """Height in metres, pitch and roll in radians of planes (..., 3), shape (3, ...).
-
-    Height and pitch are those of the plane's section with x = 0, which is all that a ground without roll has.
-    """
+    """Height in metres, pitch and roll in radians of planes (..., 3), shape (3, ...)."""
     x, y, z = np.moveaxis(planes, -1, 0)
     in_section = np.hypot(y, z)
     # a plane that is above the camera has no height
-    height = np.where(y > 0, 1 / np.maximum(in_section, 1e-9), np.nan)
+    height = np.where(y > 0, 1 / np.maximum(np.hypot(in_section, x), 1e-9), np.nan)
     return np.stack([height, np.arctan2(z, y), np.arctan2(x, in_section)])
 
 
@@ -276,8 +271,8 @@ def _standard_errors(plane: FloatArray, points: _Points, config: GroundFitConfig
         return float("inf"), float("inf")
     covariance = inverse @ (score.T @ score) @ inverse
     _, y, z = plane
-    length = np.hypot(y, z)
-    of_height, of_pitch = np.array([0, -y, -z]) / length**3, np.array([0, -z, y]) / length**2
+    of_height = -plane / np.linalg.norm(plane) ** 3
+    of_pitch = np.array([0, -z, y]) / np.hypot(y, z) ** 2
     height, pitch = (float(np.sqrt(max(g @ covariance @ g, 0.0))) for g in (of_height, of_pitch))
     return height, pitch
 

@@ -81,7 +81,7 @@ def made_from(run: Run) -> list[tuple[str, str]]:
     rows = [
         ("run folder", run.root.name),
         ("command", config.command),
-        ("preset", config.preset),
+        ("preset", config.config.preset),
         ("seed", config.seed),
         ("evaluated", f"{run.metrics.n_images} images of split {run.split}"),
         ("versions", ", ".join(f"{n} {v}" for n, v in config.versions.items()) or None),
@@ -106,7 +106,7 @@ def _comparable(config: RunConfigFile) -> dict[str, Any]:
     value = config.as_json()
     return {
         **{name: value.get(name) for name in ("command", "seed", "stereo")},
-        **config.config,
+        **config.config.everything,
         "versions": config.versions,
     }
 

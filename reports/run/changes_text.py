@@ -117,12 +117,7 @@ def model_of(run: Run, detector: str, mode: str, file: Path | None = None) -> Ev
 
 def explain_config(run: Run) -> ExplainConfig:
     """Settings of a run that the words need; without them sizes are told as multiples of a car's."""
-    try:
-        cues = run.config.cues
-    except ValueError as error:
-        raise RescoreError(
-            f"{run.folder.config}: expected the settings of a run, got {error}; evaluate again"
-        ) from error
+    cues = run.config.config.cues
     if cues is None:
         return ExplainConfig(height_m=None)
     return ExplainConfig(cues.surroundings.size_m[2], cues.guarded.scale_limits)

@@ -1,7 +1,6 @@
 """The page on class models: primitives that suffice, errors against truth, models from several sides."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +15,9 @@ from recon.learning.primitives import plane_axes
 from recon.view_bins import rotation
 from reports.palette import BLUE, DARK_GREY, GREY, PALE_GREY, SOFT_GREY, part_colour
 from reports.run.tables import Table
-from rescore.files import write_json
-from rescore.studies.class_models import AccuracyRow, ModelStudy, SelectionStudy
+from rescore.studies.class_models import SHOWN_PRIMITIVES, AccuracyRow, ModelStudy, SelectionStudy
+from rescore.studies.class_models_file import ModelsResult, write_models
 
-SHOWN_PRIMITIVES = 4
-"""Number of primitives drawn: as many as the report found to suffice."""
 _SEEN_FROM = ((30, 20), (90, 5), (150, 20), (270, 35))
 """Azimuth and elevation in degrees from which models are drawn."""
 
@@ -36,7 +33,7 @@ def write_study(study: ModelStudy, folder: Path, command: str) -> Path:
     for name, figure in pictures.items():
         with atomic_path(folder / name) as beside:
             figure.savefig(beside, format="png", dpi=110, metadata={"Software": ""})
-    write_json(folder / "models.json", _numbers(study))
+    write_models(folder / "models.json", ModelsResult.of(study))
     page = folder / "README.md"
     with atomic_path(page) as beside:
         beside.write_text(_page(study, command), encoding="utf-8")
@@ -74,7 +71,7 @@ def draw_chosen(study: SelectionStudy) -> Figure:
     """The first chosen primitives, each over the parts that it costs least among them (figure 1 of the
     report)."""
     order = study.selection.order[:SHOWN_PRIMITIVES]
-    of_part = study.cost[:, order].argmin(axis=1)
+    of_part = study.best_of_first(SHOWN_PRIMITIVES)
     figure = Figure(figsize=(3 * len(order), 5.4), layout="constrained")
     axes = figure.subplots(2, len(order), height_ratios=(1, 1.25), squeeze=False)
     for column, primitive in enumerate(order):
@@ -128,22 +125,6 @@ def draw_model(ax: Axes, model: ClassModel, view_from_object: FloatArray) -> Non
     margin = 0.05 * (high - low).max()
     ax.set(xlim=(low[0] - margin, high[0] + margin), ylim=(high[1] + margin, low[1] - margin), aspect="equal")
     ax.axis("off")
-
-
-def _numbers(study: ModelStudy) -> dict[str, object]:
-    selection = study.selection
-    return {
-        "selection": {
-            "normals": selection.normals[selection.selection.order].tolist(),
-            "cost": selection.selection.cost.tolist(),
-            "full_cost": selection.selection.full_cost,
-            "parts": [f"{c}/{p}" for c, p in selection.parts],
-            "chosen_of_four": selection.cost[:, selection.selection.order[:SHOWN_PRIMITIVES]]
-            .argmin(axis=1)
-            .tolist(),
-        },
-        "accuracy": [asdict(row) for row in study.accuracy],
-    }
 
 
 def _page(study: ModelStudy, command: str) -> str:

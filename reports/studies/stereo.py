@@ -1,7 +1,6 @@
 """The page on measured disparity: against the truth, OpenCV called directly, and public figures."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,76 +13,30 @@ from recon.files import atomic_path
 from recon.stereo.accuracy import DisparityError
 from reports.run.candidate_panels import colourise
 from reports.run.tables import Table, number
-from rescore.files import json_values, versions, write_json
 from rescore.studies.stereo import MAX_ROW_PX, RULES, Accuracy, Consistency, Errors, Method, StereoStudy
+from rescore.studies.stereo_file import PublicFigure, StereoResult, write_stereo
 
 KITTI_REGIONS = ("background", "foreground")
 _ERROR_LIMIT_PX = 4.0
 _FIGURE_WIDTH_PX = 700
 
 
-@dataclass(frozen=True)
-class PublicFigure:
-    """What others published of OpenCV's SGBM on a benchmark's test pictures, in per cent."""
+def write_stereo_study(study: StereoStudy, result: StereoResult, folder: Path) -> Path:
+    """Write the page with its figure and numbers; returns the page.
 
-    pictures: str
-    density: float | None
-    wrong_measured: float | None
-    """Share of the measured pixels that are wrong, in per cent."""
-    wrong_seen_twice: float
-    """Share of the pixels seen in both pictures that are wrong after filling holes, in per cent."""
-    wrong_all: float
-    """Share of all pixels that are wrong after filling holes, in per cent."""
-    source: str
-
-
-PUBLIC = (
-    PublicFigure(
-        "KITTI 2015 test, OCV-SGBM, D1-all",
-        None,
-        5.86,
-        9.47,
-        10.86,
-        "KITTI's stereo 2015 table, entry OCV-SGBM (benchmark: Menze and Geiger, CVPR 2015), as it was in "
-        "June 2019: D1-bg 8.92 %, D1-fg 20.59 %, D1-all 10.86 % of all pixels",
-    ),
-    PublicFigure(
-        "KITTI 2012 test, OCV-SGBM, over 3 px",
-        86.50,
-        None,
-        7.64,
-        9.13,
-        "Geiger, Lenz and Urtasun, Are we ready for autonomous driving?, CVPR 2012, table 2",
-    ),
-)
-
-
-def write_stereo_study(
-    scenes: Sequence[Accuracy],
-    kitti: Accuracy | None,
-    without_truth: Sequence[Consistency],
-    folder: Path,
-    command: str,
-    nearest_m: float,
-) -> Path:
-    """Write the page with its figure and numbers; returns the page."""
+    Args:
+        study: what was measured.
+        result: the figures of the study, as the file of numbers is to hold them.
+        folder: where the files go.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    known = [*scenes, *([kitti] if kitti else [])]
-    if scenes:
+    if study.scenes:
         with atomic_path(folder / "maps.png") as beside:
-            draw_maps(scenes).savefig(beside, format="png", dpi=110, metadata={"Software": ""})
-    values = {
-        "command": command,
-        "nearest_m": nearest_m,
-        "opencv": versions().get("opencv-python-headless"),
-        "known_disparity": [_numbers(a) for a in known],
-        "without_truth": [_consistency_numbers(c) for c in without_truth],
-        "public": [asdict(p) for p in PUBLIC],
-    }
-    write_json(folder / "stereo.json", json_values(values))
+            draw_maps(study.scenes).savefig(beside, format="png", dpi=110, metadata={"Software": ""})
+    write_stereo(folder / "stereo.json", result)
     page = folder / "README.md"
     with atomic_path(page) as beside:
-        beside.write_text(_page(scenes, kitti, without_truth, command, nearest_m), encoding="utf-8")
+        beside.write_text(_page(study, result), encoding="utf-8")
     return page
 
 
@@ -139,21 +92,19 @@ def kitti_table(kitti: Accuracy) -> Table:
     return Table(kitti.name, head, tuple(rows), text_columns=2)
 
 
-def beside_public_table(
-    scenes: Sequence[Accuracy], kitti: Accuracy | None, without_truth: Sequence[Consistency]
-) -> Table:
+def beside_public_table(study: StereoStudy, public: Sequence[PublicFigure]) -> Table:
     """What the project measures beside what others published, by KITTI's rule."""
     rows = []
-    for one in (*scenes, *([kitti] if kitti else [])):
+    for one in study.known:
         everywhere, twice = (one.errors[Method.OURS, region, "D1"] for region in ("all", "seen twice"))
         shares = (everywhere.density, everywhere.wrong_share_measured)
         filled = (twice.wrong_share_filled, everywhere.wrong_share_filled)
         rows.append((f"{one.name}, rescore, D1", *map(_percent, (*shares, *filled))))
-    if without_truth:
-        density = float(np.mean([c.density for c in without_truth]))
-        name = f"{len(without_truth)} pairs without truth (below), rescore"
+    if study.without_truth:
+        density = float(np.mean([c.density for c in study.without_truth]))
+        name = f"{len(study.without_truth)} pairs without truth (below), rescore"
         rows.append((name, _percent(density), "not known", "", ""))
-    for p in PUBLIC:
+    for p in public:
         cells = (p.density, p.wrong_measured, p.wrong_seen_twice, p.wrong_all)
         rows.append((p.pictures, *("" if v is None else f"{v:.2f} %" for v in cells)))
     head = ("pictures", "density", "wrong, measured", "wrong, filled, seen twice", "wrong, filled, all")
@@ -217,40 +168,9 @@ def _percent(share: float) -> str:
     return "" if np.isnan(share) else f"{share:.2%}".replace("%", " %")
 
 
-def _numbers(one: Accuracy) -> dict[str, object]:
-    return {
-        "name": one.name,
-        "num_disparities": sorted(set(one.num_disparities)),
-        "n_pairs": len(one.num_disparities),
-        "n_pixels": one.n_pixels,
-        "n_pixels_unlike_same_call": one.n_unlike,
-        "n_pixels_right_of_margin": one.n_beyond,
-        "n_pixels_right_of_margin_unlike_bare_call": one.n_beyond_unlike,
-        "errors": [
-            {"measured_by": method.value, "pixels": region, "rule": rule, **_error_numbers(error)}
-            for (method, region, rule), error in one.errors.items()
-        ],
-    }
-
-
-def _error_numbers(e: DisparityError) -> dict[str, float]:
-    shares = ("density", "end_point_error_px", "wrong_share_measured", "wrong_share_filled")
-    return {"n_truth": e.n_truth, "n_measured": e.n_measured} | {name: getattr(e, name) for name in shares}
-
-
-def _consistency_numbers(c: Consistency) -> dict[str, object]:
-    return asdict(c) | {"features": _error_numbers(c.features)}
-
-
-def _page(
-    scenes: Sequence[Accuracy],
-    kitti: Accuracy | None,
-    without_truth: Sequence[Consistency],
-    command: str,
-    nearest_m: float,
-) -> str:
-    known = [*scenes, *([kitti] if kitti else [])]
-    parts = ["# Measured disparity", f"Made by `{command}`.", _same(known, without_truth)]
+def _page(study: StereoStudy, result: StereoResult) -> str:
+    scenes, kitti, without_truth, known = study.scenes, study.kitti, study.without_truth, study.known
+    parts = ["# Measured disparity", f"Made by `{result.command}`.", _same(known, without_truth)]
     if known:
         about = f"{_KNOWN_TEXT} {_SCENES_TEXT}" if scenes else _KNOWN_TEXT
         parts += ["## Against the truth", about, accuracy_table(known).markdown().rstrip()]
@@ -261,15 +181,15 @@ def _page(
         ]
     if scenes:
         parts += ["![Measured disparity and its error](maps.png)", _MAPS_TEXT]
-    beside = beside_public_table(scenes, kitti, without_truth)
+    beside = beside_public_table(study, result.public)
     parts += ["## Beside public figures", _PUBLIC_TEXT, beside.markdown().rstrip()]
-    parts.append("Sources:\n\n" + "\n".join(f"- {p.pictures}: {p.source}." for p in PUBLIC))
+    parts.append("Sources:\n\n" + "\n".join(f"- {p.pictures}: {p.source}." for p in result.public))
     if kitti is None:
         parts.append(_NO_TRUTH)
     if without_truth:
         parts += [
             "## Pairs without truth",
-            _consistency_text(nearest_m),
+            _consistency_text(result.nearest_m),
             consistency_table(without_truth).markdown().rstrip(),
         ]
     return "\n\n".join(parts) + "\n"

@@ -45,7 +45,7 @@ def draw_confusion(ax: Axes, table: Confusion, title: str) -> None:
 
 
 def _shares_text(table: Confusion) -> str:
-    shown = [f"{name.replace('_', ' ')} {share:.0%}" for name, share in table.shares().items()]
+    shown = [f"{name.replace('_', ' ')} {share:.0%}" for name, share in table.shares()]
     failed = sum(table.failures.values())
     return f"{', '.join(shown[:2])} of {table.photos}, {failed} without a bin\n{', '.join(shown[2:])}"
 
@@ -101,9 +101,10 @@ def _shares_table(rows: Sequence[tuple[str, Mapping[str, Confusion]]]) -> str:
     ]
     for title, tables in rows:
         for name, table in tables.items():
-            exact, *others = table.shares().values()
-            spread = np.sqrt(exact * (1 - exact) / max(table.photos, 1))
-            cells = [f"{title}, {TITLES.get(name, name)}", f"{100 * exact:.0f} ± {100 * spread:.0f} %"]
+            s = table.shares()
+            spread = np.sqrt(s.exact * (1 - s.exact) / max(table.photos, 1))
+            cells = [f"{title}, {TITLES.get(name, name)}", f"{100 * s.exact:.0f} ± {100 * spread:.0f} %"]
+            others = (s.within_one, s.mirrored, s.ends_exchanged, s.opposite)
             cells += [f"{100 * share:.0f} %" for share in others]
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from recon.files import atomic_path
 from reports.palette import detector_name, mode_colour, mode_name
 from reports.run.tables import Table, number
-from rescore.studies.weight import WeightStudy, write_weights
+from rescore.studies.weight import WeightRecord, WeightStudy, write_weights
 
 
 def write_weight_study(studies: Sequence[WeightStudy], folder: Path, command: str) -> Path:
@@ -18,7 +18,7 @@ def write_weight_study(studies: Sequence[WeightStudy], folder: Path, command: st
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_path(folder / "weight.png") as beside:
         draw_widths(studies).savefig(beside, format="png", dpi=120, metadata={"Software": ""})
-    write_weights(folder / "weight.json", studies)
+    write_weights(folder / "weight.json", [WeightRecord.of(s) for s in studies])
     page = folder / "README.md"
     with atomic_path(page) as beside:
         beside.write_text(_page(studies, command), encoding="utf-8")

@@ -23,7 +23,7 @@ ClassName = Annotated[str, typer.Option("--class", help="Class of the object; th
 Model = Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")]
 Camera = Annotated[str | None, typer.Option(help="fx,fy,cx,cy in pixels. Default: the report's camera.")]
 Calib = Annotated[
-    Path | None, typer.Option(help="JSON with fx, fy, cx, cy and, if known, height_m, pitch_rad.")
+    Path | None, typer.Option(help="JSON with fx, fy, cx, cy and, if known, height_m, pitch_rad, roll_rad.")
 ]
 Height = Annotated[float | None, typer.Option(help="Metres of the camera above the ground. Default: 1.5.")]
 Pitch = Annotated[float | None, typer.Option(help="Degrees that the camera looks down. Default: 0.")]

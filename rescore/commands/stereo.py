@@ -35,14 +35,15 @@ def study_stereo(
     from rich.console import Console
 
     from reports.studies.stereo import short_tables, write_stereo_study
-    from rescore.files import read_json
     from rescore.studies.stereo import study_folders
+    from rescore.studies.stereo_file import stereo_result
 
     study = study_folders(folders, nearest)
     command = f"rescore study-stereo {' '.join(map(str, folders))} --out {out} --nearest {nearest:g}"
-    page = write_stereo_study(study.scenes, study.kitti, study.without_truth, out, command, nearest)
+    result = stereo_result(study, command, nearest)
+    page = write_stereo_study(study, result, out)
     if as_json:
-        print_json(read_json(out / "stereo.json", "the numbers of the study"))
+        print_json(result.as_json())
     for table in () if as_json else short_tables(study):
         Console().print(table.rich())
     say(f"measured disparity: {page}")

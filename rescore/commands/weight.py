@@ -41,15 +41,14 @@ def study_weight(
     from rich.console import Console
 
     from reports.studies.weight import width_table, write_weight_study
-    from rescore.files import read_json
-    from rescore.studies.weight import study_weights_of_run
+    from rescore.studies.weight import WeightRecord, study_weights_of_run
 
     studies = study_weights_of_run(run, dataset, _numbers(sizes), draws, keep=keep, seed=seed, jobs=jobs)
     of_data = "" if dataset is None else f" --dataset {dataset}"
     command = f"rescore study-weight {run}{of_data} --out {out} --sizes {sizes} --draws {draws} --seed {seed}"
     page = write_weight_study(studies, out, command)
     if as_json:
-        print_json(read_json(out / "weight.json", "the numbers of the study"))
+        print_json([WeightRecord.of(s).as_json() for s in studies])
     else:
         Console().print(width_table(studies, short=True).rich())
     say(f"width of w: {page}")

@@ -34,26 +34,30 @@ def _unstated(found: GroundEstimate, where: str) -> Finding:
 
 
 def _beside(stated: GroundPlane, found: GroundEstimate, where: str) -> Finding:
-    said = f"stated {stated.height_m:.2f} m, {np.degrees(stated.pitch_rad):.1f} degrees"
+    pitch, roll = (float(np.degrees(a)) for a in (stated.pitch_rad, stated.roll_rad))
+    said = f"stated {stated.height_m:.2f} m, {pitch:.1f}{f' and {roll:.1f}' if roll else ''} degrees"
     if found.ground is None or not found.trusted:
         return Finding(Level.OK, where, f"ground {said}; stereo cannot tell ({_doubt(found)})")
     height = found.ground.height_m / stated.height_m - 1
     pitch = np.degrees(found.ground.pitch_rad - stated.pitch_rad)
+    roll = np.degrees(found.ground.roll_rad - stated.roll_rad)
     text = f"ground from stereo: {_told(found)}, {said}"
-    if abs(height) <= HEIGHT_SHARE and abs(pitch) <= PITCH_DEG:
+    if abs(height) <= HEIGHT_SHARE and max(abs(pitch), abs(roll)) <= PITCH_DEG:
         return Finding(Level.OK, where, f"{text}: they agree")
     advice = (
-        "a slope where it is this frame alone; else check height_m, pitch_rad and the baseline, or leave the "
-        "first two out to have them from stereo"
+        "a slope where it is this frame alone; else check height_m, pitch_rad, roll_rad and the baseline, or "
+        "leave the first three out to have them from stereo"
     )
-    return Finding(Level.WARNING, where, f"{text}: height differs {height:+.0%}, pitch {pitch:+.1f}", advice)
+    differs = f"height differs {height:+.0%}, pitch {pitch:+.1f}, roll {roll:+.1f}"
+    return Finding(Level.WARNING, where, f"{text}: {differs}", advice)
 
 
 def _told(found: GroundEstimate) -> str:
-    assert found.ground is not None
+    ground = found.ground
+    assert ground is not None
     # no minus before a zero
-    pitch, roll = (round(float(np.degrees(a)), 1) + 0.0 for a in (found.ground.pitch_rad, found.roll_rad))
-    return f"height {found.ground.height_m:.2f} m, pitch {pitch:.1f}, roll {roll:.1f} degrees"
+    pitch, roll = (round(float(np.degrees(a)), 1) + 0.0 for a in (ground.pitch_rad, ground.roll_rad))
+    return f"height {ground.height_m:.2f} m, pitch {pitch:.1f}, roll {roll:.1f} degrees"
 
 
 def _doubt(found: GroundEstimate) -> str:

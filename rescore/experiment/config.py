@@ -153,7 +153,7 @@ def run_config(root: Path) -> RunConfig:
     file = RunFolder(root).config
     content = read_run_config(file)
     try:
-        return RunConfig.model_validate(content.config)
+        return RunConfig.model_validate(content.config.everything)
     except ValidationError as error:
         raise RescoreError(
             f"{file}: expected the settings of a run of `rescore reproduce`, got {first_difference(error)}; "

@@ -25,6 +25,7 @@ class _Camera(BaseModel):
     baseline_m: FiniteFloat
     height_m: FiniteFloat | None = None
     pitch_rad: FiniteFloat | None = None
+    roll_rad: FiniteFloat | None = None
     disparity_offset_px: FiniteFloat = 0.0
 
 
@@ -160,7 +161,8 @@ def _frame(file: Path, image: _Image) -> FrameRecord:
         try:
             left = PinholeCamera(c.fx, c.fy, c.cx, c.cy, image.width, image.height)
             camera = StereoCamera(left, c.baseline_m)
-            ground = GroundPlane(c.height_m, c.pitch_rad or 0.0) if c.height_m is not None else None
+            if c.height_m is not None:
+                ground = GroundPlane(c.height_m, c.pitch_rad or 0.0, c.roll_rad or 0.0)
         except RescoreError as error:
             raise RescoreError(f"{file}: image {image.id}: {error}") from error
     m = image.measured

@@ -90,6 +90,7 @@ def _camera(frame: FrameRecord) -> dict[str, float] | None:
     }
     if frame.ground is not None:
         camera |= {"height_m": frame.ground.height_m, "pitch_rad": frame.ground.pitch_rad}
+        camera |= {"roll_rad": frame.ground.roll_rad} if frame.ground.roll_rad else {}
     if frame.disparity_offset_px:
         camera["disparity_offset_px"] = frame.disparity_offset_px
     return camera

@@ -99,9 +99,10 @@ class StereoFrame:
                 f"frame: expected a camera with baseline_m for {given[0]}, got none; "
                 "give the metres from left to right"
             )
-        if self.ground is not None and not _finite(self.ground.height_m, self.ground.pitch_rad):
+        ground = self.ground
+        if ground is not None and not _finite(ground.height_m, ground.pitch_rad, ground.roll_rad):
             raise RescoreError(
-                f"ground: expected finite height and pitch, got {self.ground}; leave unknown ground out"
+                f"ground: expected finite height and angles, got {ground}; leave unknown ground out"
             )
 
     def loaded(self, stereo: SgbmConfig, nearest_m: float) -> Frame:

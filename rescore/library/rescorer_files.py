@@ -14,7 +14,7 @@ from rescore.evidence.registration import CLASS_MODEL, LEARNED, Registration
 from rescore.evidence.settings import RescoreConfig
 from rescore.formats.checked_json import read_checked
 from rescore.fusion.tuning_file import load_tuning, tuned_weight
-from rescore.results.run_config_file import RESCORE, read_run_config, rescore_config
+from rescore.results.run_config_file import read_run_config, rescore_config
 from rescore.results.run_folder import RunFolder
 
 
@@ -109,8 +109,8 @@ def parts_of_run(run_dir: Path, detector: str, mode: str) -> Parts:
             f"{run_dir}: expected a run with detector {detector!r}, found {', '.join(known) or 'none'}; "
             "give the folder that `rescore reproduce` wrote, and a detector of it"
         )
-    settings = read_run_config(folder.config).config.get(RESCORE)
-    if not isinstance(settings, dict):
+    config = _rescoring(folder.config)
+    if config is None:
         raise RescoreError(
             f"{folder.config}: expected the settings of `rescore reproduce`, got others; give the folder "
             "that it wrote"
@@ -121,7 +121,7 @@ def parts_of_run(run_dir: Path, detector: str, mode: str) -> Parts:
         w=tuned_weight(folder.tuned(detector, mode), registration),
         evidence_model=load_model(folder.evidence_model(detector), registration) if learned else None,
         scaling=load_scaling(folder.scaling(detector)),
-        config=_config(folder.config, settings),
+        config=config,
     )
 
 
@@ -130,4 +130,17 @@ def _config(path: Path, settings: dict[str, Any]) -> RescoreConfig:
     try:
         return rescore_config(settings)
     except ValueError as error:
-        raise RescoreError(f"{path}: expected settings of rescoring, got {error}; mend the file") from error
+        raise _unreadable(path, error) from error
+
+
+def _rescoring(path: Path) -> RescoreConfig | None:
+    """The settings of rescoring of a run; None where its command has none."""
+    settings = read_run_config(path).config
+    try:
+        return settings.rescoring()
+    except ValueError as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: ValueError) -> RescoreError:
+    return RescoreError(f"{path}: expected settings of rescoring, got {error}; mend the file")

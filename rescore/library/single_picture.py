@@ -110,7 +110,8 @@ def open_photo(
     Args:
         path: the picture.
         camera: "fx,fy,cx,cy" in pixels.
-        calib: JSON file with fx, fy, cx, cy and, if known, height_m and pitch_rad, as in annotations.json.
+        calib: JSON file with fx, fy, cx, cy and, if known, height_m, pitch_rad and roll_rad, as in
+            annotations.json.
         height_m: height of the camera above the ground; goes before that of the file.
         pitch_deg: how far the camera looks down; goes before that of the file.
     """
@@ -133,12 +134,13 @@ def open_photo(
         if pitch_deg is None
         else float(np.deg2rad(pitch_deg))
     )
-    return Photo(rgb, GroundedCamera(lens, GroundPlane(float(height), float(pitch))))
+    ground = GroundPlane(float(height), float(pitch), float(known.get("roll_rad", DEFAULT_GROUND.roll_rad)))
+    return Photo(rgb, GroundedCamera(lens, ground))
 
 
 def _read_calib(path: Path) -> dict[str, float]:
     data = read_json(path, "a camera")
-    wanted = (*_CALIB_KEYS, "height_m", "pitch_rad")
+    wanted = (*_CALIB_KEYS, "height_m", "pitch_rad", "roll_rad")
     numbers = (
         {k: v for k, v in data.items() if k in wanted and isinstance(v, int | float)}
         if isinstance(data, dict)

@@ -3,7 +3,16 @@
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, field_validator
+from pydantic import (
+    AliasPath,
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig
@@ -15,9 +24,66 @@ from rescore.formats.checked_json import first_difference, merged, refuse_unknow
 RETIRED = (("rescore", "cues", "guarded", "inverse_depth"), ("tune", "recall"))
 """Settings that only older versions have, by their keys in the settings of a run. They are left out on
 reading: at their usual values, which published runs have, they changed no result."""
-RESCORE = "rescore"
+_RESCORE = "rescore"
 """Key of the settings of rescoring in the settings of `rescore reproduce`."""
 _RESCORE_CONFIG = TypeAdapter(RescoreConfig)
+
+
+def _without(settings: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
+    """The settings without the one at a path of keys, if it is there."""
+    first, *rest = path
+    if first not in settings:
+        return settings
+    if not rest:
+        return {key: value for key, value in settings.items() if key != first}
+    part = settings[first]
+    return settings if not isinstance(part, dict) else {**settings, first: _without(part, tuple(rest))}
+
+
+class RunSettings(BaseModel):
+    """The settings of the command that made a run, with types where somebody reads one.
+
+    Settings of newer or older versions pass: whoever uses all of them checks them.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    preset: str | None = None
+    """The preset of `rescore reproduce`."""
+    class_name: str = "car"
+    """The class of the run, as the data set names it."""
+    split: str = "test"
+    """The split that was evaluated; "all" for the whole data set."""
+    predicted: dict[str, Any] = {}
+    """Depth that another system predicted and that led to scores of the run, by file of detections."""
+    cues: CueConfig | None = Field(default=None, validation_alias=AliasPath(_RESCORE, "cues"))
+    """Settings of the parts of the depth evidence; None where the file has none."""
+    everything: dict[str, Any] = {}
+    """All settings as the file holds them but for ``RETIRED`` ones, to be shown or compared."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keep_everything(cls, given: Any) -> Any:
+        """Let go what is retired, keep the rest in the order of the file, and leave nulls to the defaults."""
+        if not isinstance(given, dict):
+            return given
+        for path in RETIRED:
+            given = _without(given, path)
+        return {**{key: value for key, value in given.items() if value is not None}, "everything": given}
+
+    @model_serializer
+    def as_json(self) -> dict[str, Any]:
+        """All settings as JSON values, in the order of the file."""
+        return self.everything
+
+    def rescoring(self) -> RescoreConfig | None:
+        """All settings of rescoring; None where the command has none.
+
+        Raises:
+            ValueError: an unknown setting, or a value of another kind; its text is one line.
+        """
+        settings = self.everything.get(_RESCORE)
+        return rescore_config(settings) if isinstance(settings, dict) else None
 
 
 class RunConfigFile(BaseModel):
@@ -32,61 +98,14 @@ class RunConfigFile(BaseModel):
     """Folder of the data set; None for ``data`` of the run folder."""
     stereo: SgbmConfig = SgbmConfig()
     """How measured depth is computed where the data set has none."""
-    config: dict[str, Any] = {}
+    config: RunSettings = RunSettings()
     """Effective settings of the command; of `rescore reproduce` those of
     ``rescore.experiment.config.RunConfig``."""
     versions: dict[str, str] = {}
 
-    @field_validator("config", mode="after")
-    @classmethod
-    def _without_retired(cls, config: dict[str, Any]) -> dict[str, Any]:
-        for path in RETIRED:
-            config = _without(config, path)
-        return config
-
-    @property
-    def preset(self) -> str | None:
-        """The preset of `rescore reproduce`."""
-        return _text(self.config.get("preset"))
-
-    @property
-    def class_name(self) -> str:
-        """The class of the run, as the data set names it."""
-        return _text(self.config.get("class_name")) or "car"
-
-    @property
-    def split(self) -> str:
-        """The split that was evaluated; "all" for the whole data set."""
-        return _text(self.config.get("split")) or "test"
-
-    @property
-    def other_system(self) -> bool:
-        """Whether depth that another system predicted led to scores of the run."""
-        return bool(self.config.get("predicted"))
-
-    @property
-    def cues(self) -> CueConfig | None:
-        """Settings of the parts of the depth evidence; None where the file has none.
-
-        Raises:
-            ValueError: a value of another kind; its text is one line.
-        """
-        rescoring = self.config.get(RESCORE)
-        settings = rescoring.get("cues") if isinstance(rescoring, dict) else None
-        if not isinstance(settings, dict):
-            return None
-        try:
-            return TypeAdapter(CueConfig).validate_python(settings)
-        except ValidationError as error:
-            raise ValueError(first_difference(error)) from error
-
     def as_json(self) -> dict[str, Any]:
         """The content of the file as JSON values."""
         return self.model_dump(exclude_unset=True)
-
-
-def _text(value: Any) -> str | None:
-    return None if value is None else str(value)
 
 
 def rescore_config(changes: dict[str, Any]) -> RescoreConfig:
@@ -115,7 +134,12 @@ def write_run_config(
     """Write config.json: effective config, seed, versions, and where the data set is."""
     place = {} if data is None else {"data": str(data.resolve())}
     content = RunConfigFile(
-        command=command, seed=seed, stereo=stereo, config=config, versions=versions(), **place
+        command=command,
+        seed=seed,
+        stereo=stereo,
+        config=RunSettings.model_validate(config),
+        versions=versions(),
+        **place,
     )
     write_json(path, content.as_json())
 
@@ -133,14 +157,3 @@ def read_run_config(path: Path) -> RunConfigFile:
         raise RescoreError(
             f"{path}: expected the settings of a run, got {first_difference(error)}; evaluate again"
         ) from error
-
-
-def _without(settings: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
-    """The settings without the one at a path of keys, if it is there."""
-    first, *rest = path
-    if first not in settings:
-        return settings
-    if not rest:
-        return {key: value for key, value in settings.items() if key != first}
-    part = settings[first]
-    return settings if not isinstance(part, dict) else {**settings, first: _without(part, tuple(rest))}

@@ -143,17 +143,17 @@ class Run:
     @property
     def class_name(self) -> str:
         """The class of the run, as the data set names it."""
-        return self.config.class_name
+        return self.config.config.class_name
 
     @property
     def split(self) -> str:
         """The split that was evaluated; "all" for the whole data set."""
-        return self.config.split
+        return self.config.config.split
 
     @property
     def other_system(self) -> bool:
         """Whether depth that another system predicted led to scores of the run."""
-        return self.config.other_system
+        return bool(self.config.config.predicted)
 
     def tuning(self) -> dict[str, TunedWeight]:
         """The choice of w in the last mode, by detector; may be empty."""

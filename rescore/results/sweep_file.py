@@ -32,6 +32,10 @@ class StudyPart(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
+    def as_json(self) -> dict[str, Any]:
+        """What the file holds of it, as JSON values."""
+        return self.model_dump(mode="json")
+
 
 class SweptInterval(StudyPart):
     """A figure with its interval over resampled images; NaN where it is undefined."""
@@ -103,7 +107,7 @@ class SweepResult(StudyPart):
 
 def write_sweep(path: Path, sweep: SweepResult) -> None:
     """Write sweep.json."""
-    write_json(path, sweep.model_dump())
+    write_json(path, sweep.as_json())
 
 
 def read_sweep(path: Path) -> SweepResult:

@@ -127,4 +127,4 @@ def _left_out() -> Iterator[tuple[str, Sequence[str]]]:
 
 def write_ablation(path: Path, rows: Sequence[AblationRow]) -> None:
     """Write ablation.json."""
-    write_json(path, [row.model_dump() for row in rows])
+    write_json(path, [row.as_json() for row in rows])

@@ -35,6 +35,8 @@ STARTS = (1, 7)
 ACCURACY_CLASSES = ("car", "chair", "bicycle", "airplane")
 TWO_VIEWS = {"car": (2, 4), "chair": (1, 2), "bicycle": (2, 4), "airplane": (1, 2), "basket": (1, 2)}
 """View bins that the models to look at are learned from."""
+SHOWN_PRIMITIVES = 4
+"""Number of primitives shown: as many as the report found to suffice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,10 @@ class SelectionStudy:
     cost: FloatArray
     """Cost of each primitive for each part, shape (parts, k)."""
     selection: PrimitiveSelection
+
+    def best_of_first(self, count: int) -> NDArray[np.intp]:
+        """For each part, which of the first ``count`` chosen primitives costs it least, shape (parts,)."""
+        return np.asarray(self.cost[:, self.selection.order[:count]].argmin(axis=1))
 
 
 @dataclass(frozen=True)

@@ -248,4 +248,4 @@ def _quartiles(d: FloatArray) -> Quartiles:
 
 def write_bank(path: Path, bank: BankResult) -> None:
     """Write distractors.json."""
-    write_json(path, bank.model_dump())
+    write_json(path, bank.as_json())

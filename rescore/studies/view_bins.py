@@ -4,12 +4,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
+from pydantic import ValidationError, field_validator
 
 from datasets_synth.objects.object_classes import ObjectClass, labelled_views, object_class
 from datasets_synth.photos.single_object import Viewpoint, photograph
-from recon.arrays import IntArray
+from recon.arrays import BoolArray, IntArray
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
@@ -18,6 +20,8 @@ from recon.outlines import largest_outline
 from recon.reconstruction.view_selection import best_view_bin
 from recon.view_bins import ViewBins
 from rescore.files import read_json, write_json
+from rescore.formats.checked_json import first_difference
+from rescore.results.sweep_file import StudyPart
 from rescore.speech import say
 
 FORMAT = "view-confusion 1"
@@ -28,6 +32,21 @@ CAMERA = PinholeCamera(250.0, 250.0, 79.5, 59.5, 160, 120)
 LEARNED_SHAPES = 3
 """Training shapes that a class model is learned from."""
 _LABELLED_PX = 240
+
+
+class ViewShares(StudyPart):
+    """Shares of all photographs; the last three are kinds of mistake, of which one may be two."""
+
+    exact: float
+    """The true bin."""
+    within_one: float
+    """The true bin or a neighbour."""
+    mirrored: float
+    """Bin -b for b: the other side of the object and its picture mirrored."""
+    ends_exchanged: float
+    """Bin k/2 - b: the same side with front and rear exchanged."""
+    opposite: float
+    """Bin b + k/2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,24 +67,22 @@ class Confusion:
         """Number of all photographs, with and without a choice."""
         return int(self.counts.sum()) + sum(self.failures.values())
 
-    def shares(self) -> dict[str, float]:
-        """Shares of all photographs; the last three are kinds of mistake, of which one may be two.
-
-        ``exact``: the true bin. ``within_one``: it or a neighbour. ``mirrored``: bin -b for b, the other side
-        of the object and its picture mirrored. ``ends_exchanged``: bin k/2 - b, the same side with front and
-        rear exchanged. ``opposite``: bin b + k/2.
-        """
+    def shares(self) -> ViewShares:
+        """Shares of all photographs, with and without a choice."""
         k = len(self.counts)
         true, chosen = np.mgrid[:k, :k]
         wrong = true != chosen
-        kinds = {
-            "exact": ~wrong,
-            "within_one": np.isin((chosen - true) % k, [0, 1, k - 1]),
-            "mirrored": wrong & ((chosen + true) % k == 0),
-            "ends_exchanged": wrong & ((chosen + true - k // 2) % k == 0),
-            "opposite": (chosen - true) % k == k // 2,
-        }
-        return {name: float(self.counts[use].sum() / max(self.photos, 1)) for name, use in kinds.items()}
+
+        def share(use: BoolArray) -> float:
+            return float(self.counts[use].sum() / max(self.photos, 1))
+
+        return ViewShares(
+            exact=share(~wrong),
+            within_one=share(np.isin((chosen - true) % k, [0, 1, k - 1])),
+            mirrored=share(wrong & ((chosen + true) % k == 0)),
+            ends_exchanged=share(wrong & ((chosen + true - k // 2) % k == 0)),
+            opposite=share((chosen - true) % k == k // 2),
+        )
 
 
 def view_confusion(
@@ -118,18 +135,53 @@ def count_choices(true: Sequence[int], chosen: Sequence[int | Failure], count: i
     return Confusion(counts, dict(sorted(failures.items())))
 
 
+class ConfusionRecord(StudyPart):
+    """A table of choices as the file holds it."""
+
+    photos: int
+    """Number of all photographs, with and without a choice."""
+    shares: ViewShares
+    failures: dict[str, int]
+    """Photographs without a choice by reason."""
+    counts: tuple[tuple[int, ...], ...]
+    """Photographs by true bin (row) and chosen bin (column)."""
+
+    @classmethod
+    def of(cls, table: Confusion) -> Self:
+        """What the file holds of a table."""
+        return cls(
+            photos=table.photos,
+            shares=table.shares(),
+            failures=table.failures,
+            counts=tuple(map(tuple, table.counts.tolist())),
+        )
+
+    @field_validator("counts")
+    @classmethod
+    def _square(cls, counts: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+        if any(len(row) != len(counts) for row in counts):
+            raise ValueError(f"expected as many columns as rows, {len(counts)}")
+        return counts
+
+    def table(self) -> Confusion:
+        """The counts as an array, and the failures."""
+        return Confusion(np.array(self.counts, np.int64), self.failures)
+
+
+class ViewBinsFile(StudyPart):
+    """The content of a file of `rescore study-views`."""
+
+    format: str = FORMAT
+    title: str
+    """Class and elevation in words."""
+    tables: dict[str, ConfusionRecord]
+    """By name, as of ``view_confusion``."""
+
+
 def save_confusions(path: Path, tables: Mapping[str, Confusion], title: str) -> None:
     """Write tables by name, with their shares, as JSON."""
-    rows = {
-        name: {
-            "photos": table.photos,
-            "shares": table.shares(),
-            "failures": table.failures,
-            "counts": table.counts.tolist(),
-        }
-        for name, table in tables.items()
-    }
-    write_json(path, {"format": FORMAT, "title": title, "tables": rows})
+    records = {name: ConfusionRecord.of(table) for name, table in tables.items()}
+    write_json(path, ViewBinsFile(title=title, tables=records).as_json())
 
 
 def load_confusions(path: Path) -> tuple[dict[str, Confusion], str]:
@@ -145,15 +197,12 @@ def load_confusions(path: Path) -> tuple[dict[str, Confusion], str]:
             f"{path}: expected format {FORMAT!r}, got {found!r}; write it with rescore study-views"
         )
     try:
-        tables = {
-            str(name): Confusion(np.array(row["counts"], np.int64), dict(row["failures"]))
-            for name, row in data["tables"].items()
-        }
-        return tables, str(data["title"])
-    except (KeyError, TypeError, ValueError) as error:
+        file = ViewBinsFile.model_validate(data)
+    except ValidationError as error:
         raise RescoreError(
-            f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write it again"
+            f"{path}: expected {FORMAT!r}, got {first_difference(error)}; write it again"
         ) from error
+    return {name: record.table() for name, record in file.tables.items()}, file.title
 
 
 def study_views(out: Path, photos: int, seed: int) -> None:

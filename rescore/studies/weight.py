@@ -270,6 +270,6 @@ class WeightRecord(StudyPart):
         )
 
 
-def write_weights(path: Path, studies: Sequence[WeightStudy]) -> None:
+def write_weights(path: Path, records: Sequence[WeightRecord]) -> None:
     """Write weight.json; a number that JSON cannot hold is null."""
-    write_json(path, json_values([WeightRecord.of(s).model_dump(mode="json") for s in studies]))
+    write_json(path, json_values([record.as_json() for record in records]))

@@ -165,3 +165,23 @@ def test_a_negative_baseline_names_swapped_eyes():
 def test_a_camera_under_the_ground_is_refused():
     with pytest.raises(RescoreError, match="must be above the ground, got height_m=-1"):
         GroundPlane(-1.0)
+
+
+def test_a_camera_that_leans_to_its_right_sees_the_ground_nearer_there():
+    ground = GroundPlane(1.6, pitch_rad=0.02, roll_rad=0.03)
+    pair = GroundedStereo(StereoCamera(CAMERA, 0.5), ground)
+    left, middle, right = pair.ground_disparity_px(np.array([[100.0, 400.0], [320.0, 400.0], [600.0, 400.0]]))
+    assert left < middle < right
+    # the camera turned about its own axis by the roll sees a level ground turned the other way
+    c, s = np.cos(0.03), np.sin(0.03)
+    turned = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ GroundPlane(1.6).up
+    np.testing.assert_allclose(GroundPlane(1.6, roll_rad=0.03).up, turned, atol=1e-15)
+
+
+@given(st.floats(-0.3, 0.5), st.floats(-0.2, 0.2))
+def test_up_and_right_of_the_ground_are_perpendicular_units(pitch_rad, roll_rad):
+    ground = GroundPlane(1.6, pitch_rad, roll_rad)
+    assert np.linalg.norm(ground.up) == pytest.approx(1)
+    assert np.linalg.norm(ground.right) == pytest.approx(1)
+    assert ground.up @ ground.right == pytest.approx(0, abs=1e-15)
+    assert ground.right[0] > 0

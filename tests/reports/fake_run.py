@@ -40,7 +40,7 @@ from rescore.results.metrics_file import (
     TunedWeight,
     write_metrics,
 )
-from rescore.results.run_config_file import RunConfigFile
+from rescore.results.run_config_file import RunConfigFile, RunSettings
 from rescore.results.run_folder import RunFolder, boxes_px
 
 WIDTH, HEIGHT = 320, 240
@@ -199,7 +199,7 @@ def make_run(root: Path, n_frames: int = 5, seed: int = 3) -> Path:
         tuning={d: DetectorTuning.first_of({"paper": _tuning(w)}) for d, w in WEIGHTS.items()},
     )
     write_metrics(folder.metrics, metrics)
-    config = RunConfigFile(seed=seed, config={"preset": "fake"}, versions={"rescore": "0.1.0"})
+    config = RunConfigFile(seed=seed, config=RunSettings(preset="fake"), versions={"rescore": "0.1.0"})
     write_json(folder.config, config.as_json())
     return root
 

@@ -76,7 +76,7 @@ def scores_by_car(placements: Sequence[ScoredPlacement]) -> dict[str, dict[str, 
 
 def write_localization(path: Path, result: LocalizationResult) -> None:
     """Write localization.json."""
-    write_json(path, result.model_dump(mode="json"))
+    write_json(path, result.as_json())
 
 
 def read_localization(path: Path) -> LocalizationResult:

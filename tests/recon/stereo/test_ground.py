@@ -19,11 +19,9 @@ RAYS = CAMERA.left.rays(np.stack([U, V], axis=-1))
 Disparity = np.ndarray[tuple[int, int], np.dtype[np.float32]]
 
 
-def plane(ground: GroundPlane = GROUND, roll_deg: float = 0.0) -> np.ndarray:
-    """Depth of a plane, infinite above the horizon; it turns about the camera's axis."""
-    c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
-    up = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ ground.up
-    slope = RAYS @ up
+def plane(ground: GroundPlane = GROUND) -> np.ndarray:
+    """Depth of a plane, infinite above the horizon."""
+    slope = RAYS @ ground.up
     return np.where(slope < -1e-6, -ground.height_m / np.minimum(slope, -1e-6), np.inf)
 
 
@@ -49,7 +47,7 @@ def test_a_bare_plane_is_found_exactly(height_m: float, pitch_deg: float) -> Non
     ground = GroundPlane(height_m, np.radians(pitch_deg))
     estimate = found(street(plane(ground), np.inf))
     assert_is(estimate, ground, 1e-4, 1e-3)
-    assert np.degrees(estimate.roll_rad) == pytest.approx(0, abs=1e-3)
+    assert np.degrees(estimate.ground.roll_rad) == pytest.approx(0, abs=1e-3)
     assert estimate.support is not None
     assert estimate.support.residual_px < 1e-3
     assert estimate.support.below == 0
@@ -67,21 +65,18 @@ def test_support_is_what_is_seen() -> None:
 
 
 @pytest.mark.parametrize("roll_deg", [-3.0, 1.0, 3.0])
-def test_roll_is_told_and_does_not_disturb(roll_deg: float) -> None:
-    estimate = found(street(plane(roll_deg=roll_deg), np.inf))
-    # the section with x = 0 of up = (-s cos p, -c cos p, -sin p): height h / |.|, pitch atan(tan p / c)
-    c, s, p = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg)), GROUND.pitch_rad
-    length = np.hypot(c * np.cos(p), np.sin(p))
-    section = GroundPlane(GROUND.height_m / length, float(np.arctan2(np.sin(p), c * np.cos(p))))
-    assert_is(estimate, section, 1e-3, 1e-2)
-    assert np.sin(estimate.roll_rad) == pytest.approx(s * np.cos(p), abs=1e-3)
+def test_roll_is_found(roll_deg: float) -> None:
+    ground = replace(GROUND, roll_rad=np.radians(roll_deg))
+    estimate = found(street(plane(ground), np.inf))
+    assert_is(estimate, ground, 1e-3, 1e-2)
+    assert np.degrees(estimate.ground.roll_rad) == pytest.approx(roll_deg, abs=1e-2)
 
 
 def test_much_roll_is_not_trusted() -> None:
-    estimate = found(street(plane(roll_deg=6.0)))
+    estimate = found(street(plane(replace(GROUND, roll_rad=np.radians(8.0)))))
     assert (estimate.doubt, estimate.detail) == (
         GroundDoubt.IMPLAUSIBLE,
-        "roll 6.0 degrees, expected -4.0 degrees to 4.0 degrees",
+        "roll 8.0 degrees, expected -6.0 degrees to 6.0 degrees",
     )
 
 

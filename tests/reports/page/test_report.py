@@ -16,7 +16,7 @@ from reports.page.report import build_report, render_report
 from reports.run.curves import curve_sets
 from reports.run.tables import result_table
 from rescore.results.metrics_file import StereoStatistics
-from rescore.results.run_config_file import RunConfigFile
+from rescore.results.run_config_file import RunConfigFile, RunSettings
 from rescore.results.run_folder import Run, RunFolder, load_run
 from rescore.results.sweep_file import (
     SweepFigures,
@@ -129,7 +129,7 @@ def test_few_images_are_told_to_prove_little(page: Page):
 
 def test_text_from_outside_cannot_break_the_page(run: Run):
     evil = "</script><script>alert(1)</script>"
-    text = text_of(replace(run, config=RunConfigFile(command=evil, config={"preset": evil})))
+    text = text_of(replace(run, config=RunConfigFile(command=evil, config=RunSettings(preset=evil))))
     assert evil not in text
     assert evil in Page(text).text
 

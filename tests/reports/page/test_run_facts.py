@@ -6,6 +6,7 @@ from pathlib import Path
 
 from reports.page.run_facts import differing_settings, id_lists, made_from
 from reports.run.frame_view import run_dataset
+from rescore.results.run_config_file import RunSettings
 from rescore.results.run_folder import Run, load_run
 
 
@@ -39,9 +40,8 @@ def test_facts_leave_out_what_is_not_known(run: Run):
 
 
 def test_only_settings_that_differ_are_listed(run: Run):
-    other = replace(
-        run, config=run.config.model_copy(update={"seed": 4, "config": {"preset": "fake", "more": 1}})
-    )
+    more = RunSettings.model_validate({"preset": "fake", "more": 1})
+    other = replace(run, config=run.config.model_copy(update={"seed": 4, "config": more}))
     table = differing_settings({"a": run, "b": other})
     assert table is not None
     assert table.rows == (("seed", "3", "4"),)

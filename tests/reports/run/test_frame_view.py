@@ -8,7 +8,7 @@ import pytest
 
 from reports.recording.frame import in_metres
 from reports.run.frame_view import frame_views, run_data
-from rescore.results.run_config_file import RunConfigFile
+from rescore.results.run_config_file import RunConfigFile, RunSettings
 from rescore.results.run_folder import Run, load_run
 from tests.reports.fake_run import CAMERA
 
@@ -65,7 +65,7 @@ def test_without_calibration_depth_is_shown_up_to_scale(run_dir: Path, tmp_path:
 
 def test_the_evaluated_split_is_the_one_of_the_config(run: Run):
     assert run.split == "test"
-    other = replace(run, config=RunConfigFile(config={"split": "validation"}))
+    other = replace(run, config=RunConfigFile(config=RunSettings(split="validation")))
     assert len(run_data(other).frames) == 0
-    everything = replace(run, config=RunConfigFile(config={"split": "all"}))
+    everything = replace(run, config=RunConfigFile(config=RunSettings(split="all")))
     assert len(run_data(everything).frames) == run.metrics.n_images

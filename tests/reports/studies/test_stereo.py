@@ -8,10 +8,11 @@ import numpy as np
 from typer.testing import CliRunner
 
 from reports.publishing.stereo_pairs import lay_out_aloe, lay_out_motorcycle
-from reports.studies.stereo import PUBLIC
 from rescore.cli import app
 from rescore.formats.stereo_truth import find_true_scenes
-from tests.true_pairs import kitti_2015, noise, scene, untrue, write_png
+from rescore.studies.stereo import RULES, Method
+from rescore.studies.stereo_file import PUBLIC, StereoResult
+from tests.true_pairs import HEIGHT, WIDTH, kitti_2015, noise, scene, untrue, write_png
 
 
 def test_the_study_writes_page_numbers_and_figure(tmp_path: Path):
@@ -44,6 +45,24 @@ def test_the_study_writes_page_numbers_and_figure(tmp_path: Path):
     assert "were not at hand" not in page
     assert cv2.imread(str(out / "maps.png")) is not None
     assert str(tmp_path) not in re.sub(r"Made by .*", "", page)
+
+
+def test_json_is_what_the_file_holds_also_where_a_share_is_of_nothing(tmp_path: Path):
+    out, kitti = tmp_path / "out", kitti_2015(tmp_path / "kitti")
+    for objects in (kitti / "obj_map").iterdir():
+        write_png(objects, np.zeros((HEIGHT, WIDTH), np.uint8))
+    folders = (kitti, untrue(tmp_path / "mine"))
+    result = CliRunner().invoke(app, ["study-stereo", *map(str, folders), "--out", str(out), "--json"])
+    assert result.exit_code == 0, result.output
+    numbers = json.loads(result.stdout)
+    assert numbers == json.loads((out / "stereo.json").read_text())
+    (known,) = numbers["known_disparity"]
+    foreground = [e for e in known["errors"] if e["pixels"].endswith("foreground")]
+    assert len(foreground) == len(Method) * 2 * len(RULES)
+    shares = ("density", "end_point_error_px", "wrong_share_measured", "wrong_share_filled")
+    assert all(e["n_truth"] == 0 and e[name] is None for e in foreground for name in shares)
+    read = StereoResult.model_validate(numbers)
+    assert all(np.isnan(e.density) for e in read.known_disparity[0].errors if e.pixels.endswith("foreground"))
 
 
 def test_public_figures_are_on_the_page_without_kitti_truth(tmp_path: Path):

@@ -163,8 +163,11 @@ def test_the_ground_of_stereo_is_told_beside_the_stated_one(tmp_path: Path) -> N
     (told,) = street(tmp_path / "other", 1.8, height_m=1.2, pitch_rad=0.05)
     assert told.startswith("warning image 1: ground from stereo: height 1.80 m")
     # 1.8 / 1.2 - 1 = 50 per cent; 0.05 rad = 2.9 degrees
-    assert "stated 1.20 m, 2.9 degrees: height differs +50%, pitch -2.9; a slope where it is this" in told
-    assert "check height_m, pitch_rad and the baseline" in told
+    assert (
+        "stated 1.20 m, 2.9 degrees: height differs +50%, pitch -2.9, roll +0.0; a slope where it is this"
+        in told
+    )
+    assert "check height_m, pitch_rad, roll_rad and the baseline" in told
 
 
 def test_the_doctor_says_why_the_ground_is_the_default(tmp_path: Path) -> None:

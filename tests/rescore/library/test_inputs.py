@@ -48,7 +48,7 @@ BAD_INPUT: list[tuple[Callable[[], object], str]] = [
     ),
     (frame_of(disparity_px=None, depth_m=MAP), "expected a camera with depth_m, got none; give Camera("),
     (frame_of(camera=Camera(50, 50, 30, 20)), "expected a camera with baseline_m for disparity_px, got none"),
-    (frame_of(ground=GroundPlane(1.5, float("nan"))), "ground: expected finite height and pitch, got"),
+    (frame_of(ground=GroundPlane(1.5, float("nan"))), "ground: expected finite height and angles, got"),
     (
         lambda: Camera(50, 50, 30, float("nan"), 0.3),
         "camera: expected finite numbers, focal lengths and base",
