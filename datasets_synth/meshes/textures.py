@@ -320,6 +320,16 @@ def _road(rng: np.random.Generator) -> UInt8Array:
     return _paint((104, 103, 102), light, fractal_noise(rng, size, 4, 3) * 0.12)
 
 
+def _marking(rng: np.random.Generator) -> UInt8Array:
+    """Road paint, worn in places so that the asphalt shows."""
+    size = _SIZE
+    worn = fractal_noise(rng, size, 6, 6, 0.75) + float(rng.uniform(-1.6, -0.4))
+    share = np.clip(worn * 2.5, 0, 0.85)[..., None]
+    paint = _paint((214, 213, 206), 1 + 0.05 * fractal_noise(rng, size, 24, 4))
+    bare = _paint((96, 95, 94), 1 + 0.12 * rng.normal(size=(size, size)).astype(np.float32))
+    return _bytes(paint * (1 - share) + bare * share)
+
+
 def _strokes(
     rng: np.random.Generator, picture: UInt8Array, colours: NDArray[np.floating], length_px: float
 ) -> None:
@@ -338,7 +348,7 @@ def _strokes(
 
 def _lawn(rng: np.random.Generator) -> UInt8Array:
     """Blades of grass from above, green and dry, in patches, with a few small flowers."""
-    size, n = 1024, 26_000
+    size, n = 1024, 15_000
     dry = fractal_noise(rng, size, 3, 5)
     picture = np.empty((size, size, 3), np.uint8)
     picture[:] = (58, 66, 34)
@@ -348,7 +358,7 @@ def _lawn(rng: np.random.Generator) -> UInt8Array:
     for _ in range(int(rng.integers(0, 26))):
         x, y = (int(v) for v in rng.integers(0, size, 2))
         cv2.circle(picture, (x, y), int(rng.integers(2, 5)), (214, 214, 200), -1, cv2.LINE_AA)
-    light = np.clip(1 + 0.10 * dry, 0.6, 1.5)[..., None]
+    light = np.clip(1 + 0.05 * dry, 0.7, 1.3)[..., None]
     warm = np.clip(dry, 0, 2)[..., None] * np.array([14.0, 6.0, -4.0])
     return _bytes(picture * light + warm)
 
@@ -414,6 +424,7 @@ _PAINTERS: dict[str, Callable[[np.random.Generator], UInt8Array]] = {
     "road": _road,
     "lawn": _lawn,
     "foliage": _foliage,
+    "marking": _marking,
     "pane": _pane,
 }
 TEXTURE_KINDS = tuple(_PAINTERS)

@@ -18,7 +18,7 @@ from datasets_synth.street.prop_parts import Pictures
 
 FAR_M = 38.0
 """Plants beyond this distance are drawn coarsely."""
-N_HOUSES = 26
+N_HOUSES = 18
 """Different houses of each sort."""
 STYLES = ("row", "villas", "park", "wall", "yard")
 _STYLE_SHARES = (0.34, 0.3, 0.22, 0.07, 0.07)
@@ -204,7 +204,7 @@ def _tree(stage: Stage, side: int, y: float, behind_m: float, kinds: Sequence[st
     mesh = plant(kind, int(rng.integers(N_VARIANTS)), y > FAR_M)
     x = _front(stage, side) + side * behind_m
     if y > CLEAR_M:
-        scale = float(rng.uniform(0.8, 1.35))
+        scale = float(rng.uniform(0.9, 1.3) if behind_m < 6 else rng.uniform(1.1, 1.9))
         stage.put(mesh, "tree", (x, y, float(rng.uniform(0, 6.28))), scale=scale, gap_m=0.0)
 
 
@@ -238,7 +238,8 @@ def _street_trees(stage: Stage) -> None:
             if not _crosses(stage, float(y)):
                 x = float(rng.uniform(band.x0_m + 0.5, band.x1_m - 0.5))
                 tuft = plant("grass tuft", int(rng.integers(N_VARIANTS)), bool(y > 12))
-                stage.put_freely(tuft, "verge", (x, float(y), float(rng.uniform(0, 6.28))), scale=0.9)
+                at = (x, float(y), float(rng.uniform(0, 6.28)))
+                stage.put_freely(tuft, "verge", at, scale=0.9, casts_shadow=False)
 
 
 def _crosses(stage: Stage, y: float) -> bool:

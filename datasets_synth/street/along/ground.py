@@ -134,8 +134,7 @@ def _kerb(
 def _marks(road: Road, rng: np.random.Generator) -> MeshDraft:
     """Dashes between lanes, lines at the edges and between places, a stop line, a zebra, manholes."""
     draft = MeshDraft()
-    value = float(rng.uniform(0.75, 1.3))
-    white = surface("concrete", 1, (value, value, value * 0.97))
+    white = surface("marking", int(rng.integers(4)), tint(rng, 0.75, 1.1))
 
     def flat(x0: float, x1: float, y0: float, y1: float) -> None:
         z = (road.profile_m(x0, y0) + MARK_LIFT_M, road.profile_m(x1, y0) + MARK_LIFT_M)
@@ -203,7 +202,7 @@ def _side_street(road: Road, rng: np.random.Generator) -> MeshDraft:
     asphalt = surface("road", int(rng.integers(4)), tint(rng, 0.55, 0.85))
     slabs = surface("slabs", int(rng.integers(4)), tint(rng, 0.75, 1.0))
     stone = surface("concrete", 0, (0.8, 0.8, 0.8))
-    white = surface("concrete", 1, (1.1, 1.1, 1.05))
+    white = surface("marking", int(rng.integers(4)))
     for edge, front, end in zip(road.edge_m, road.frontage_m, (-WIDE_M, WIDE_M), strict=True):
         z = road.profile_m(edge, crossing.y_m)
         x = (min(edge, end), max(edge, end))
@@ -236,9 +235,8 @@ def _cross_kerb(
     y, towards = face
     inside = y - 0.3 * towards
     ground = float(road.grade.height_m(y))
-    xs = sorted(
-        {start_m, end_m, *(b.x0_m for b in road.bands if min(start_m, end_m) < b.x0_m < max(start_m, end_m))}
-    )
+    first, last = min(start_m, end_m), max(start_m, end_m)
+    xs = sorted({first, last, *(b.x0_m for b in road.bands if first < b.x0_m < last)})
     for x0, x1 in pairwise(xs):
         tops = [road.profile_m(x, inside) for x in (x0 + 0.001, x1 - 0.001)]
         if max(tops) - low_m < 0.03:

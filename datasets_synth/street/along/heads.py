@@ -8,22 +8,10 @@ import numpy as np
 from datasets_synth.presets import AlongConfig, RigConfig
 from datasets_synth.street.along.road import Road
 from recon.arrays import FloatArray
-from recon.camera import PinholeCamera, StereoCamera
+from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 
 GROUND_NEAR_M, GROUND_FAR_M = 4.0, 25.0
 """The ground of a frame is the plane through the carriageway between these distances."""
-
-
-@dataclass(frozen=True)
-class Ground:
-    """The plane of the road in the frame of the left camera: ``up . X + height_m = 0``."""
-
-    height_m: float
-    """Distance of the camera from the plane."""
-    pitch_rad: float
-    """Positive when the camera looks down."""
-    roll_rad: float
-    """Positive when the camera leans to its right, so that the ground is nearer on the right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +59,7 @@ def _pose(road: Road, x_m: float, height_m: float, angles_rad: FloatArray) -> Fl
     return pose
 
 
-def ground_of(head: Head, road: Road) -> Ground:
+def ground_of(head: Head, road: Road) -> GroundPlane:
     """The plane that lies closest to the carriageway before the camera."""
     xs = np.linspace(road.edge_m[0] + 0.2, road.edge_m[1] - 0.2, 9)
     ys = np.linspace(GROUND_NEAR_M, GROUND_FAR_M, 15)
@@ -82,10 +70,10 @@ def ground_of(head: Head, road: Road) -> Ground:
     return plane_through(xyz)
 
 
-def plane_through(xyz_m: FloatArray | Sequence[FloatArray]) -> Ground:
+def plane_through(xyz_m: FloatArray | Sequence[FloatArray]) -> GroundPlane:
     """The plane with the least squared distances from points (n, 3) of the ground, camera frame."""
     points = np.asarray(xyz_m, float)
     middle = points.mean(axis=0)
     up = np.linalg.svd(points - middle, full_matrices=False)[2][2]
     up = up if up[1] < 0 else -up
-    return Ground(float(-up @ middle), float(np.arctan2(-up[2], -up[1])), float(np.arcsin(-up[0])))
+    return GroundPlane(float(-up @ middle), float(np.arctan2(-up[2], -up[1])), float(np.arcsin(-up[0])))

@@ -10,13 +10,14 @@ from datasets_synth.meshes.mesh import Scene
 from datasets_synth.presets import SynthConfig
 from datasets_synth.street.along.frontage import put_frontage
 from datasets_synth.street.along.ground import ground_items
-from datasets_synth.street.along.heads import Ground, ground_of, sample_head
+from datasets_synth.street.along.heads import ground_of, sample_head
 from datasets_synth.street.along.road import sample_road
 from datasets_synth.street.along.stage import Stage
 from datasets_synth.street.along.traffic import Vehicles, put_vehicles, sample_traffic
 from datasets_synth.street.footprints import Footprint
 from datasets_synth.street.lighting import sample_imaging, sample_light
 from datasets_synth.street.prop_parts import Pictures
+from recon.camera import GroundPlane
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,8 @@ class AlongStreet:
     scene: Scene
     rig: str
     """Name of the stereo head."""
-    ground: Ground
+    ground: GroundPlane
+    """The road before the camera, in the frame of its left eye."""
     states_ground: bool
     """Whether the camera record says where the ground is."""
 

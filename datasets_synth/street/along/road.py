@@ -22,8 +22,8 @@ END_M = 190.0
 """The street ends here."""
 WIDE_M = 95.0
 """The ground reaches this far to both sides."""
-DRIVEN = ("road", "lot", "tracks")
-"""Roles of bands on which vehicles stand, at the height of the carriageway."""
+INSIDE_M = 1e-6
+"""A place this far from the edge of a band surely belongs to it."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Road:
     def profile_m(self, x_m: float, y_m: float) -> float:
         """Height of the ground at (x, y) above the grade."""
         if self.crossing is not None and self.crossing.road_m[0] < y_m < self.crossing.road_m[1]:
-            x_m = float(np.clip(x_m, *self.edge_m))
+            x_m = float(np.clip(x_m, self.edge_m[0] + INSIDE_M, self.edge_m[1] - INSIDE_M))
         band = self.band_at(x_m)
         share = np.clip((x_m - band.x0_m) / (band.x1_m - band.x0_m), 0, 1)
         return float(band.z0_m + share * (band.z1_m - band.z0_m))

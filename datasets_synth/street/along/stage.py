@@ -56,10 +56,16 @@ class Stage:
         return self._add(Placed(mesh, self._upright(at, scale), kind), gap_m)
 
     def put_freely(
-        self, mesh: Mesh, kind: str, at: tuple[float, float, float], *, scale: float = 1.0
+        self,
+        mesh: Mesh,
+        kind: str,
+        at: tuple[float, float, float],
+        *,
+        scale: float = 1.0,
+        casts_shadow: bool = True,
     ) -> None:
         """Stand a plant or a house upright at (x, y, yaw), whatever stands there."""
-        self.items.append(Placed(mesh, self._upright(at, scale), kind))
+        self.items.append(Placed(mesh, self._upright(at, scale), kind, "", casts_shadow))
 
     def reserve(self, spot: Footprint) -> None:
         """Keep ground free of what comes later."""

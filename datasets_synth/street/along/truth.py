@@ -10,9 +10,9 @@ from datasets_synth.meshes.mesh import Placed, Scene
 from datasets_synth.presets import AlongConfig
 from datasets_synth.render.render import StereoRender
 from datasets_synth.render.truth import VisibleObject, visible_objects
-from datasets_synth.street.along.heads import Ground
 from datasets_synth.street.along.vehicles import OTHER_VEHICLES
 from recon.arrays import FloatArray
+from recon.camera import GroundPlane
 
 
 def visible_vehicles(render: StereoRender, scene: Scene) -> tuple[VisibleObject, ...]:
@@ -69,7 +69,7 @@ def annotation(vehicle: VisibleObject, scene: Scene, config: AlongConfig) -> Map
     }
 
 
-def camera_record(scene: Scene, ground: Ground | None) -> dict[str, float]:
+def camera_record(scene: Scene, ground: GroundPlane | None) -> dict[str, float]:
     """The ``camera`` object of an image record; it states a ground where one is given."""
     left = scene.camera.left
     record = {
@@ -79,6 +79,6 @@ def camera_record(scene: Scene, ground: Ground | None) -> dict[str, float]:
     return record if ground is None else record | ground_record(ground)
 
 
-def ground_record(ground: Ground) -> dict[str, float]:
+def ground_record(ground: GroundPlane) -> dict[str, float]:
     """The ground as records name it."""
     return {"height_m": ground.height_m, "pitch_rad": ground.pitch_rad, "roll_rad": ground.roll_rad}
