@@ -193,7 +193,8 @@ def _side_bands(
     z = add(carriageway_m[1] - carriageway_m[0], carriageway_m[0] * outward, outward, "road", skin)
     if parking != "none":
         paved = skin if rng.random() < 0.6 else "cobbles"
-        z = add(2.15 if parking == "parallel" else 5.0, z, outward, "lot", paved)
+        # places do not fall away from the road: water runs to its gutter
+        z = add(2.15 if parking == "parallel" else 5.0, z, max(outward, 0.0), "lot", paved)
     z += KERB_HEIGHT_M
     if rng.random() < 0.4:
         z = add(float(rng.uniform(1.2, 3.5)), z, 0.01, "verge", "lawn")
