@@ -150,7 +150,7 @@ class AlongConfig:
     """A street seen along its length, as from a car that drives or stands on it."""
 
     rigs: tuple[RigConfig, ...] = RIGS
-    """One is drawn for each frame, all with the same weight."""
+    """They take turns from frame to frame."""
     pitch_deg: tuple[float, float] = (-2.0, 3.0)
     """Pitch of the camera against the road; positive looks down."""
     roll_deg: float = 2.5
@@ -162,7 +162,10 @@ class AlongConfig:
     crossfall: float = 0.025
     """Rise of the road across, within plus and minus this."""
     stated_share: float = 0.5
-    """Share of frames whose camera record states height, pitch and roll; the others state no ground."""
+    """Share of frames of each rig whose camera record states height, pitch and roll.
+
+    The others state no ground.
+    """
     far_m: float = 58.0
     """Cars stand up to this far along the street."""
     min_height_px: float = 18.0

@@ -111,7 +111,7 @@ def _along_frame(
     config: SynthConfig, stream: list[int], cars: Sequence[CarModel], pictures: Pictures
 ) -> SynthFrame:
     rng = np.random.default_rng(stream)
-    street = sample_along(config, cars, rng, pictures)
+    street = sample_along(config, cars, rng, pictures, number=stream[-1])
     render = render_pair(street.scene, rng)
     seen = visible_vehicles(render, street.scene)
     return SynthFrame(street.scene, render, seen, 1, street)

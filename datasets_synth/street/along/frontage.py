@@ -5,11 +5,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from datasets_synth.meshes.materials import TILE_M, surface
+from datasets_synth.meshes.materials import DARK, STEEL, TILE_M, plain, surface
 from datasets_synth.meshes.mesh import Mesh
 from datasets_synth.meshes.solids import MeshDraft
 from datasets_synth.street.along.plants import N_VARIANTS, hedge, plant
-from datasets_synth.street.along.road import END_M, REAR_M, SIDES
+from datasets_synth.street.along.road import END_M, REAR_M, SIDES, Band
 from datasets_synth.street.along.stage import CLEAR_M, Stage
 from datasets_synth.street.distractors import PROP
 from datasets_synth.street.facades import DEPTH_M, facade
@@ -21,7 +21,7 @@ FAR_M = 38.0
 N_HOUSES = 18
 """Different houses of each sort."""
 STYLES = ("row", "villas", "park", "wall", "yard")
-_STYLE_SHARES = (0.34, 0.3, 0.22, 0.07, 0.07)
+_STYLE_SHARES = (0.27, 0.29, 0.3, 0.07, 0.07)
 _TREES = ("broadleaf", "broadleaf", "slender", "conifer")
 
 
@@ -60,7 +60,10 @@ def put_frontage(stage: Stage, pictures: Pictures) -> None:
             style = str(stage.rng.choice(STYLES, p=_STYLE_SHARES))
             _BUILDERS[style](stage, side, block)
     _street_trees(stage)
-    _lamps_and_signs(stage, pictures)
+    _lamp_row(stage)
+    _traffic_lights(stage)
+    _furniture(stage, pictures)
+    _background(stage)
     _far_end(stage)
 
 
@@ -247,10 +250,79 @@ def _crosses(stage: Stage, y: float) -> bool:
     return crossing is not None and crossing.gap_m[0] - 1.5 < y < crossing.gap_m[1] + 1.5
 
 
-def _lamps_and_signs(stage: Stage, pictures: Pictures) -> None:
-    """Furniture on the pavements: lamps, signs, bins, people, and now and then a look-alike of a car."""
+def _pavement(stage: Stage, side: int) -> Band:
+    return next(b for b in stage.road.bands if b.role == "pavement" and b.side == side)
+
+
+def _lamp_row(stage: Stage) -> None:
+    """Street lamps along one pavement, their arms over the road."""
+    rng = stage.rng
+    side = int(rng.choice(SIDES))
+    band = _pavement(stage, side)
+    edge = band.x0_m if side > 0 else band.x1_m
+    variant = int(rng.integers(4))
+    for y in np.arange(float(rng.uniform(6, 26)), 110, float(rng.uniform(22, 34))):
+        if not _crosses(stage, float(y)):
+            stage.put(_lamp(variant), "lamp", (edge + 0.35 * side, float(y), facing_rad(side)))
+
+
+@lru_cache(maxsize=4)
+def _lamp(variant: int) -> Mesh:
+    """A street lamp whose arm reaches to -y."""
+    rng = np.random.default_rng([20110931, variant])
+    draft = MeshDraft()
+    steel = plain((0.2, 0.21, 0.22) if variant % 2 else STEEL, 0.2)
+    height, reach = float(rng.uniform(6.5, 9.5)), float(rng.uniform(1.0, 2.2))
+    draft.cone((0, 0, -0.1), (0, 0, height), (0.1, 0.05), steel, sides=10)
+    draft.bar((0, 0, height - 0.05), (0, -reach, height + 0.35), 0.035, steel)
+    draft.box((0, -reach - 0.25, height + 0.36), (0.22, 0.6, 0.1), plain((0.55, 0.55, 0.52)))
+    return draft.mesh()
+
+
+def _traffic_lights(stage: Stage) -> None:
+    """Lights at the corners of some crossings; the far one on the right is seen from the front."""
+    crossing = stage.road.crossing
+    if crossing is None or stage.rng.random() < 0.5:
+        return
+    for side, y, yaw in ((1, crossing.road_m[0] - 0.8, 0.0), (-1, crossing.road_m[1] + 0.8, np.pi)):
+        band = _pavement(stage, side)
+        edge = band.x0_m if side > 0 else band.x1_m
+        mesh = _traffic_light(int(stage.rng.integers(3)))
+        stage.put(mesh, "lights", (edge + 0.4 * side, y, yaw))
+
+
+@lru_cache(maxsize=3)
+def _traffic_light(lit: int) -> Mesh:
+    """A pole with a traffic light that looks at -y; one lamp of red, amber and green is lit."""
+    draft = MeshDraft()
+    draft.bar((0, 0, -0.1), (0, 0, 3.4), 0.05, plain((0.25, 0.26, 0.27), 0.2))
+    draft.box((0, -0.1, 2.95), (0.3, 0.22, 0.9), plain(DARK))
+    colours = ((0.9, 0.05, 0.03), (0.9, 0.5, 0.03), (0.05, 0.8, 0.35))
+    for k, rgb in enumerate(colours):
+        bright = 1.0 if k == lit else 0.08
+        z = 3.24 - 0.29 * k
+        skin = plain((rgb[0] * bright, rgb[1] * bright, rgb[2] * bright))
+        draft.cone((0, -0.21, z), (0, -0.225, z), (0.1, 0.1), skin, sides=12)
+    return draft.mesh()
+
+
+def _background(stage: Stage) -> None:
+    """Trees behind the houses, so that gaps between these do not open on bare land."""
+    rng = stage.rng
+    for side in SIDES:
+        for y in np.arange(6.0, 125.0, float(rng.uniform(7, 12))):
+            if rng.random() < 0.75:
+                kind = _TREES[int(rng.integers(len(_TREES)))]
+                x = _front(stage, side) + side * float(rng.uniform(32, 62))
+                mesh = plant(kind, int(rng.integers(N_VARIANTS)), True)
+                at = (x, float(y), float(rng.uniform(0, 6.28)))
+                stage.put(mesh, "tree", at, scale=float(rng.uniform(1.1, 2.0)), gap_m=0.0)
+
+
+def _furniture(stage: Stage, pictures: Pictures) -> None:
+    """Furniture on the pavements: signs, bins, people, and now and then a look-alike of a car."""
     rng, road = stage.rng, stage.road
-    common = ("lamp", "sign", "lamp", "bins", "person", "person", "bicycle", "bollards", "bench", "planters")
+    common = ("sign", "sign", "bins", "person", "person", "bicycle", "bollards", "bench", "planters")
     rare = ("kiosk", "shelter", "stall", "container", "crates", "trailer", "caravan", "teardrop", "cart")
     flat = ("billboard", "hoarding", "banner", "showroom", "trailer_picture")
     chosen = [common[int(rng.integers(len(common)))] for _ in range(int(rng.integers(3, 11)))]

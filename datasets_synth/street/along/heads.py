@@ -26,9 +26,8 @@ class Head:
     """Where it stands across the street; along the street it stands at 0."""
 
 
-def sample_head(config: AlongConfig, road: Road, rng: np.random.Generator) -> Head:
-    """A head of one of the rigs in a lane that leads away, looking along it or, now and then, aside."""
-    rig = config.rigs[int(rng.integers(len(config.rigs)))]
+def sample_head(rig: RigConfig, config: AlongConfig, road: Road, rng: np.random.Generator) -> Head:
+    """A head of a rig in a lane that leads away, looking along it or, now and then, aside."""
     focal = rig.focal_px * float(rng.uniform(0.985, 1.015))
     cx = (rig.width_px - 1) / 2 + float(rng.uniform(-6, 6))
     cy = rig.height_px * rig.horizon_share + float(rng.uniform(-4, 4))

@@ -34,18 +34,27 @@ class AlongStreet:
 
 
 def sample_along(
-    config: SynthConfig, models: Sequence[CarModel], rng: np.random.Generator, pictures: Pictures = ()
+    config: SynthConfig,
+    models: Sequence[CarModel],
+    rng: np.random.Generator,
+    pictures: Pictures = (),
+    number: int = 0,
 ) -> AlongStreet:
     """A street with cars in all views.
+
+    Rigs take turns, and so do cameras that state their ground and those that do not, so that each split has
+    its share of both.
 
     Args:
         config: What streets look like.
         models: The cars to choose from.
         rng: Source of everything.
         pictures: Pictures of cars for posters and prints; without them there are none.
+        number: Which frame of its split this is.
     """
     road = sample_road(config.along, rng)
-    head = sample_head(config.along, road, rng)
+    turn, which = divmod(number, len(config.along.rigs))
+    head = sample_head(config.along.rigs[which], config.along, road, rng)
     stage = Stage(road, rng)
     stage.reserve(Footprint(head.x_m, 0.5, 1.3, 5.0))
     put_vehicles(Vehicles(stage, models, pictures, sample_traffic(rng), config.along.far_m), head.x_m)
@@ -59,5 +68,6 @@ def sample_along(
         imaging=sample_imaging(config.sensor, light, brightness, rng),
         grade=road.grade,
     )
-    states_ground = bool(rng.random() < config.along.stated_share)
+    share = config.along.stated_share
+    states_ground = int((turn + 1) * share) > int(turn * share)
     return AlongStreet(scene, head.rig.name, ground_of(head, road), states_ground)

@@ -137,7 +137,7 @@ def sample_road(config: AlongConfig, rng: np.random.Generator) -> Road:
     crowned = rng.random() < 0.3
     slopes = {side: (-abs(fall) * side if crowned else fall) for side in SIDES}
     skin = "cobbles" if rng.random() < 0.07 else "road"
-    parking = {side: str(rng.choice(["none", "parallel", "bays"], p=[0.3, 0.5, 0.2])) for side in SIDES}
+    parking = {side: str(rng.choice(["none", "parallel", "bays"], p=[0.26, 0.46, 0.28])) for side in SIDES}
     left = _side_bands(-1, (tracks, edge), slopes[-1], parking[-1], skin, rng)
     right = _side_bands(1, (tracks, edge), slopes[1], parking[1], skin, rng)
     middle = []
@@ -158,7 +158,7 @@ def sample_road(config: AlongConfig, rng: np.random.Generator) -> Road:
 
 
 def _sample_crossing(rng: np.random.Generator) -> Crossing | None:
-    if rng.random() >= 0.55:
+    if rng.random() >= 0.62:
         return None
     return Crossing(float(rng.uniform(9, 42)), float(rng.uniform(3.0, 4.8)), float(rng.uniform(1.8, 3.0)))
 

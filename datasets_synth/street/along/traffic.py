@@ -14,7 +14,9 @@ from datasets_synth.street.prop_parts import Pictures
 
 SHARE_OF_TYPE = {"van": 0.5, "pickup": 0.25, "coupe": 0.5}
 """How often body types stand in a street, 1 for those not named."""
-_BY_LANE = ("goods van", "goods van", "minibus", "truck", "truck", "truck with a print", "bus", "flatbed")
+_BY_LANE = (
+    *("goods van", "goods van", "minibus", "truck", "truck", "truck with a print", "bus", "bus", "flatbed"),
+)
 _AT_KERB = ("goods van", "goods van", "goods van", "minibus", "truck", "flatbed")
 
 
@@ -30,15 +32,20 @@ class Traffic:
     """Share of vehicles that are no cars."""
     queue: bool
     """Whether traffic waits at the crossing."""
+    crossing: int
+    """Most vehicles that drive on either side of the side street."""
 
 
 def sample_traffic(rng: np.random.Generator) -> Traffic:
     """A street between empty and full."""
+    if rng.random() < 0.06:
+        return Traffic(flow=0.0, parked=0.0, others=0.0, queue=False, crossing=0)
     return Traffic(
         flow=float(rng.choice([0.0, 0.5, 1.0, 1.8], p=[0.12, 0.3, 0.36, 0.22])),
         parked=float(rng.choice([0.0, 0.3, 0.65, 0.92], p=[0.1, 0.25, 0.35, 0.3])),
-        others=float(rng.uniform(0.0, 0.2)),
+        others=float(rng.uniform(0.0, 0.25)),
         queue=bool(rng.random() < 0.35),
+        crossing=int(rng.integers(1, 5)),
     )
 
 
@@ -107,7 +114,7 @@ def _park_in_line(vehicles: Vehicles, band: Band) -> None:
             and not _in_crossing(vehicles, at, 4.5)
         ):
             usual = AWAY_RAD if band.side > 0 else TOWARDS_RAD
-            yaw = usual + (np.pi if rng.random() < 0.2 else 0.0) + float(rng.normal(0, 0.025))
+            yaw = usual + (np.pi if rng.random() < 0.25 else 0.0) + float(rng.normal(0, 0.025))
             x = middle + float(rng.normal(0, 0.1)) + 0.1 * band.side
             vehicles.put(x, at, float(yaw), _AT_KERB)
         y += room
@@ -163,12 +170,12 @@ def _cross(vehicles: Vehicles) -> None:
         (0.0, crossing.y_m - crossing.half_width_m / 2),
         (np.pi, crossing.y_m + crossing.half_width_m / 2),
     ):
-        for _ in range(int(rng.integers(0, 4))):
+        for _ in range(int(rng.integers(0, vehicles.traffic.crossing + 1))):
             # while traffic waits in the street, the side street drives
             reach = 16 if vehicles.traffic.queue or not vehicles.traffic.flow else 24
             x = float(rng.uniform(-reach, reach))
             vehicles.put(x, y + float(rng.normal(0, 0.15)), yaw + float(rng.normal(0, 0.03)), _BY_LANE)
-    if rng.random() < 0.3:
+    for _ in range(int(rng.integers(0, 3)) if vehicles.traffic.crossing else 0):
         x, y = float(rng.uniform(*stage.road.edge_m)), crossing.y_m + float(rng.normal(0, 1.0))
         vehicles.put(x, y, float(rng.uniform(-np.pi, np.pi)))
     edge = max(stage.road.frontage_m[1], -stage.road.frontage_m[0]) + 1.0

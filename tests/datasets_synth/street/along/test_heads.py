@@ -17,7 +17,7 @@ def _heads(config: AlongConfig, count: int) -> list[tuple[Road, Head]]:
     for seed in range(count):
         rng = np.random.default_rng(seed)
         road = sample_road(config, rng)
-        out.append((road, sample_head(config, road, rng)))
+        out.append((road, sample_head(RIGS[seed % len(RIGS)], config, road, rng)))
     return out
 
 
