@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Imaging, Light, Material, Placed
 from datasets_synth.render.render import render_pair, render_rgb
+from datasets_synth.render.scene_rays import build_scene_rays
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.pixels import linear_from_srgb
 from recon.stereo.sgbm import SgbmConfig, compute_disparity
@@ -211,6 +213,15 @@ def test_tall_things_that_cast_no_shadow_leave_the_ground_lit():
     at = pixel_of((-1.2, 9.0, 0), s)
     assert picture[at] == pytest.approx(bare[at], rel=1e-3)
     assert render_pair(s, np.random.default_rng(0)).instance[pixel_of((0, 8.5, 0.5), s)] == 2
+
+
+def test_ground_that_rises_is_cast_at_together_with_what_stands_on_it():
+    # 5 m high at its far end: flat over a grade of 5 %, but not over level ground
+    ramp = quad([(-10, 0, 0), (10, 0, 0), (10, 100, 5), (-10, 100, 5)])
+    items = (Placed(ramp, np.eye(4), "road", "", False), Placed(box(2, 2, 2), np.eye(4), "box"))
+    assert build_scene_rays(items, Grade(0.05)).others.n_faces == 0
+    level = build_scene_rays(items)
+    assert (level.casters.n_faces, level.others.n_faces) == (len(items[1].mesh.faces), len(ramp.faces))
 
 
 def test_sunlit_ball_is_lambertian():
