@@ -174,7 +174,7 @@ def _bay_lines(
     flat: Callable[[float, float, float, float], None],
     rng: np.random.Generator,
 ) -> None:
-    if rng.random() < 0.35:
+    if how == "slanting" or rng.random() < 0.35:
         return
     pitch = 5.6 if how == "parallel" else 2.6
     for y0, y1 in _blocks(road):

@@ -34,8 +34,8 @@ def sample_head(rig: RigConfig, config: AlongConfig, road: Road, rng: np.random.
     left = PinholeCamera(focal, focal, cx, cy, rig.width_px, rig.height_px)
     own = [x for x in road.lanes_m if x > 0]
     x_m = own[int(rng.integers(len(own)))] + float(rng.normal(0, 0.25))
-    turned = rng.random() < 0.15
-    yaw = float(rng.choice([-1, 1]) * rng.uniform(8, 26) if turned else rng.normal(0, 2.0))
+    turned = rng.random() < 0.22
+    yaw = float(rng.choice([-1, 1]) * rng.uniform(8, 32) if turned else rng.normal(0, 2.5))
     pitch = float(rng.uniform(*config.pitch_deg))
     roll = float(rng.uniform(-1, 1) * config.roll_deg)
     left_from_world = _pose(road, x_m, float(rng.uniform(*rig.height_m)), np.radians([yaw, pitch, roll]))

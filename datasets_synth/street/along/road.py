@@ -22,6 +22,9 @@ END_M = 190.0
 """The street ends here."""
 WIDE_M = 95.0
 """The ground reaches this far to both sides."""
+PARKING = ("none", "parallel", "square", "slanting")
+"""How cars park: not at all, one behind the other, or side by side."""
+_PARKING_SHARES = (0.26, 0.46, 0.16, 0.12)
 INSIDE_M = 1e-6
 """A place this far from the edge of a band surely belongs to it."""
 
@@ -78,7 +81,7 @@ class Road:
     edge_m: tuple[float, float]
     """x of the left and the right edge of the lanes."""
     parking: tuple[str, str]
-    """How cars park at the left and at the right: "none", "parallel" or "bays"."""
+    """How cars park at the left and at the right, one of ``PARKING`` each."""
     crossing: Crossing | None
     grade: Grade
 
@@ -137,7 +140,7 @@ def sample_road(config: AlongConfig, rng: np.random.Generator) -> Road:
     crowned = rng.random() < 0.3
     slopes = {side: (-abs(fall) * side if crowned else fall) for side in SIDES}
     skin = "cobbles" if rng.random() < 0.07 else "road"
-    parking = {side: str(rng.choice(["none", "parallel", "bays"], p=[0.26, 0.46, 0.28])) for side in SIDES}
+    parking = {side: str(rng.choice(PARKING, p=_PARKING_SHARES)) for side in SIDES}
     left = _side_bands(-1, (tracks, edge), slopes[-1], parking[-1], skin, rng)
     right = _side_bands(1, (tracks, edge), slopes[1], parking[1], skin, rng)
     middle = []

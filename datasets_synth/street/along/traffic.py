@@ -95,8 +95,9 @@ def _park(vehicles: Vehicles) -> None:
         for band in lots:
             if band.side == side and how == "parallel":
                 _park_in_line(vehicles, band)
-            elif band.side == side and how == "bays":
-                _park_in_bays(vehicles, band)
+            elif band.side == side:
+                slant = 0.0 if how == "square" else float(vehicles.stage.rng.choice([0.6, -0.6]))
+                _park_in_bays(vehicles, band, slant)
 
 
 def _park_in_line(vehicles: Vehicles, band: Band) -> None:
@@ -120,10 +121,9 @@ def _park_in_line(vehicles: Vehicles, band: Band) -> None:
         y += room
 
 
-def _park_in_bays(vehicles: Vehicles, band: Band) -> None:
-    """Cars side by side, square to the kerb or slanting, noses in or out."""
+def _park_in_bays(vehicles: Vehicles, band: Band, slant: float) -> None:
+    """Cars side by side, turned from square to the kerb by an angle, noses in or out."""
     rng = vehicles.stage.rng
-    slant = float(rng.choice([0.0, 0.35, -0.35], p=[0.6, 0.2, 0.2]))
     pitch = 2.65 / np.cos(slant)
     inward = 0.0 if band.side > 0 else np.pi
     for y in np.arange(float(rng.uniform(2, 4)), vehicles.far_m, pitch):
@@ -175,7 +175,7 @@ def _cross(vehicles: Vehicles) -> None:
             reach = 16 if vehicles.traffic.queue or not vehicles.traffic.flow else 24
             x = float(rng.uniform(-reach, reach))
             vehicles.put(x, y + float(rng.normal(0, 0.15)), yaw + float(rng.normal(0, 0.03)), _BY_LANE)
-    for _ in range(int(rng.integers(0, 3)) if vehicles.traffic.crossing else 0):
+    for _ in range(int(rng.integers(0, 4)) if vehicles.traffic.crossing else 0):
         x, y = float(rng.uniform(*stage.road.edge_m)), crossing.y_m + float(rng.normal(0, 1.0))
         vehicles.put(x, y, float(rng.uniform(-np.pi, np.pi)))
     edge = max(stage.road.frontage_m[1], -stage.road.frontage_m[0]) + 1.0
@@ -205,9 +205,9 @@ def _park_in_yards(vehicles: Vehicles) -> None:
     stage = vehicles.stage
     rng = stage.rng
     for side, front in zip(SIDES, stage.road.frontage_m, strict=True):
-        for _ in range(int(rng.integers(0, 3))):
+        for _ in range(int(rng.integers(0, 4))):
             y = float(rng.uniform(8, 45))
             if rng.random() < vehicles.traffic.parked and not _in_crossing(vehicles, y, 6.0):
                 square = float(rng.choice([0.0, np.pi])) + float(rng.normal(0, 0.08))
-                yaw = square if rng.random() < 0.7 else float(rng.uniform(-np.pi, np.pi))
+                yaw = square if rng.random() < 0.55 else float(rng.uniform(-np.pi, np.pi))
                 vehicles.put(front + side * float(rng.uniform(3.0, 4.5)), y, yaw)

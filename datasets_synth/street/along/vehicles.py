@@ -11,6 +11,7 @@ import numpy as np
 from datasets_synth.meshes.materials import DARK, paint_rgb, plain, surface
 from datasets_synth.meshes.mesh import Material
 from datasets_synth.meshes.solids import MeshDraft, rotation_z
+from datasets_synth.meshes.textures import lettering
 from datasets_synth.street.distractors import PROP
 from datasets_synth.street.prop_parts import (
     Pictures,
@@ -99,6 +100,10 @@ def goods_van(rng: np.random.Generator, pictures: Pictures) -> MeshDraft:
         face(draft, (-half + 0.02, half - 0.02, low, low + 0.2), y, plain(DARK))
         for x in (half - nose - screen - 1.15, -half + 0.9):
             face(draft, (x, x + 0.02, low + 0.25, top - 0.15), y, plain(DARK))
+    if rng.random() < 0.5:
+        words = Material("lettering", (0.85, 0.85, 0.85), lettering(rng, 300, 90))
+        for y, face in ((-width / 2 - 0.012, front_panel), (width / 2 + 0.012, back_panel)):
+            face(draft, (-half + 0.7, -half + 2.7, belt + 0.15, belt + 0.75), y, words)
     rear = -half - 0.012
     _lamps(draft, half + 0.035, 1, width, 0.62, rng)
     _lamps(draft, rear, -1, width, 0.72, rng)
