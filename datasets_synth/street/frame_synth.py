@@ -9,7 +9,7 @@ import numpy as np
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.meshes.mesh import Scene
 from datasets_synth.presets import MAX_CARS, CarConfig, SplitSize, SynthConfig
-from datasets_synth.render.render import StereoRender, eye_rays, render_pair
+from datasets_synth.render.render import FEW_SUBSAMPLES_PX, StereoRender, eye_rays, render_pair
 from datasets_synth.render.scene_rays import MISS, SceneRays, build_scene_rays
 from datasets_synth.render.truth import VisibleObject, visible_objects
 from datasets_synth.street.along.layout import AlongStreet, sample_along
@@ -112,7 +112,7 @@ def _along_frame(
 ) -> SynthFrame:
     rng = np.random.default_rng(stream)
     street = sample_along(config, cars, rng, pictures, number=stream[-1])
-    render = render_pair(street.scene, rng)
+    render = render_pair(street.scene, rng, subsamples_px=FEW_SUBSAMPLES_PX)
     seen = visible_vehicles(render, street.scene)
     return SynthFrame(street.scene, render, seen, 1, street)
 

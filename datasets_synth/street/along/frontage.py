@@ -8,7 +8,7 @@ import numpy as np
 from datasets_synth.meshes.materials import DARK, STEEL, TILE_M, plain, surface
 from datasets_synth.meshes.mesh import Mesh
 from datasets_synth.meshes.solids import MeshDraft
-from datasets_synth.street.along.plants import N_VARIANTS, hedge, plant
+from datasets_synth.street.along.plants import N_VARIANTS, coarseness, hedge, plant
 from datasets_synth.street.along.road import END_M, REAR_M, SIDES, Band
 from datasets_synth.street.along.stage import CLEAR_M, Stage
 from datasets_synth.street.distractors import PROP
@@ -16,8 +16,7 @@ from datasets_synth.street.facades import DEPTH_M, facade
 from datasets_synth.street.footprints import Footprint
 from datasets_synth.street.prop_parts import Pictures
 
-FAR_M = 38.0
-"""Plants beyond this distance are drawn coarsely."""
+COARSEST = coarseness(np.inf)
 N_HOUSES = 18
 """Different houses of each sort."""
 STYLES = ("row", "villas", "park", "wall", "yard")
@@ -179,7 +178,7 @@ def _border(stage: Stage, side: int, block: tuple[float, float]) -> None:
         length = int(rng.integers(3, 7))
         at = (_front(stage, side) + side * 0.45, y + length / 2, facing_rad(side))
         if sort == "hedge":
-            stage.put(hedge(length, height, variant, y > FAR_M), "hedge", at)
+            stage.put(hedge(length, height, variant, coarseness(float(y))), "hedge", at)
         elif sort == "wall":
             stage.put(garden_wall(length, variant), "wall", at)
         else:
@@ -204,7 +203,7 @@ def _tree(stage: Stage, side: int, y: float, behind_m: float, kinds: Sequence[st
     """A tree behind the edge of the pavement, where no house stands."""
     rng = stage.rng
     kind = kinds[int(rng.integers(len(kinds)))]
-    mesh = plant(kind, int(rng.integers(N_VARIANTS)), y > FAR_M)
+    mesh = plant(kind, int(rng.integers(N_VARIANTS)), coarseness(float(y)))
     x = _front(stage, side) + side * behind_m
     if y > CLEAR_M:
         scale = float(rng.uniform(0.9, 1.3) if behind_m < 6 else rng.uniform(1.1, 1.9))
@@ -213,7 +212,7 @@ def _tree(stage: Stage, side: int, y: float, behind_m: float, kinds: Sequence[st
 
 def _bush(stage: Stage, side: int, y: float, behind_m: float) -> None:
     rng = stage.rng
-    mesh = plant("bush", int(rng.integers(N_VARIANTS)), y > FAR_M)
+    mesh = plant("bush", int(rng.integers(N_VARIANTS)), coarseness(float(y)))
     x = _front(stage, side) + side * behind_m
     if y > CLEAR_M:
         stage.put(
@@ -232,7 +231,7 @@ def _street_trees(stage: Stage) -> None:
         variant, pitch = int(rng.integers(N_VARIANTS)), float(rng.uniform(6.5, 13))
         if rng.random() < 0.7:
             for y in np.arange(float(rng.uniform(5, 12)), 110, pitch):
-                mesh = plant(kind, (variant + int(rng.integers(2))) % N_VARIANTS, y > FAR_M)
+                mesh = plant(kind, (variant + int(rng.integers(2))) % N_VARIANTS, coarseness(float(y)))
                 if not _crosses(stage, float(y)):
                     scale = float(rng.uniform(0.85, 1.15))
                     at = (middle, float(y), float(rng.uniform(0, 6.28)))
@@ -240,7 +239,7 @@ def _street_trees(stage: Stage) -> None:
         for y in np.arange(4.0, 24.0, 0.9):
             if not _crosses(stage, float(y)):
                 x = float(rng.uniform(band.x0_m + 0.5, band.x1_m - 0.5))
-                tuft = plant("grass tuft", int(rng.integers(N_VARIANTS)), bool(y > 12))
+                tuft = plant("grass tuft", int(rng.integers(N_VARIANTS)), coarseness(2 * float(y)))
                 at = (x, float(y), float(rng.uniform(0, 6.28)))
                 stage.put_freely(tuft, "verge", at, scale=0.9, casts_shadow=False)
 
@@ -314,7 +313,7 @@ def _background(stage: Stage) -> None:
             if rng.random() < 0.75:
                 kind = _TREES[int(rng.integers(len(_TREES)))]
                 x = _front(stage, side) + side * float(rng.uniform(32, 62))
-                mesh = plant(kind, int(rng.integers(N_VARIANTS)), True)
+                mesh = plant(kind, int(rng.integers(N_VARIANTS)), COARSEST)
                 at = (x, float(y), float(rng.uniform(0, 6.28)))
                 stage.put(mesh, "tree", at, scale=float(rng.uniform(1.1, 2.0)), gap_m=0.0)
 
@@ -369,7 +368,10 @@ def _far_end(stage: Stage) -> None:
         at = (float(x + rng.normal(0, 2)), float(rng.uniform(125, END_M - 5)), float(rng.uniform(0, 6)))
         if abs(at[0]) > 9 or at[1] > 165:
             stage.put_freely(
-                plant(kind, int(rng.integers(N_VARIANTS)), True), "tree", at, scale=float(rng.uniform(1, 1.8))
+                plant(kind, int(rng.integers(N_VARIANTS)), COARSEST),
+                "tree",
+                at,
+                scale=float(rng.uniform(1, 1.8)),
             )
     for x in np.arange(-70, 70, 17.0):
         mesh = house("row", int(rng.integers(N_HOUSES)))

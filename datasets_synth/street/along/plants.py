@@ -30,8 +30,13 @@ class _Leaves:
     """How far the clumps hang, 0 not at all, 1 straight down."""
 
 
-@lru_cache(maxsize=64)
-def plant(kind: str, variant: int, is_far: bool = False) -> Mesh:
+def coarseness(y_m: float) -> int:
+    """How many clumps are one in plants that stand this far away; a near clump is as wide as a hand."""
+    return 1 if y_m < 16 else 2 if y_m < 36 else 5
+
+
+@lru_cache(maxsize=96)
+def plant(kind: str, variant: int, coarse: int = 1) -> Mesh:
     """A plant of a kind, "broadleaf", "slender", "conifer", "bush" or "grass tuft".
 
     Its foot is on the origin.
@@ -39,21 +44,21 @@ def plant(kind: str, variant: int, is_far: bool = False) -> Mesh:
     Args:
         kind: What it is.
         variant: Which one, 0 to N_VARIANTS - 1.
-        is_far: Fewer and larger clumps, for plants that are seen from afar.
+        coarse: How many clumps are one, for plants that are seen from afar; see ``coarseness``.
     """
     rng = np.random.default_rng([20110926, sorted(_MAKERS).index(kind), variant])
     draft = MeshDraft()
-    _MAKERS[kind](draft, rng, 4 if is_far else 1)
+    _MAKERS[kind](draft, rng, coarse)
     return draft.mesh()
 
 
 @lru_cache(maxsize=64)
-def hedge(length_m: int, height_dm: int, variant: int, is_far: bool = False) -> Mesh:
+def hedge(length_m: int, height_dm: int, variant: int, coarse: int = 1) -> Mesh:
     """A clipped hedge along x, its middle on the origin."""
     rng = np.random.default_rng([20110927, length_m, height_dm, variant])
     draft = MeshDraft()
     half = np.array([length_m / 2, 0.32, height_dm / 20])
-    leaves = _green(rng, int((60 if is_far else 240) * length_m * (0.5 + height_dm / 20)), 0.11)
+    leaves = _green(rng, int(240 / coarse * length_m * (0.5 + height_dm / 20)), 0.09 * np.sqrt(coarse))
     draft.box(
         (0, 0, half[2] * 0.92),
         half * (1.98, 1.7, 1.8),

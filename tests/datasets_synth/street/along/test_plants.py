@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from datasets_synth.street.along.plants import PLANTS, hedge, plant
+from datasets_synth.street.along.plants import PLANTS, coarseness, hedge, plant
 
 
 @pytest.mark.parametrize("kind", PLANTS)
 def test_plants_stand_on_the_ground_and_far_ones_are_coarser(kind: str) -> None:
-    near, far = plant(kind, 1), plant(kind, 1, is_far=True)
+    near, far = plant(kind, 1), plant(kind, 1, coarse=4)
     assert len(far.faces) < 0.6 * len(near.faces)
     for mesh in (near, far):
         low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
@@ -34,4 +34,11 @@ def test_hedges_are_as_long_and_as_high_as_asked_for() -> None:
     low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
     assert high[0] - low[0] == pytest.approx(5.0, abs=0.4)
     assert high[2] == pytest.approx(1.2, abs=0.25)
-    assert len(hedge(5, 12, 0, is_far=True).faces) < len(mesh.faces)
+    assert len(hedge(5, 12, 0, coarse=4).faces) < len(mesh.faces)
+
+
+def test_plants_are_coarser_the_farther_they_stand() -> None:
+    steps = [coarseness(y) for y in (3.0, 20.0, 50.0, 120.0)]
+    assert steps == sorted(steps)
+    assert steps[0] == 1
+    assert steps[-1] > steps[1] > 1
