@@ -150,7 +150,7 @@ class AlongConfig:
     """A street seen along its length, as from a car that drives or stands on it."""
 
     rigs: tuple[RigConfig, ...] = RIGS
-    """They take turns from frame to frame."""
+    """Stereo heads that take turns from frame to frame."""
     pitch_deg: tuple[float, float] = (-2.0, 3.0)
     """Pitch of the camera against the road; positive looks down."""
     roll_deg: float = 2.5

@@ -117,11 +117,11 @@ METRIC = _step(
     3,
     286,
     110,
-    "metric: surroundings",
-    "surroundings.py, plausibility.py",
-    "size in metres, depth edges,",
-    "ground contact, depth ratio;",
-    "can stereo be believed?",
+    "metric, instance: cues",
+    "cues.py",
+    "size, depth edges, ground, and",
+    "a 3D instance fitted to the box",
+    "and the disparity (rescore/cues/)",
 )
 DIFFERENCE = _step(
     3,

@@ -12,6 +12,7 @@ from recon.errors import RescoreError
 from recon.files import atomic_path
 from recon.outlines import fill_rings, mask_rings
 from recon.part_views import PartView
+from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 
 FORMAT = "class-model 1"
@@ -55,6 +56,8 @@ class ClassModel:
     """Sorted by label; a part that no labelled view shows is absent."""
     views: tuple[PartView, ...]
     """Sorted by bin, at most one a bin: the part-labelled images."""
+    shape_space: ShapeSpace | None = None
+    """How instances differ in shape and size; None where too few of known size were learned from."""
 
     def __post_init__(self) -> None:
         labels = [p.label for p in self.parts]
@@ -144,6 +147,8 @@ def _dumps(model: ClassModel) -> str:
         "part_names": list(model.part_names),
         "view_bins": {"count": model.bins.count, "elevation_rad": model.bins.elevation_rad},
     }
+    if model.shape_space is not None:
+        head["shape_space"] = model.shape_space.as_json()
     body = ",\n".join(f"{json.dumps(k)}: {json.dumps(v)}" for k, v in head.items())
     return (
         f'{{\n{body},\n"view_from_object": [\n{_lines(rotations)}\n],\n"parts": [\n{_lines(parts)}\n],\n'
@@ -185,7 +190,8 @@ def _parse(data: dict[str, Any], path: Path) -> ClassModel:
         for row in data["parts"]
     )
     views = tuple(_parse_view(row) for row in data["part_labelled_images"])
-    return ClassModel(str(data["class_name"]), tuple(data["part_names"]), bins, parts, views)
+    space = ShapeSpace.from_json(data["shape_space"]) if "shape_space" in data else None
+    return ClassModel(str(data["class_name"]), tuple(data["part_names"]), bins, parts, views, space)
 
 
 def _parse_view(row: dict[str, Any]) -> PartView:

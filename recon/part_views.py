@@ -1,7 +1,8 @@
 """Part-labelled views: what a class model is learned from (section 3.2), and their files."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -43,6 +44,8 @@ class PartViews:
     part_names: tuple[str, ...]
     bins: ViewBins
     views: tuple[PartView, ...]
+    sizes_m: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Length, width without mirrors and height of instances by their id, where they are known."""
 
     def __post_init__(self) -> None:
         for view in self.views:
@@ -71,6 +74,8 @@ def save_part_views(directory: Path, part_views: PartViews) -> None:
         "elevation_rad": part_views.bins.elevation_rad,
         "views": rows,
     }
+    if part_views.sizes_m:
+        head["sizes_m"] = {name: list(size) for name, size in part_views.sizes_m.items()}
     with atomic_path(directory / LABELS_FILE) as beside:
         beside.write_text(json.dumps(head, indent=1) + "\n")
 
@@ -92,11 +97,19 @@ def load_part_views(directory: Path) -> PartViews:
             )
         bins = ViewBins(int(head["view_bins"]), float(head["elevation_rad"]))
         views = tuple(_load_view(directory, row) for row in head["views"])
-        return PartViews(tuple(head["part_names"]), bins, views)
+        sizes = {str(name): _size(size) for name, size in head.get("sizes_m", {}).items()}
+        return PartViews(tuple(head["part_names"]), bins, views, sizes)
     except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
         raise RescoreError(
             f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write the views again"
         ) from error
+
+
+def _size(value: Sequence[float]) -> tuple[float, float, float]:
+    length, width, height = (float(v) for v in value)
+    if not min(length, width, height) > 0:
+        raise ValueError(f"sizes must be positive metres, got {value}")
+    return length, width, height
 
 
 def _load_view(directory: Path, row: dict[str, str]) -> PartView:

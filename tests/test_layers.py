@@ -28,11 +28,21 @@ ALLOWED = {
 
 FLOORS = {
     "recon": (
-        *("errors arrays", "files camera depth_map outlines view_bins pixels shape_matching"),
+        *("errors arrays", "files camera depth_map outlines view_bins pixels shape_matching shape_space"),
         *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),
     ),
     "rescore": (
-        *("speech", "files parallel", "data", "metrics", "evidence", "detectors", "fusion", "formats"),
+        *(
+            "speech",
+            "files parallel",
+            "data",
+            "metrics",
+            "cues",
+            "evidence",
+            "detectors",
+            "fusion",
+            "formats",
+        ),
         *("results", "library doctor", "experiment", "studies", "commands", "cli"),
     ),
     "datasets_synth": ("presets meshes", "render", "cars", "objects", "street", "photos", "build"),

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -29,6 +29,15 @@ class Shape(Protocol):
     @property
     def shape_id(self) -> str:
         """Name of the shape, unique in its class."""
+
+
+@runtime_checkable
+class SizedShape(Shape, Protocol):
+    """A shape whose size is known, as in a car's papers."""
+
+    @property
+    def size_m(self) -> tuple[float, float, float]:
+        """Length, width without mirrors, and height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +120,8 @@ def labelled_views(
         for b in range(bins.count):
             labels = render_part_labels(mesh, bins.view_from_object(b), size_px)
             views.append(PartView(b, labels, shape.shape_id))
-    return PartViews(object_class.part_names, bins, tuple(views))
+    sizes = {shape.shape_id: shape.size_m for shape in shapes if isinstance(shape, SizedShape)}
+    return PartViews(object_class.part_names, bins, tuple(views), sizes)
 
 
 def training_views(
@@ -124,7 +134,7 @@ def training_views(
     views = labelled_views(chosen, chosen.train[:instances], bins, 256)
     if wanted is None:
         return views
-    return PartViews(views.part_names, bins, tuple(v for v in views.views if v.view_bin in wanted))
+    return replace(views, views=tuple(v for v in views.views if v.view_bin in wanted))
 
 
 def _with_hulls(mesh: Mesh, labels: Sequence[int]) -> Mesh:

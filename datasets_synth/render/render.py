@@ -15,7 +15,7 @@ from recon.pixels import srgb_from_linear
 SUBSAMPLES_PX = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
 """Offsets of the rays that smooth an edge: a rotated grid, best for near-level and upright ones."""
 FEW_SUBSAMPLES_PX = np.array([(-1 / 3, -1 / 6), (0, 0), (1 / 3, 1 / 6)], np.float32)
-"""The same in a hurry; for pictures half of which are leaves, that is edges."""
+"""Offsets of fewer rays, for pictures half of which are leaves, that is edges."""
 
 
 @dataclass(frozen=True, eq=False)

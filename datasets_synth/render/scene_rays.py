@@ -15,7 +15,7 @@ FLAT_M = 0.3
 """Things that stay below this height above level ground, like roads, share the tree of those that cast a
 shadow: one cast serves both, and a sheet on the ground shades nothing."""
 BANKED_M = 1.0
-"""The same on ground that rises and falls, where kerbs and crossfall add up across a street."""
+"""Height that flat things stay below on ground that rises and falls: kerbs and crossfall add up there."""
 
 
 def rows(array: Float32Array, index: NDArray[np.integer]) -> Float32Array:

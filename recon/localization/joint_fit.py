@@ -12,8 +12,8 @@ import numpy as np
 from recon.arrays import Float32Array, FloatArray
 from recon.camera import GroundedCamera
 from recon.localization.outline_edges import OutlinePoints
-from recon.localization.shape_space import ShapeSpace, sample_hull
 from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground, turn
+from recon.shape_space import ShapeSpace, sample_hull
 from recon.view_bins import ViewBins
 
 _MAX_LOG_REST = 0.8

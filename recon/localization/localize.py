@@ -15,7 +15,6 @@ from recon.errors import Failure, Reason
 from recon.localization.heading import Heading, Posed, read_surface
 from recon.localization.joint_fit import FittedInstance, JointFitConfig, joint_fits
 from recon.localization.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
-from recon.localization.shape_space import ShapeSpace
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from recon.outlines import fill_polygon
 from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
@@ -23,6 +22,7 @@ from recon.reconstruction.instance import Instance3D, build_instance
 from recon.reconstruction.occluded_parts import TransformConfig
 from recon.reconstruction.reconstruct import Reconstruction, reconstruct_outline
 from recon.reconstruction.view_selection import ViewSelectionConfig, best_view_bin
+from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 
 

@@ -31,6 +31,7 @@ from reports.run.tables import (
     stereo_table,
     weight_table,
 )
+from reports.run.tables3d import boxes3d_table, error_table, pose_table
 from reports.templating import asset, render
 from rescore.results.metrics_file import Metrics
 from rescore.results.run_folder import Run, load_run
@@ -195,6 +196,9 @@ def _tables(run: Run) -> dict[str, Table | None]:
         "reasons": reason_table(run.candidates, run.detectors),
         "kinds": kind_table(run.candidates, run.detectors),
         "difficulty": difficulty_table(run.metrics.difficulty),
+        "boxes3d": boxes3d_table(run.metrics),
+        "errors3d": error_table(run.metrics),
+        "poses": pose_table(run.metrics),
         "stereo": stereo_table(run.metrics.stereo),
         "ids": ids,
     }

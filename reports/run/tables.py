@@ -36,7 +36,8 @@ TERMINAL_CAPTION = (
     "intervals of 95 %, paired over images."
 )
 _SPLIT_TEXT = {"all": "all splits"}
-_SHORT_MODE = {ALONE: "alone"}
+SHORT_MODE = {ALONE: "alone"}
+"""Modes where there is little room, if they have another name there."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def short_table(metrics: Metrics, levels: Sequence[str] = RECALLS) -> Table:
     """The results with short names and fewer columns; ``levels`` picks the recalls."""
     rows = tuple(
         (
-            f"{detector_name(row.detector, short=True)}, {_SHORT_MODE.get(row.mode, row.mode)}",
+            f"{detector_name(row.detector, short=True)}, {SHORT_MODE.get(row.mode, row.mode)}",
             number(row.w, 2),
             number(row.auc),
             number(row.average_precision),

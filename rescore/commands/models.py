@@ -85,6 +85,7 @@ def learn(
     from recon.learning.label_files import read_labelled_views
     from recon.learning.learn import learn_class_model
     from recon.learning.primitives import PrimitiveLibrary
+    from recon.localization.learn_shapes import with_shape_space
     from rescore.experiment.config import part_as_json
     from rescore.files import write_provenance
     from rescore.parallel import one_thread
@@ -103,6 +104,7 @@ def learn(
     library = PrimitiveLibrary.load(primitives) if primitives else primitive_library(part_views.bins)
     with one_thread():
         model = learn_class_model(part_views, name, part_views.part_names, settings.learn, library)
+        model = with_shape_space(model, part_views, library)
     model.save(out)
     write_provenance(out, "learn", part_as_json(settings.learn), None)
     for part in model.parts:

@@ -152,6 +152,7 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
     from rich.console import Console
 
     from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table
+    from reports.run.tables3d import TERMINAL_CAPTION_3D, terminal_boxes3d
 
     console = Console()
     if not metrics.n_cars:
@@ -161,5 +162,8 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
     comparison = terminal_comparison(metrics) if metrics.n_cars else None
     if comparison is not None:
         console.print(comparison.rich(TERMINAL_CAPTION))
+    solid = terminal_boxes3d(metrics)
+    if solid is not None:
+        console.print(solid.rich(TERMINAL_CAPTION_3D))
     for name, path in paths.items():
         console.print(f"{name}: {path}", soft_wrap=True, highlight=False)

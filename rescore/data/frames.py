@@ -12,6 +12,7 @@ from recon.camera import GroundedStereo, GroundPlane, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.ground import GroundEstimate, estimate_ground
 from recon.stereo.sgbm import PNG_SCALE, SgbmConfig, compute_disparity
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity, read_measured
 from rescore.data.pictures import read_rgb
 
@@ -72,6 +73,8 @@ class Truth:
     """Shape (n,), share outside the picture as KITTI gives it, NaN where unknown; None as above."""
     occluded: IntArray | None = None
     """Shape (n,), KITTI's level: 0 visible, 1 partly, 2 largely occluded, 3 unknown; None as above."""
+    boxes3d: Boxes3D | None = None
+    """The 3D boxes, NaN rows where an object has none; None as above."""
 
 
 @dataclass(frozen=True, eq=False)

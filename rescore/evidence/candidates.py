@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, IntArray
 from recon.errors import Failure, RescoreError
+from rescore.data.boxes3d import Boxes3D
 from rescore.evidence.align_depth import DepthAlignment
 from rescore.evidence.cues import CUES
 
@@ -32,6 +33,8 @@ class Candidates:
     azimuth_deg: FloatArray | None = None
     """Azimuth from which the detector sees the object (see ``rescore.data.frames.Truth``), shape (n,), NaN
     where unknown; None where it never says."""
+    boxes3d: Boxes3D | None = None
+    """The 3D box of each, NaN rows where there is none; None where no detection has one."""
 
     def __post_init__(self) -> None:
         n = len(self.score)
@@ -42,6 +45,8 @@ class Candidates:
             )
         if self.azimuth_deg is not None and self.azimuth_deg.shape != (n,):
             raise ValueError(f"candidates: {n} boxes, {self.azimuth_deg.shape} azimuths")
+        if self.boxes3d is not None and len(self.boxes3d) != n:
+            raise ValueError(f"candidates: {n} boxes, {len(self.boxes3d)} 3D boxes")
         if not (np.isfinite(self.xyxy_px).all() and np.isfinite(self.score).all()):
             raise RescoreError(
                 f"image {self.image_id}: boxes and scores must be finite, got NaN or infinity; "
@@ -108,23 +113,37 @@ class CandidateTable:
     ground: NDArray[np.object_]
     """Origin of the ground plane of the frame (``rescore.data.frames.GroundSource``), "" where nothing was
     rescored; strings, shape (n,)."""
+    boxes3d: Boxes3D | None = None
+    """The 3D box of each, fitted or as the detector brought it, NaN rows where there is none; None where no
+    candidate has one."""
 
     def __len__(self) -> int:
         return len(self.image_id)
 
     def take(self, rows: NDArray[Any]) -> "CandidateTable":
         """The rows of a mask or an index."""
-        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        taken: dict[str, Any] = {name: None if c is None else c[rows] for name, c in columns.items()}
+        return replace(self, **taken)
 
     def by_image(self, image_ids: Iterable[int]) -> dict[int, Candidates]:
         """The candidates of each image, empty where it has none."""
         found = {}
         for image_id in image_ids:
             rows = np.flatnonzero(self.image_id == image_id)
-            found[image_id] = Candidates(
-                image_id, self.xyxy_px[rows], self.score[rows], self.likelihood[rows], self.azimuth_deg[rows]
-            )
+            found[image_id] = self.candidates(image_id, rows)
         return found
+
+    def candidates(self, image_id: int, rows: NDArray[Any] | Sequence[int]) -> Candidates:
+        """What a detector found in an image, which are the rows of a mask or an index."""
+        return Candidates(
+            image_id,
+            self.xyxy_px[rows],
+            self.score[rows],
+            self.likelihood[rows],
+            self.azimuth_deg[rows],
+            None if self.boxes3d is None else self.boxes3d[rows],
+        )
 
     @staticmethod
     def of_candidates(frames: Iterable[Candidates]) -> "CandidateTable":
@@ -138,8 +157,10 @@ class CandidateTable:
         """One table below the other."""
         empty = _rows(Candidates.none(0), [], [])
         parts = [empty, *tables]
+        arrays = [f.name for f in fields(CandidateTable) if f.name != "boxes3d"]
         return CandidateTable(
-            **{f.name: np.concatenate([getattr(t, f.name) for t in parts]) for f in fields(CandidateTable)}
+            **{name: np.concatenate([getattr(t, name) for t in parts]) for name in arrays},
+            boxes3d=_joined_boxes3d(tables),
         )
 
     @staticmethod
@@ -181,8 +202,15 @@ def _rows(
         cues=np.full((n, len(CUES)), np.nan),
         azimuth_deg=np.full(n, np.nan) if candidates.azimuth_deg is None else candidates.azimuth_deg,
         ground=np.full(n, "", object),
+        boxes3d=candidates.boxes3d,
         **solved,
     )
+
+
+def _joined_boxes3d(tables: Sequence[CandidateTable]) -> Boxes3D | None:
+    if all(t.boxes3d is None for t in tables):
+        return None
+    return Boxes3D.concatenate([Boxes3D.none(len(t)) if t.boxes3d is None else t.boxes3d for t in tables])
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,15 @@ import numpy as np
 from recon.arrays import Float32Array, FloatArray
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
+from recon.localization.disparity_fit import BoxFit
+from rescore.cues.framing import FRAMING, FramingConfig, framing
+from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
+from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
+from rescore.cues.words import CueWords, extents, metres, nats, share, times
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import predicted_region
-from rescore.evidence.cue_words import CueWords, metres, share, times
 from rescore.evidence.guarded import GUARDED, GuardedConfig, guarded_alignment
-from rescore.evidence.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.evidence.registration import Registration
-from rescore.evidence.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class CueConfig:
     guarded: GuardedConfig = field(default_factory=GuardedConfig)
     surroundings: SurroundingsConfig = field(default_factory=SurroundingsConfig)
     plausibility: PlausibilityConfig = field(default_factory=PlausibilityConfig)
+    framing: FramingConfig = field(default_factory=FramingConfig)
     depth_ratio_limit: float = 2.0
     """Logarithms of depth ratios are clipped to this, both ways."""
 
@@ -46,6 +49,8 @@ class CueInput:
     azimuth_rad: FloatArray
     """Side from which each object is taken to be seen, shape (n,); NaN where nothing says it."""
     config: CueConfig
+    fits: Sequence[BoxFit | None] = ()
+    """The instance of the class fitted to each box, None where there is none; empty where none was fitted."""
 
 
 Columns = Mapping[str, FloatArray]
@@ -83,6 +88,16 @@ def around(given: CueInput) -> Columns:
             given.config.surroundings,
         )
     return dict(zip(SURROUNDINGS, found.T, strict=True))
+
+
+def framed(given: CueInput) -> Columns:
+    """The cues ``FRAMING``: whether the box frames one whole object of the class."""
+    found = np.full((len(given.xyxy_px), len(FRAMING)), np.nan)
+    height, width = given.frame.disparity_px.shape
+    for i, fit in enumerate(given.fits):
+        if fit is not None:
+            found[i] = framing(fit, given.xyxy_px[i], (width, height), given.config.framing)
+    return dict(zip(FRAMING, found.T, strict=True))
 
 
 def believable(given: CueInput) -> Columns:
@@ -128,6 +143,7 @@ def _entries(
 
 
 _METRIC = (Registration.METRIC,)
+_CALIBRATED = (Registration.METRIC, Registration.INSTANCE)
 _FINE = "{:.1f} %"
 CUES: dict[str, Cue] = {
     **_entries(
@@ -143,6 +159,10 @@ CUES: dict[str, Cue] = {
         _METRIC,
         ("width", "all of size", times("{} as wide as a car")),
         ("height", "all of size", times("{} as tall as a car")),
+    ),
+    **_entries(
+        around,
+        _CALIBRATED,
         ("foot", "foot and ground", metres("foot {} above the ground")),
         ("compact", "fill", share("{} of its middle at one depth")),
         ("left", "edges beside", share("to the left {} goes on at its depth")),
@@ -153,17 +173,19 @@ CUES: dict[str, Cue] = {
         ("fill_right", "fill", share("right rim {} filled")),
         ("fill_top", "fill", share("top {} filled")),
         ("ground_below", "foot and ground", share("below it {} is ground")),
-        ("relief", "all relief", metres("upper part {} behind the lower")),
-        ("near", "fill", share("{} covered by nearer things")),
-        ("support", "all of size", share("{} at the distance that its size asks for")),
-        ("lower", "fill", share("{} of its foot at its depth")),
     ),
+    **_entries(around, _METRIC, ("relief", "all relief", metres("upper part {} behind the lower"))),
+    **_entries(around, _CALIBRATED, ("near", "fill", share("{} covered by nearer things"))),
+    **_entries(
+        around, _METRIC, ("support", "all of size", share("{} at the distance that its size asks for"))
+    ),
+    **_entries(around, _CALIBRATED, ("lower", "fill", share("{} of its foot at its depth"))),
     "measured": Cue(
         around,
         share("stereo measured on {}", _FINE),
         "measured share",
-        frozenset(_METRIC),
-        frozenset(_METRIC),
+        frozenset(_CALIBRATED),
+        frozenset(_CALIBRATED),
     ),
     # the median logarithm of measured over predicted depth: 0 where the thing stands where the ground line
     # and the part planes put it
@@ -172,20 +194,38 @@ CUES: dict[str, Cue] = {
         _METRIC,
         ("depth_ratio", "depth ratio", times("at {} the distance of its ground line", "{:.2f} times")),
     ),
+    **_entries(
+        framed,
+        (Registration.INSTANCE,),
+        ("overlap", "class model", share("the box and the car that depth shows share {}")),
+        ("framed_overlap", "class model", share("the best car for the box shares {} with it")),
+        ("end_left", "class model", extents("the car ends {} left of the box")),
+        ("end_top", "class model", extents("the car ends {} above the box")),
+        ("end_right", "class model", extents("the car ends {} right of the box")),
+        ("end_bottom", "class model", extents("the car ends {} below the box")),
+        ("gap", "class model", nats("another place explains the depth better by {}")),
+        ("explained", "class model", nats("its shape explains the depth by {} a measurement")),
+        ("over_plane", "class model", nats("its shape beats a plane by {}")),
+        ("seen_through", "class model", share("{} of its outline lies behind it")),
+        ("hidden", "class model", share("{} of its outline is hidden")),
+        ("beyond_box", "class model", share("{} of the car lies outside the box")),
+        ("goes_on_beside", "class model", share("beside its outline {} goes on at its depth")),
+        ("goes_on_above", "class model", share("above its outline {} goes on at its depth")),
+    ),
     # the rest says nothing for or against a car, but whether the others can be believed
     "agreement": Cue(
         believable,
         share("{} of neighbouring measurements agree", _FINE),
         "",
         frozenset(),
-        frozenset({Registration.GUARDED, Registration.METRIC}),
+        frozenset({Registration.GUARDED, Registration.METRIC, Registration.INSTANCE}),
     ),
     "ground_agreement": Cue(
         believable,
         share("{} of the ground measured where it is", _FINE),
         "",
         frozenset(),
-        frozenset(_METRIC),
+        frozenset(_CALIBRATED),
     ),
 }
 """The cues by name, in the order of the columns of ``CandidateTable.cues``."""

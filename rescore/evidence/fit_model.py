@@ -56,6 +56,8 @@ def fit_evidence(
         raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
     columns = cues[:, [cue_column(n) for n in names]]
     use = np.isfinite(columns).mean(axis=1) >= config.min_share
+    if registration.needs in names and registration.needs not in checks_of(registration):
+        use &= np.isfinite(cues[:, cue_column(registration.needs)])
     n_cars = int(is_car[use].sum())
     if n_cars < config.min_cars or n_cars == int(use.sum()):
         raise RescoreError(
@@ -79,9 +81,12 @@ def fit_evidence(
         middles.append(middle)
     from sklearn.linear_model import LogisticRegression  # noqa: PLC0415 (takes a second; fitting alone needs it)
 
-    fitted = LogisticRegression(C=config.inverse_penalty, max_iter=5000, tol=1e-8).fit(
-        np.hstack(shapes), is_car[use]
-    )
+    fitted = LogisticRegression(
+        C=config.inverse_penalty,
+        max_iter=5000,
+        tol=1e-8,
+        class_weight="balanced" if registration.even_odds else None,
+    ).fit(np.hstack(shapes), is_car[use])
     splits = np.cumsum([len(m) for m in middles])[:-1]
     parts = np.split(fitted.coef_[0], splits)
     log_odds = {n: part - float(part @ m) for n, part, m in zip(names, parts, middles, strict=True)}
@@ -127,5 +132,5 @@ def fit_modes(
     return {
         mode: fit_evidence(cues, is_car, mode, config)
         for mode in LEARNED
-        if not mode.needs_calibration or np.isfinite(cues[:, cue_column("measured")]).any()
+        if mode.needs is None or np.isfinite(cues[:, cue_column(mode.needs)]).any()
     }

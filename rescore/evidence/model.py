@@ -76,7 +76,12 @@ class EvidenceModel:
     def complete(self, cues: FloatArray) -> BoolArray:
         """Whether each candidate's cues (n, k) are enough of those that the model reads, shape (n,)."""
         own = cues[:, [cue_column(name) for name in self.knots]]
-        return np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
+        enough = np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
+        needed = self.registration.needs
+        # a check that could not be made is passed
+        if needed is None or needed not in self.knots or needed in checks_of(self.registration):
+            return enough
+        return np.asarray(enough & np.isfinite(cues[:, cue_column(needed)]))
 
     def believable(self, cues: FloatArray) -> BoolArray:
         """Whether each candidate's cues (n, k) pass all checks of plausibility, shape (n,)."""

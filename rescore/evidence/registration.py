@@ -19,6 +19,9 @@ class Registration(StrEnum):
     METRIC = "metric"
     """The guarded fit, and what a calibrated camera tells: size, depth edges, ground contact, the planes' own
     depths."""
+    INSTANCE = "instance"
+    """An instance of the class fitted to the box and the disparity: whether the box frames one whole object.
+    Needs a class model with a shape space, a calibrated camera and a ground plane."""
 
     @property
     def learned(self) -> bool:
@@ -28,9 +31,21 @@ class Registration(StrEnum):
     @property
     def needs_calibration(self) -> bool:
         """Whether a candidate has evidence only where the camera is calibrated."""
-        return self is Registration.METRIC
+        return self in (Registration.METRIC, Registration.INSTANCE)
+
+    @property
+    def needs(self) -> str | None:
+        """The cue without which a candidate has no evidence; None where any will do."""
+        return _NEEDED.get(self)
+
+    @property
+    def even_odds(self) -> bool:
+        """Whether D is fitted as if half of the candidates were cars, so that it does not depend on how many
+        of a detector's candidates are."""
+        return self is Registration.INSTANCE
 
 
+_NEEDED = {Registration.METRIC: "measured", Registration.INSTANCE: "overlap"}
 LEARNED = tuple(mode for mode in Registration if mode.learned)
 """Modes whose D is fitted."""
 

@@ -7,6 +7,7 @@ from typing import Literal
 
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
+from recon.localization.disparity_fit import DisparityFitConfig
 from recon.reconstruction.reconstruct import ReconstructConfig
 from recon.stereo.sgbm import SgbmConfig, disparities_to_reach
 from rescore.data.frames import DataSet
@@ -45,6 +46,8 @@ class RescoreConfig:
     at least as many disparities as that takes. A search twice as far takes about twice as long."""
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
     align: AlignConfig = field(default_factory=AlignConfig)
+    fit: DisparityFitConfig = field(default_factory=DisparityFitConfig)
+    """Settings of the instances that are fitted to boxes and disparity."""
     cues: CueConfig = field(default_factory=CueConfig)
     """Settings of the cues of the modes that go past eq. 6."""
 

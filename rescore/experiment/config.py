@@ -53,7 +53,9 @@ class RunConfig(BaseModel):
     under the detector's own name."""
     rescore: RescoreConfig = RescoreConfig()
     evidence: EvidenceConfig = EvidenceConfig()
-    registrations: tuple[Registration, ...] = Field(default=tuple(Registration), min_length=1)
+    registrations: tuple[Registration, ...] = Field(
+        default=(Registration.PAPER, Registration.GUARDED, Registration.METRIC), min_length=1
+    )
     """Modes to compare."""
     tune: TuneConfig = TuneConfig()
 

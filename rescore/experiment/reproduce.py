@@ -7,7 +7,9 @@ from types import ModuleType
 
 from recon import part_views
 from recon.class_model import ClassModel
+from recon.errors import RescoreError
 from recon.learning import learn
+from recon.localization import learn_shapes
 from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.detectors import detect, platt
@@ -98,7 +100,7 @@ class Experiment:
             [self.config.class_name, part_as_json(self.config.learn)],
             (views,),
             (self.folder.class_model,),
-            (learn, part_views),
+            (learn, learn_shapes, part_views),
         )
 
         def work(out: Path) -> None:
@@ -107,6 +109,7 @@ class Experiment:
                 learned = learn.learn_class_model(
                     labelled, self.config.class_name, labelled.part_names, self.config.learn
                 )
+                learned = learn_shapes.with_shape_space(learned, labelled)
             learned.save(out)
 
         self.report(run_stage(self.folder.root, stage, work))
@@ -316,6 +319,11 @@ class Experiment:
     def _rescoring(self, kind: str, mode: Registration, w: float = 1.0) -> Rescoring:
         """How candidates of a detector are rescored in a mode."""
         models = model.load_models(self.folder.evidence_model(kind)) if mode in LEARNED else {}
+        if mode in LEARNED and mode not in models:
+            raise RescoreError(
+                f"registrations: expected candidates with cue {mode.needs!r} for mode {mode}, got none; leave"
+                " the mode out, or have calibrated cameras and, for instance, seven part-labelled cars"
+            )
         return Rescoring(self.config.rescore, models.get(mode), w)
 
     def _evidence_table(self, kind: str, split: str, data: DataSet) -> CandidateTable:

@@ -16,6 +16,15 @@ Pixels = Annotated[FiniteFloat, Field(ge=-1e7, le=1e7)]
 """A length in a picture; the limits keep sums and areas finite."""
 Box = tuple[Pixels, Pixels, Pixels, Pixels]
 """Left, top, width, height."""
+Metres = Annotated[FiniteFloat, Field(ge=-1e5, le=1e5)]
+"""A place; the limits keep volumes finite."""
+Length = Annotated[FiniteFloat, Field(gt=0, le=1e5)]
+"""A size in metres."""
+Box3D = tuple[Metres, Metres, Metres, Length, Length, Length, FiniteFloat]
+"""Centre in the camera frame, length, width, height, KITTI's rotation_y (see ``rescore.data.boxes3d``)."""
+Deviation = Annotated[FiniteFloat, Field(ge=0)]
+Box3DDeviations = tuple[Deviation, Deviation, Deviation, Deviation, Deviation, Deviation, Deviation]
+"""Standard deviations of the numbers of a ``Box3D``."""
 
 
 def read_checked(path: Path, shape: TypeAdapter[T], what: str) -> T:

@@ -13,11 +13,12 @@ from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.files import atomic_path
 from rescore.data.boxes import xywh_from_xyxy, xyxy_from_xywh
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS, Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
-from rescore.formats.checked_json import Box, Number, read_checked
+from rescore.formats.checked_json import Box, Box3D, Box3DDeviations, Number, read_checked
 
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""
@@ -40,6 +41,8 @@ class Detection(BaseModel):
     cues: dict[str, FiniteFloat] = {}
     azimuth_deg: FiniteFloat | None = None
     ground: str = ""
+    bbox3d: Box3D | None = None
+    bbox3d_sd: Box3DDeviations | None = None
 
 
 _NUMBERS: dict[str, Any] = dict.fromkeys(NUMBERS, (FiniteFloat | None, None))
@@ -84,11 +87,7 @@ class DetectionFile:
         rows: dict[int, list[int]] = {f.image_id: [] for f in data.frames}
         for row, image_id in enumerate(self.table.image_id.tolist()):
             rows[image_id].append(row)
-        t = self.table
-        return {
-            i: Candidates(i, t.xyxy_px[r], t.score[r], t.likelihood[r], t.azimuth_deg[r])
-            for i, r in rows.items()
-        }
+        return {i: self.table.candidates(i, r) for i, r in rows.items()}
 
 
 def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_CANDIDATES) -> DetectionFile:
@@ -147,6 +146,10 @@ def _check_detection(path: Path, number: int, d: Detection, known: set[int]) -> 
             f"{path}: detection {number}: expected [x, y, w, h] with positive sizes, "
             f"got {list(d.bbox)}; mend bbox"
         )
+    if d.bbox3d_sd is not None and d.bbox3d is None:
+        raise RescoreError(
+            f"{path}: detection {number}: expected bbox3d beside bbox3d_sd, got none; write both or neither"
+        )
     if d.likelihood is not None and not 0 <= d.likelihood <= 1:
         raise RescoreError(
             f"{path}: detection {number}: expected a likelihood in [0, 1], got {d.likelihood}; "
@@ -195,6 +198,7 @@ def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
         ),
         azimuth_deg=column("azimuth_deg"),
         ground=np.array([d.ground for d, _ in kept], dtype=object),
+        boxes3d=Boxes3D.of_rows([d.bbox3d for d, _ in kept], [d.bbox3d_sd for d, _ in kept]),
     )
 
 
@@ -238,11 +242,20 @@ def _known_cues(cues: FloatArray) -> dict[str, float]:
 
 def _boxes(table: CandidateTable, data: DataSet) -> list[dict[str, object]]:
     boxes = xywh_from_xyxy(table.xyxy_px).tolist()
+    boxes3d = Boxes3D.none(len(table)) if table.boxes3d is None else table.boxes3d
     return [
         {"image_id": int(i), "category_id": data.category_id, "bbox": box}
         | ({} if np.isnan(azimuth) else {"azimuth_deg": float(azimuth)})
-        for i, box, azimuth in zip(table.image_id, boxes, table.azimuth_deg, strict=True)
+        | ({} if np.isnan(box3d).any() else {"bbox3d": box3d.tolist()})
+        | ({} if np.isnan(deviations).any() else {"bbox3d_sd": deviations.tolist()})
+        for i, box, azimuth, box3d, deviations in zip(
+            table.image_id, boxes, table.azimuth_deg, boxes3d.values, _deviations(boxes3d), strict=True
+        )
     ]
+
+
+def _deviations(boxes3d: Boxes3D) -> FloatArray:
+    return np.full((len(boxes3d), 7), np.nan) if boxes3d.deviations is None else boxes3d.deviations
 
 
 def _write_rows(path: Path, rows: list[dict[str, object]]) -> None:

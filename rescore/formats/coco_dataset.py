@@ -11,9 +11,10 @@ from recon.arrays import FloatArray
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.data.boxes import xyxy_from_xywh
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
-from rescore.formats.checked_json import Box, Number, read_checked
+from rescore.formats.checked_json import Box, Box3D, Number, read_checked
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
 
 
@@ -66,6 +67,7 @@ class _Annotation(BaseModel):
     azimuth_deg: FiniteFloat | None = None
     truncated: FiniteFloat | None = None
     occluded: Number | None = None
+    bbox3d: Box3D | None = None
 
 
 class _Category(BaseModel):
@@ -198,6 +200,7 @@ def _truth(annotations: list[_Annotation]) -> Truth:
         occluded=None
         if all(a.occluded is None for a in annotations)
         else np.array([UNKNOWN_OCCLUSION if a.occluded is None else a.occluded for a in annotations]),
+        boxes3d=Boxes3D.of_rows([a.bbox3d for a in annotations]),
     )
 
 

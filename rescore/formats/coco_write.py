@@ -115,5 +115,11 @@ def _annotations(image_id: int, truth: Truth, data: DataSet) -> list[dict[str, A
         }
         known = {k: v[i].item() for k, v in columns.items() if v is not None and not np.isnan(v[i])}
         shape = {"shape_id": truth.shape_id[i]} if truth.shape_id[i] else {}
-        rows.append(row | known | shape)
+        rows.append(row | known | shape | _box3d(truth, i))
     return rows
+
+
+def _box3d(truth: Truth, i: int) -> dict[str, list[float]]:
+    if truth.boxes3d is None or not truth.boxes3d.known[i]:
+        return {}
+    return {"bbox3d": truth.boxes3d.values[i].tolist()}

@@ -7,6 +7,7 @@ neither hits nor false alarms, as in KITTI's own evaluation.
 import math
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.files import atomic_path
+from rescore.data.boxes3d import KITTI_NO_PLACE, Boxes3D, BoxValues
 from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import pictures_in
 from rescore.evidence.candidates import CandidateTable
@@ -25,6 +27,10 @@ DONT_CARE = "DontCare"
 NEIGHBOURS = {"car": ("van",), "pedestrian": ("person_sitting",)}
 """Classes whose boxes are ignored in KITTI's evaluation of a class."""
 UNKNOWN_ALPHA = -10.0
+BOX_COLUMNS = ("left", "top", "right", "bottom")
+BOX3D_COLUMNS = ("height", "width", "length", "x", "y", "z", "rotation_y")
+UNKNOWN_BOX3D = (-1, -1, -1, -1000, -1000, -1000, -10)
+"""What KITTI writes in the columns of a 3D box where there is none."""
 
 
 def azimuth_of_alpha(alpha_rad: float) -> float:
@@ -58,9 +64,7 @@ def _row(where: str, words: list[str]) -> LabelRow:
         )
     truncated, occluded, alpha, *box = (
         number(where, what, word)
-        for what, word in zip(
-            ("truncated", "occluded", "alpha", "left", "top", "right", "bottom"), words[1:8], strict=True
-        )
+        for what, word in zip(("truncated", "occluded", "alpha", *BOX_COLUMNS), words[1:8], strict=True)
     )
     score = number(where, "the score", words[15]) if len(words) == 16 else None
     if truncated > 1 or occluded not in (-1, 0, 1, 2, 3):
@@ -76,7 +80,18 @@ def _row(where: str, words: list[str]) -> LabelRow:
         truncated=truncated if truncated >= 0 else math.nan,
         occluded=int(occluded) if occluded >= 0 else UNKNOWN_OCCLUSION,
         score=score,
+        bbox3d=_read_box3d(where, words[8:15]),
     )
+
+
+def _read_box3d(where: str, words: list[str]) -> BoxValues | None:
+    """Centre, length, width, height and turn; None where the columns say that there is no box."""
+    columns = [number(where, what, word) for what, word in zip(BOX3D_COLUMNS, words, strict=True)]
+    size, place = np.array([columns[:3]]), np.array([columns[3:6]])
+    if (size <= 0).any() or (place == KITTI_NO_PLACE).any():
+        return None
+    x, y, z, length, width, height, turn = Boxes3D.of_kitti(place, size, np.array(columns[6:])).values[0]
+    return (x, y, z, length, width, height, turn)
 
 
 def read_labels(paths: Iterable[Path | None], classes: ClassMap) -> tuple[list[list[LabelRow]], Counter[str]]:
@@ -97,7 +112,7 @@ def _for_class(row: LabelRow, classes: ClassMap) -> LabelRow | None:
     if row.ignore or classes.takes(row.name):
         return row
     if row.name.casefold() in NEIGHBOURS.get(classes.target.casefold(), ()):
-        return LabelRow(row.name, row.xyxy_px, True, row.azimuth_deg, row.truncated, row.occluded)
+        return replace(row, ignore=True)
     return None
 
 
@@ -168,7 +183,7 @@ def _class_notes(root: Path, classes: ClassMap, counts: Counter[str]) -> tuple[s
 def write_kitti_labels(folder: Path, data: DataSet) -> None:
     """Write the boxes of a data set, a file a frame; what is ignored is written as DontCare.
 
-    Sizes and places in 3D are written as unknown.
+    Sizes and places in 3D are written as unknown where the data set does not state them.
     """
     names = frame_names(data)
     for image_id, truth in data.truth.items():
@@ -176,6 +191,7 @@ def write_kitti_labels(folder: Path, data: DataSet) -> None:
         azimuth = np.full(n, np.nan) if truth.azimuth_deg is None else truth.azimuth_deg
         truncated = np.full(n, np.nan) if truth.truncated is None else truth.truncated
         occluded = np.full(n, UNKNOWN_OCCLUSION) if truth.occluded is None else truth.occluded
+        boxes3d = Boxes3D.none(n) if truth.boxes3d is None else truth.boxes3d
         lines = [
             _line(
                 DONT_CARE if truth.ignore[i] else _kitti_name(data.category),
@@ -183,6 +199,7 @@ def write_kitti_labels(folder: Path, data: DataSet) -> None:
                 alpha=alpha_of_azimuth(float(azimuth[i])),
                 truncated=-1.0 if np.isnan(truncated[i]) else float(truncated[i]),
                 occluded=int(occluded[i]),
+                box3d=_box3d_columns(boxes3d, i),
             )
             for i in range(n)
         ]
@@ -190,20 +207,41 @@ def write_kitti_labels(folder: Path, data: DataSet) -> None:
 
 
 def write_kitti_detections(folder: Path, table: CandidateTable, score: FloatArray, data: DataSet) -> None:
-    """Write detections with a score each (n,), a file a frame, empty where nothing was found."""
+    """Write detections with a score each (n,), a file a frame, empty where nothing was found.
+
+    Alpha is that of the 3D box, where there is one, so that the two agree; else that of the azimuth.
+    """
     names = frame_names(data)
     lines: dict[int, list[str]] = {image_id: [] for image_id in names}
+    boxes3d = Boxes3D.none(len(table)) if table.boxes3d is None else table.boxes3d
     for i, image_id in enumerate(table.image_id.tolist()):
-        alpha = alpha_of_azimuth(float(table.azimuth_deg[i]))
-        line = _line(_kitti_name(data.category), table.xyxy_px[i], alpha=alpha, truncated=-1.0, occluded=-1)
+        seen = alpha_of_azimuth(float(table.azimuth_deg[i]))
+        line = _line(
+            _kitti_name(data.category),
+            table.xyxy_px[i],
+            alpha=float(boxes3d.alpha_rad[i]) if boxes3d.known[i] else seen,
+            truncated=-1.0,
+            occluded=-1,
+            box3d=_box3d_columns(boxes3d, i),
+        )
         lines[image_id].append(f"{line} {float(score[i])!r}")
     for image_id, own in lines.items():
         _write(folder / f"{names[image_id]}.txt", own)
 
 
-def _line(name: str, xyxy_px: FloatArray, *, alpha: float, truncated: float, occluded: int) -> str:
+def _box3d_columns(boxes3d: Boxes3D, i: int) -> str:
+    if not boxes3d.known[i]:
+        return " ".join(map(str, UNKNOWN_BOX3D))
+    one = boxes3d[i : i + 1]
+    columns = (*one.kitti_size_m[0], *one.kitti_location_m()[0], *one.rotation_y_rad)
+    return " ".join(repr(float(v)) for v in columns)
+
+
+def _line(
+    name: str, xyxy_px: FloatArray, *, alpha: float, truncated: float, occluded: int, box3d: str
+) -> str:
     box = " ".join(repr(float(v)) for v in xyxy_px)
-    return f"{name} {truncated!r} {occluded} {alpha!r} {box} -1 -1 -1 -1000 -1000 -1000 -10"
+    return f"{name} {truncated!r} {occluded} {alpha!r} {box} {box3d}"
 
 
 def _kitti_name(category: str) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
+from rescore.data.boxes3d import Boxes3D, BoxValues
 from rescore.data.frames import Truth
 
 UNKNOWN_OCCLUSION = 3
@@ -31,6 +32,8 @@ class LabelRow:
     occluded: int = UNKNOWN_OCCLUSION
     score: float | None = None
     """Score of a detection; None in a label."""
+    bbox3d: BoxValues | None = None
+    """The 3D box; None where there is none."""
 
     @property
     def visibility(self) -> float:
@@ -113,6 +116,7 @@ def truth_of(rows: Sequence[LabelRow], first_id: int) -> Truth:
         azimuth_deg=None if np.isnan(azimuth).all() else azimuth,
         truncated=None if np.isnan(truncated).all() else truncated,
         occluded=None if (occluded == UNKNOWN_OCCLUSION).all() else occluded,
+        boxes3d=Boxes3D.of_rows([r.bbox3d for r in rows]),
     )
 
 

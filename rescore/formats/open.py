@@ -142,6 +142,7 @@ def _detections(
             bbox=tuple(box),
             score=r.score or 0.0,
             azimuth_deg=None if np.isnan(r.azimuth_deg) else r.azimuth_deg,
+            bbox3d=r.bbox3d,
         )
         for r, box in zip(kept, boxes.tolist(), strict=True)
     ]

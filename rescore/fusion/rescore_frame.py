@@ -3,15 +3,18 @@
 Everything that rescores calls ``rescore_frame``: the library, the commands, the experiment and the studies.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from recon.arrays import FloatArray
+from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
+from recon.localization.disparity_fit import BoxFit
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import DepthAlignment, align_instances, measured_depth
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CueInput, frame_cues
 from rescore.evidence.files import Predicted
+from rescore.evidence.instance_fits import boxes_of_fits, fit_instances
 from rescore.evidence.instances import DepthSource, predict_instances
 from rescore.evidence.model import EvidenceModel, with_difference
 from rescore.evidence.registration import Registration
@@ -64,6 +67,8 @@ class RescoredFrame:
     """The 3D instance of each candidate, or the depth that another system predicts in its box."""
     alignments: tuple[DepthAlignment | Failure, ...]
     """The outcome of eq. 6 of each candidate; why nothing is predicted where nothing is."""
+    fits: tuple[BoxFit | None, ...]
+    """The instances fitted to each box and the disparity; None where none was."""
 
     @property
     def candidates(self) -> CandidateTable:
@@ -98,6 +103,19 @@ def rescore_frame(
     measured = measured_depth(frame.disparity_px, frame.camera, inverse=instances.inverse)  # Zs
     alignments = align_instances(instances.found, measured, candidates.xyxy_px, config.align)  # eq. 6
     depths, azimuth_rad = instances.scaled_depths, instances.views.azimuth_rad
-    cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues))  # past eq. 6
-    evidence = CandidateTable.of_alignments(candidates, alignments, cues, frame.ground_source)
-    return RescoredFrame(rescoring.fuse(evidence), instances.views, instances.found, alignments)  # eq. 7
+    fits = _fitted(frame, candidates, source, rescoring)  # past eq. 6: an instance of the class, placed in 3D
+    cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues, fits))
+    placed = replace(candidates, boxes3d=boxes_of_fits(fits, frame) or candidates.boxes3d)
+    evidence = CandidateTable.of_alignments(placed, alignments, cues, frame.ground_source)
+    rescored = rescoring.fuse(evidence)  # eq. 7
+    return RescoredFrame(rescored, instances.views, instances.found, alignments, fits)
+
+
+def _fitted(
+    frame: Frame, candidates: Candidates, source: DepthSource, rescoring: Rescoring
+) -> tuple[BoxFit | None, ...]:
+    """Instances fitted to the boxes, where a mode may ask for them and the source can tell."""
+    asked = rescoring.evidence_model is None or rescoring.mode is Registration.INSTANCE
+    if not asked or not isinstance(source, ClassModel):
+        return (None,) * len(candidates)
+    return fit_instances(frame, candidates.xyxy_px, source, rescoring.config.fit)

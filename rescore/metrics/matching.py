@@ -138,7 +138,7 @@ def greedy_match(
     outcome[region >= 0] = IGNORED
     annotation[region >= 0] = truth.annotation_id[region[region >= 0]]
 
-    taken = _take_cars(
+    taken = take_cars(
         image,
         ranking,
         candidate=candidate[on_car],
@@ -151,7 +151,7 @@ def greedy_match(
     return MatchTable(truth.n_images, truth.n_cars, image, np.asarray(ranking, float), outcome, annotation)
 
 
-def _take_cars(
+def take_cars(
     image: IntArray,
     ranking: FloatArray,
     *,
@@ -196,12 +196,22 @@ def _pairs(
     image: IntArray, xyxy_px: FloatArray, truth: TruthTable
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Every (candidate, car) of one image: indices, IoU, share of the candidate's area in the car's box."""
-    order = np.argsort(truth.car_image, kind="stable")
-    sorted_image = truth.car_image[order]
+    candidate, car = pairs_of_image(image, truth.car_image)
+    overlap, of_own_area = paired_overlap(xyxy_px[candidate], truth.xyxy_px[car])
+    return candidate, car, overlap, of_own_area
+
+
+def pairs_of_image(image: IntArray, car_image: IntArray) -> tuple[IntArray, IntArray]:
+    """Every (candidate, car) that are of one image, as two arrays of indices (p,).
+
+    Args:
+        image: image of each candidate, shape (n,).
+        car_image: image of each car, shape (m,).
+    """
+    order = np.argsort(car_image, kind="stable")
+    sorted_image = car_image[order]
     first = np.searchsorted(sorted_image, image, side="left")
     count = np.searchsorted(sorted_image, image, side="right") - first
     candidate = np.repeat(np.arange(len(image)), count)
     within = np.arange(len(candidate)) - np.repeat(np.cumsum(count) - count, count)
-    car = order[np.repeat(first, count) + within]
-    overlap, of_own_area = paired_overlap(xyxy_px[candidate], truth.xyxy_px[car])
-    return candidate, car, overlap, of_own_area
+    return candidate, order[np.repeat(first, count) + within]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
+from rescore.data.boxes3d import BOX_NAMES
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
@@ -122,11 +123,12 @@ REQUIRED_COLUMNS = (
 """Columns without which a table cannot be read; the others are not in the files of older versions."""
 
 _ADDED_COLUMNS = {
-    **dict.fromkeys(("cue", "difference", "posterior", "w"), pa.float64()),
+    **dict.fromkeys(("cue", "difference", "posterior", "w", "box3d"), pa.float64()),
     **dict.fromkeys(("status", "outcome"), pa.string()),
     "annotation_id": pa.int64(),
 }
 """Kind of further columns by what their name begins with: ``cue_<name>`` of each part of the evidence;
+``box3d_<name>`` and ``box3d_sd_<name>`` of the 3D box and its deviations, where a candidate has one;
 ``difference_<mode>`` (D), ``posterior_<mode>``, ``w_<mode>``, ``status_<mode>``, ``outcome_<mode>`` and
 ``annotation_id_<mode>`` of each mode but that of the paper."""
 
@@ -184,7 +186,18 @@ def detector_columns(
     for other in own:
         if other.registration in matched and other.registration is not Registration.PAPER:
             columns |= _mode_columns(other, matched[other.registration])
-    return columns | {"kind": kind}
+    return columns | _box3d_columns(own) | {"kind": kind}
+
+
+def _box3d_columns(own: Sequence[DetectionFile]) -> dict[str, NDArray[Any]]:
+    """The 3D boxes of the first file that has some; no column where none has."""
+    boxes3d = next((f.table.boxes3d for f in own if f.table.boxes3d is not None), None)
+    if boxes3d is None:
+        return {}
+    columns = dict(zip((f"box3d_{name}" for name in BOX_NAMES), boxes3d.values.T, strict=True))
+    if boxes3d.deviations is None:
+        return columns
+    return columns | dict(zip((f"box3d_sd_{name}" for name in BOX_NAMES), boxes3d.deviations.T, strict=True))
 
 
 def _mode_columns(file: DetectionFile, match: MatchTable) -> dict[str, NDArray[Any]]:

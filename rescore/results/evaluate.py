@@ -25,8 +25,10 @@ from rescore.metrics.reliability import reliability
 from rescore.results.candidate_file import ALONE, Columns, detector_columns, joined, write_candidates
 from rescore.results.comparisons import certainty
 from rescore.results.difficulty import difficulty
+from rescore.results.evaluate3d import TrueCars, boxes3d_rows
 from rescore.results.metrics_file import (
     BootstrapSettings,
+    Boxes3DRow,
     DetectorDifficulty,
     DetectorTuning,
     FusionRow,
@@ -81,6 +83,8 @@ def evaluate(
     fusion: list[FusionRow] = []
     reliabilities: list[ReliabilityRow] = []
     firsts: list[DetectionFile] = []
+    solid: list[Boxes3DRow] = []
+    cars3d = TrueCars.of(data)
     for own in _by_detector(files):
         matched = {f.registration: _match(f, truth, min_iou) for f in own if f.posterior is not None}
         alone = _match_alone(own[0], truth, min_iou)
@@ -94,6 +98,8 @@ def evaluate(
             fusion += _fusion(file, alone, truth, min_iou, tunings)
         reliabilities += _reliabilities(own, alone, matched)
         firsts.append(own[0])
+        if cars3d is not None:
+            solid += boxes3d_rows(cars3d, own, by_mode)
     metrics = Metrics(
         n_images=truth.n_images,
         n_cars=truth.n_cars,
@@ -109,6 +115,7 @@ def evaluate(
         reasons={f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in firsts},
         tuning=_tuning(tunings),
         difficulty={f.detector: _difficulty(data, f.table) for f in firsts},
+        boxes3d=tuple(solid),
     )
     folder = RunFolder(run_dir)
     write_candidates(folder.candidates, joined(parts))

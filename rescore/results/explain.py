@@ -6,12 +6,12 @@ import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
+from rescore.cues.surroundings import SurroundingsConfig
 from rescore.evidence.candidates import NOT_RESCORED, OK
 from rescore.evidence.cues import CUES, cue_column, cue_names
 from rescore.evidence.guarded import GuardedConfig
 from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration
-from rescore.evidence.surroundings import SurroundingsConfig
 from rescore.results.candidate_file import Columns, difference, status
 from rescore.results.words import favourable, range_text, status_text, words_of
 
@@ -36,7 +36,7 @@ class EvidencePart:
     cue: str
     """A name of ``rescore.evidence.cues.CUES``."""
     value: float
-    """Value of the cue as stored, see ``rescore.evidence.surroundings`` and ``rescore.evidence.guarded``."""
+    """Value of the cue as stored, see ``rescore.cues.surroundings`` and ``rescore.evidence.guarded``."""
     log_odds: float
     """What the cue adds to the log odds that the candidate is a car."""
     text: str

@@ -247,6 +247,74 @@ class DetectorDifficulty(MetricsPart):
     """Share of those false positives by what they show, most first."""
 
 
+class Precision3D(MetricsPart):
+    """Average precisions at 40 recalls on the cars of one of KITTI's levels; None where there are too few.
+
+    Each by the IoU from which a car is found, as "0.7".
+    """
+
+    level: str
+    """"easy", "moderate" or "hard"; "all" for every car that is not ignored."""
+    n_cars: int
+    in_picture: dict[str, float | None]
+    """Average precision of the boxes in the picture."""
+    orientation: dict[str, float | None]
+    """Average orientation similarity of the boxes in the picture."""
+    from_above: dict[str, float | None]
+    """Average precision of the footprints."""
+    in_space: dict[str, float | None]
+    """Average precision of the 3D boxes."""
+
+
+class MeanMedian(MetricsPart):
+    """An error over several boxes; None where there is none."""
+
+    mean: float | None
+    median: float | None
+
+
+class BoxErrorFigures(MetricsPart):
+    """Errors of the 3D boxes that find a car within some metres along the ground."""
+
+    within_m: float
+    n_cars: int
+    n_found: int
+    """Cars that are found."""
+    translation_m: MeanMedian
+    scale: MeanMedian
+    orientation_rad: MeanMedian
+
+
+class PoseFigures(MetricsPart):
+    """How many cars that are found in the picture have a 3D box at the right place with the right heading."""
+
+    whole: bool
+    """Whether cars alone count that are neither hidden nor cut off."""
+    distance_m: tuple[float, float | None]
+    """From, to; None is any."""
+    n_found: int
+    """Cars that are found in the picture."""
+    n_boxes: int
+    """Cars among them whose detection has a 3D box."""
+    correct_share: float | None
+    """Share of ``n_found`` with the right pose."""
+    median_translation_m: float | None
+    """Median error of the right poses, as the next."""
+    median_orientation_rad: float | None
+
+
+class Boxes3DRow(MetricsPart):
+    """What the 3D boxes of one detector are worth in the order of one mode."""
+
+    detector: str
+    mode: str
+    n_boxes: int
+    """Detections with a 3D box."""
+    precision: tuple[Precision3D, ...]
+    errors: BoxErrorFigures
+    poses: tuple[PoseFigures, ...]
+
+
 class Metrics(MetricsPart):
     """All figures of a run: the content of metrics.json."""
 
@@ -266,6 +334,8 @@ class Metrics(MetricsPart):
     """By detector."""
     difficulty: dict[str, DetectorDifficulty] = {}
     """By detector."""
+    boxes3d: tuple[Boxes3DRow, ...] = ()
+    """One for each detector with 3D boxes and mode, where the data set has true ones."""
 
     @field_serializer("stereo")
     def _known_stereo(self, stereo: StereoStatistics) -> dict[str, Any]:
@@ -288,7 +358,7 @@ class Metrics(MetricsPart):
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON values, keys in the order of the file."""
-        return self.model_dump()
+        return self.model_dump(exclude=None if self.boxes3d else {"boxes3d"})
 
 
 def write_metrics(path: Path, metrics: Metrics) -> None:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from recon.errors import Reason
+from rescore.cues.words import CueWords
 from rescore.evidence.candidates import OK
-from rescore.evidence.cue_words import CueWords
 from rescore.evidence.cues import CUES
 
 STATUS_TEXT: dict[str, str] = {

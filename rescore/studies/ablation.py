@@ -29,10 +29,10 @@ from rescore.results.sweep_file import StudyPart, SweptInterval
 from rescore.studies.sweep import RECALL
 
 
-def groups() -> dict[str, tuple[str, ...]]:
-    """Cues of the metric mode that are left out together, by the name of their group; first none at all."""
+def groups(mode: Registration) -> dict[str, tuple[str, ...]]:
+    """Cues of a mode that are left out together, by the name of their group; first none at all."""
     found: dict[str, tuple[str, ...]] = {"nothing": ()}
-    for name in cues_of(Registration.METRIC):
+    for name in cues_of(mode):
         group = CUES[name].group
         found[group] = (*found.get(group, ()), name)
     return found
@@ -64,15 +64,15 @@ class AblationRow(StudyPart):
 
 
 def ablate(
-    given: AblationInput, evidence: EvidenceConfig, tune: TuneConfig, seed: int
+    given: AblationInput, mode: Registration, evidence: EvidenceConfig, tune: TuneConfig, seed: int
 ) -> tuple[AblationRow, ...]:
     """A row for the whole model, for each of ``groups`` and for each cue alone."""
     cues, is_car = labelled_cues(given.fitting, given.splits.fitting_set, tune.min_iou)
     truth = TruthTable.of(given.splits.test)
-    left_out = list(_left_out())
+    left_out = list(_left_out(mode))
     matches, weights = {}, []
     for name, without in left_out:
-        model = fit_evidence(cues, is_car, Registration.METRIC, evidence, without)
+        model = fit_evidence(cues, is_car, mode, evidence, without)
         validation = Rescoring(evidence_model=model).fuse(given.validation).candidates
         drawn = np.random.default_rng(seed)
         w = tune_weight(name, validation, given.splits.validation_set, tune, drawn).w
@@ -99,7 +99,7 @@ def ablate(
 
 
 def ablate_run(root: Path, out: Path, detector: str, seed: int) -> tuple[AblationRow, ...]:
-    """The worth of each part of a finished run's evidence.
+    """The worth of each part of a finished run's evidence, in mode "instance" where it has it, else "metric".
 
     Writes ``ablation.json`` to the folder ``out``.
 
@@ -114,15 +114,17 @@ def ablate_run(root: Path, out: Path, detector: str, seed: int) -> tuple[Ablatio
 
     fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
     given = AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
-    rows = ablate(given, config.evidence, config.tune, seed)
+    with_instances = Registration.INSTANCE in config.registrations
+    mode = Registration.INSTANCE if with_instances else Registration.METRIC
+    rows = ablate(given, mode, config.evidence, config.tune, seed)
     write_ablation(out / "ablation.json", rows)
     return rows
 
 
-def _left_out() -> Iterator[tuple[str, Sequence[str]]]:
-    yield from groups().items()
-    alone = {cues[0] for cues in groups().values() if len(cues) == 1}
-    yield from ((name, (name,)) for name in cues_of(Registration.METRIC) if name not in alone)
+def _left_out(mode: Registration) -> Iterator[tuple[str, Sequence[str]]]:
+    yield from groups(mode).items()
+    alone = {cues[0] for cues in groups(mode).values() if len(cues) == 1}
+    yield from ((name, (name,)) for name in cues_of(mode) if name not in alone)
 
 
 def write_ablation(path: Path, rows: Sequence[AblationRow]) -> None:

@@ -47,7 +47,7 @@ def garden_wall(length_m: int, variant: int) -> Mesh:
 
 
 def put_frontage(stage: Stage, pictures: Pictures) -> None:
-    """Both sides of the street, block by block, and its far end."""
+    """Fill both sides of the street, block by block, and its far end."""
     blocks = [(REAR_M + 3, 120.0)]
     crossing = stage.road.crossing
     if crossing is not None:

@@ -17,9 +17,8 @@ from recon.learning.generic_phase import learn_primitives
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.learning.primitives import PrimitiveLibrary
 from recon.localization.heading import Heading, HeadingConfig, Posed, learn_heading, read_surface
-from recon.localization.shape_space import (
+from recon.localization.learn_shapes import (
     InstanceShape,
-    ShapeSpace,
     ShapeSpaceConfig,
     TrainingInstance,
     instance_shape,
@@ -28,6 +27,7 @@ from recon.localization.shape_space import (
 from recon.localization.standing_box import StandingBox
 from recon.part_views import PartView
 from recon.pixels import linear_from_srgb
+from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 from rescore.parallel import one_thread
 

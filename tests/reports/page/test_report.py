@@ -15,6 +15,7 @@ from reports.page.paired_runs import Evaluated
 from reports.page.report import build_report, render_report
 from reports.run.curves import curve_sets
 from reports.run.tables import result_table
+from reports.run.tables3d import boxes3d_table, error_table, pose_table
 from rescore.results.metrics_file import StereoStatistics
 from rescore.results.run_config_file import RunConfigFile, RunSettings
 from rescore.results.run_folder import Run, RunFolder, load_run
@@ -27,6 +28,7 @@ from rescore.results.sweep_file import (
     write_sweep,
 )
 from tests.reports.html_reader import Page
+from tests.reports.solid_rows import boxes3d_level, boxes3d_row
 
 
 def text_of(run: Run) -> str:
@@ -143,6 +145,17 @@ def test_a_run_with_the_detector_alone_has_no_gallery(run: Run):
     assert "No candidate was rescored in this run" in page.text
     assert "No choice of w came with this run" in page.text
     assert "r0-stereo" not in page.tables
+
+
+def test_3d_boxes_have_their_tables(run: Run, page: Page):
+    row = boxes3d_row("hog", "metric", boxes3d_level("all", 0.25))
+    with_boxes = replace(run, metrics=run.metrics.model_copy(update={"boxes3d": (row,)}))
+    tables = Page(text_of(with_boxes)).tables
+    for name, table in (("boxes3d", boxes3d_table), ("errors3d", error_table), ("poses", pose_table)):
+        shown = table(with_boxes.metrics)
+        assert shown is not None
+        assert tables[f"r0-{name}"] == [list(shown.head), *(list(r) for r in shown.rows)]
+        assert f"r0-{name}" not in page.tables
 
 
 def test_a_run_without_its_data_set_has_curves_and_says_what_lacks(run: Run):

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from recon.class_model import ClassModel
+from rescore.cues.framing import FRAMING
+from rescore.cues.plausibility import CHECKS
+from rescore.cues.surroundings import SURROUNDINGS
+from rescore.cues.words import share
 from rescore.data.frames import load_frame
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import CandidateTable
-from rescore.evidence.cue_words import share
 from rescore.evidence.cues import (
     CUES,
     Columns,
@@ -24,9 +27,7 @@ from rescore.evidence.cues import (
 from rescore.evidence.fit_model import EvidenceConfig, fit_modes
 from rescore.evidence.guarded import GUARDED
 from rescore.evidence.model import load_models, save_models
-from rescore.evidence.plausibility import CHECKS
 from rescore.evidence.registration import Registration
-from rescore.evidence.surroundings import SURROUNDINGS
 from rescore.formats.coco import read_detections, write_rescored
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
@@ -35,14 +36,20 @@ from rescore.studies.ablation import groups
 
 
 def test_every_cue_that_is_computed_has_an_entry() -> None:
-    assert cue_names() == (*GUARDED, *SURROUNDINGS, "depth_ratio", *CHECKS)
+    assert cue_names() == (*GUARDED, *SURROUNDINGS, "depth_ratio", *FRAMING, *CHECKS)
     assert cues_of(Registration.PAPER) == ()
     assert cues_of(Registration.GUARDED) == GUARDED
     assert cues_of(Registration.METRIC) == (*GUARDED, *SURROUNDINGS, "depth_ratio")
+    # what needs the size or the side that a car is taken to have is not asked beside an instance that says it
+    assumed = ("width", "height", "relief", "support")
+    around = tuple(name for name in SURROUNDINGS if name not in assumed)
+    assert cues_of(Registration.INSTANCE) == (*around, *FRAMING)
     assert checks_of(Registration.GUARDED) == CHECKS[:1]
+    assert checks_of(Registration.INSTANCE) == ("measured", *CHECKS)
     assert checks_of(Registration.METRIC) == ("measured", *CHECKS)
-    grouped = [name for names in groups().values() for name in names]
-    assert sorted(grouped) == sorted(cues_of(Registration.METRIC))
+    for mode in (Registration.METRIC, Registration.INSTANCE):
+        grouped = [name for names in groups(mode).values() for name in names]
+        assert sorted(grouped) == sorted(cues_of(mode))
 
 
 def brightness(given: CueInput) -> Columns:
@@ -91,4 +98,4 @@ def test_a_toy_cue_is_computed_fitted_kept_and_told(tiny_run: Path, tmp_path: Pa
     back = read_detections(tmp_path / "r.json", part).table
     np.testing.assert_allclose(back.cues[:, cue_column("brightness")], column)
     assert words_of("brightness").told(0.25) == "25 % bright"
-    assert groups()["looks"] == ("brightness",)
+    assert groups(Registration.METRIC)["looks"] == ("brightness",)

@@ -30,7 +30,8 @@ def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def test_cues_of_modes() -> None:
     assert Registration.PAPER not in LEARNED
     assert set(cues_of(Registration.GUARDED)) < set(cues_of(Registration.METRIC)) < set(CUES)
-    assert set(CUES) == set(cues_of(Registration.METRIC)) | set(checks_of(Registration.METRIC))
+    used = set(cues_of(Registration.METRIC)) | set(cues_of(Registration.INSTANCE))
+    assert set(CUES) == used | set(checks_of(Registration.METRIC))
 
 
 def test_d_is_a_calibrated_probability() -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from recon.errors import RescoreError
 from rescore.evidence.cues import CUES
-from rescore.evidence.registration import Registration
 from rescore.experiment.config import run_preset, with_changes
 from rescore.experiment.reproduce import Experiment
 from rescore.experiment.source_digest import imported_modules, module_file
@@ -120,7 +119,7 @@ def test_report_and_recording_are_made_again_where_what_draws_them_changed(
 def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
     shutil.copytree(tiny_run, copy)
-    tuned = [RunFolder(copy).tuned("hog", mode) for mode in Registration]
+    tuned = [RunFolder(copy).tuned("hog", mode) for mode in run_preset("tiny").registrations]
     before = [file.read_bytes() for file in tuned]
     assert all(json.loads(text)["learned"] for text in before)
     data = json.loads((copy / "data" / "annotations.json").read_text())
@@ -136,7 +135,7 @@ def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> No
         run.detect("hog", split)
         run.find_evidence("hog", split)
     run.fit_evidence("hog")
-    for mode in Registration:
+    for mode in run_preset("tiny").registrations:
         run.tune("hog", mode)
     ran = {d.name for d in done if not d.reused}
     # the data set is another, so all that reads it was done anew; to the same end

@@ -55,15 +55,15 @@ def rows() -> dict[str, AblationRow]:
         table_of(splits.validation, rng),
         table_of(splits.test, rng),
     )
-    return {r.without: r for r in ablate(given, EvidenceConfig(), TuneConfig(), 0)}
+    return {r.without: r for r in ablate(given, Registration.METRIC, EvidenceConfig(), TuneConfig(), 0)}
 
 
 def test_every_cue_is_in_one_group_and_has_a_row(rows: dict[str, AblationRow]) -> None:
-    grouped = [name for cues in groups().values() for name in cues]
+    grouped = [name for cues in groups(Registration.METRIC).values() for name in cues]
     assert sorted(grouped) == sorted(cues_of(Registration.METRIC))
-    alone = {cues[0] for cues in groups().values() if len(cues) == 1}
-    assert set(rows) == set(groups()) | (set(grouped) - alone)
-    assert not set(groups()) & set(CUES)
+    alone = {cues[0] for cues in groups(Registration.METRIC).values() if len(cues) == 1}
+    assert set(rows) == set(groups(Registration.METRIC)) | (set(grouped) - alone)
+    assert not set(groups(Registration.METRIC)) & set(CUES)
 
 
 def test_what_tells_cars_is_missed(rows: dict[str, AblationRow]) -> None:

@@ -19,8 +19,8 @@ from datasets_synth.photos.table_scene import (
     place_at_random,
 )
 from recon.errors import Failure, Reason, RescoreError
+from recon.localization.learn_shapes import ShapeSpaceConfig
 from recon.localization.localize import FitLocalization
-from recon.localization.shape_space import ShapeSpaceConfig
 from recon.localization.standing_box import cam_from_ground
 from recon.view_bins import ViewBins
 from reports.studies.localization_sheets import write_localization

@@ -6,19 +6,19 @@ import pytest
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import Failure, Reason, RescoreError
 from recon.localization.joint_fit import JointFitConfig, OutlineFit, joint_fits
-from recon.localization.localize import FitConfig, FitLocalization, localize_by_fit
-from recon.localization.outline_edges import OutlinePoints, outline_points
-from recon.localization.shape_space import (
+from recon.localization.learn_shapes import (
     InstanceShape,
-    ShapeSpace,
     ShapeSpaceConfig,
     TrainingInstance,
     instance_shape,
     object_views,
     principal_shapes,
 )
+from recon.localization.localize import FitConfig, FitLocalization, localize_by_fit
+from recon.localization.outline_edges import OutlinePoints, outline_points
 from recon.localization.standing_box import StandingBox, cam_from_ground, turn, volume_overlap
 from recon.outlines import fill_polygon, largest_outline
+from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 from rescore.parallel import one_thread
 from tests.exact_primitives import exact_library

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundedStereo, GroundPlane, StereoCamera, default_camera
+from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.evidence.cues import CUES, cue_column
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence
-from rescore.evidence.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.evidence.registration import Registration
 
 CAMERA = StereoCamera(default_camera(640, 480), 0.35)

@@ -9,21 +9,22 @@ Object frame as everywhere (x forward, y left, z up) with the origin on the grou
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from recon.arrays import BoolArray, Float32Array, FloatArray
+from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.learning.primitives import PrimitiveLibrary
 from recon.localization.silhouette_scales import ScaledViews, scale_views
 from recon.outlines import canonical_ring
-from recon.part_views import PartView
+from recon.part_views import PartView, PartViews
 from recon.pixels import sample_bilinear
 from recon.reconstruction.segment import signed_distance
+from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 
 
@@ -54,59 +55,6 @@ class TrainingInstance:
     """The ring of view bins of each view."""
     size_m: tuple[float, float, float]
     """Length, width without mirrors, height, as in a car's papers."""
-
-
-@dataclass(frozen=True, eq=False)
-class ShapeSpace:
-    """Shape = mean + coefficients @ modes; coefficients are standard normal over the training instances."""
-
-    reach: tuple[float, float, float]
-    mean: Float32Array
-    """Hull function in metres, shape (nx, ny, nz)."""
-    modes: Float32Array
-    """Shape (nx, ny, nz, k)."""
-    log_size: FloatArray
-    """Mean logarithm of length, width and height in metres, shape (3,)."""
-    log_size_modes: FloatArray
-    """Shape (3, k)."""
-    log_size_rest: FloatArray
-    """Standard deviation of what the modes leave of the logarithms, shape (3,)."""
-    part_labels: tuple[int, ...]
-    outlines: FloatArray
-    """Mean outline of each part in units of length, width and height, shape (p, m, 3)."""
-    outline_modes: FloatArray
-    """Shape (p, m, 3, k)."""
-
-    @property
-    def count(self) -> int:
-        """Number of modes."""
-        return int(self.modes.shape[-1])
-
-    def size_m(self, coefficients: FloatArray, log_rest: FloatArray) -> FloatArray:
-        """Length, width and height in metres, shape (3,)."""
-        return np.asarray(np.exp(self.log_size + self.log_size_modes @ coefficients + log_rest))
-
-    def hull(self, coefficients: FloatArray) -> Float32Array:
-        """The hull function of a shape on the grid, metres, shape (nx, ny, nz)."""
-        return np.asarray(self.mean + self.modes @ coefficients.astype(np.float32), np.float32)
-
-    def part_outlines(self, coefficients: FloatArray, size_m: FloatArray) -> FloatArray:
-        """Outlines of the parts in metres, shape (p, m, 3)."""
-        unit = self.outlines + self.outline_modes @ coefficients
-        # planes and outlines scatter from instance to instance; no part leaves the box
-        return np.asarray(np.clip(unit, [-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]) * size_m)
-
-    def grid_coordinates(self, unit: FloatArray) -> FloatArray:
-        """Fractional indices (3, n) of points (n, 3) in units of length, width and height; mirrors y < 0."""
-        nx, ny, nz = self.mean.shape
-        rx, ry, rz = self.reach
-        return np.stack(
-            [
-                (unit[:, 0] / (2 * rx) + 0.5) * (nx - 1),
-                np.abs(unit[:, 1]) / ry * (ny - 1),
-                unit[:, 2] / rz * (nz - 1),
-            ]
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,6 +236,36 @@ def _centroid(placed: ScaledViews, label: int) -> FloatArray | None:
     return np.asarray(point) if rank == 3 else None
 
 
+CLASS_MODEL_SPACE = ShapeSpaceConfig(cells=(56, 20, 24), modes=5)
+"""The shape space of a class model: on cells of 7 to 10 cm for a car, a few hundred kilobytes."""
+
+
+def with_shape_space(
+    model: ClassModel, part_views: PartViews, library: PrimitiveLibrary | None = None
+) -> ClassModel:
+    """The class model with a shape space of the labelled instances whose size is known.
+
+    The model is left as it is where these are too few for ``CLASS_MODEL_SPACE``.
+
+    Args:
+        model: Learned from ``part_views``.
+        part_views: Each instance of known size is shown from all sides.
+        library: The primitives of the view bins; None for those of the package.
+
+    Raises:
+        RescoreError: views of an instance that cannot be put together.
+    """
+    names = part_views.sizes_m
+    if len(names) < CLASS_MODEL_SPACE.modes + 2:
+        return model
+    shapes = []
+    for name, size_m in names.items():
+        views = tuple(v for v in part_views.views if v.instance_id == name)
+        instance = TrainingInstance(views, (part_views.bins,) * len(views), size_m)
+        shapes.append(instance_shape(instance, part_views.part_names, CLASS_MODEL_SPACE, library))
+    return replace(model, shape_space=principal_shapes(shapes, CLASS_MODEL_SPACE))
+
+
 def principal_shapes(shapes: Sequence[InstanceShape], config: ShapeSpaceConfig) -> ShapeSpace:
     """Mean and principal components of hulls near the surface with the sizes; outlines follow them.
 
@@ -328,8 +306,3 @@ def principal_shapes(shapes: Sequence[InstanceShape], config: ShapeSpaceConfig) 
         parts.mean(axis=0),
         np.einsum("npmd,nk->pmdk", parts - parts.mean(axis=0), back),
     )
-
-
-def sample_hull(hull: Float32Array, coordinates: FloatArray) -> FloatArray:
-    """Values (n,) of a hull function at fractional indices (3, n); beyond the grid its border."""
-    return np.asarray(map_coordinates(hull, coordinates, order=1, mode="nearest"), float)

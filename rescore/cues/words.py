@@ -39,3 +39,13 @@ def times(sentence: str, form: str = "{:.1f} times") -> CueWords:
 def metres(sentence: str, form: str = "{:.1f} m") -> CueWords:
     """Words of a cue in metres."""
     return CueWords(sentence, float, form)
+
+
+def extents(sentence: str, form: str = "{:+.0f} % of it") -> CueWords:
+    """Words of a cue in extents of the box, negative the other way."""
+    return CueWords(sentence, lambda v: 100 * v, form)
+
+
+def nats(sentence: str, form: str = "{:.1f}") -> CueWords:
+    """Words of a cue that is a log likelihood, or its signed log(1 + nats)."""
+    return CueWords(sentence, float, form)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundedStereo, GroundPlane, PinholeCamera, StereoCamera
-from rescore.evidence.surroundings import SURROUNDINGS, SurroundingsConfig, expected_size_m, surroundings
+from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, expected_size_m, surroundings
 
 CAMERA = StereoCamera(PinholeCamera(600.0, 600.0, 319.5, 239.5, 640, 480), 0.4)
 GROUND = GroundPlane(1.5)

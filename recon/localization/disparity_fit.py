@@ -1,0 +1,348 @@
+"""An instance of a class fitted to a box and to measured disparity: its place, its heading, its shape.
+
+Poses on the ground are tried on a grid, looked up in maps of the class's depth (``depth_views``), and the
+best are moved until nothing near is better. It is done twice. The framed instance is the one that a good box
+around it would be this box; the seen instance is the one that the disparity shows, wherever the box ends. For
+a whole car that is framed well both are the same; a box on a part of a car, or on two, tears them apart.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import softmax
+
+from recon.arrays import Float32Array, FloatArray, IntArray
+from recon.camera import GroundedStereo
+from recon.localization.box_samples import BoxSamples, DisparityNoise, SampleGrid, box_samples
+from recon.localization.depth_views import DepthViews, DepthViewsConfig
+from recon.localization.poses import Explained, Poses, SurfaceNoise, explain, silhouette_boxes
+from recon.localization.standing_box import StandingBox, cam_from_ground
+
+
+@dataclass(frozen=True)
+class BoxNoise:
+    """How the box of a detector differs from the one around the silhouette."""
+
+    sd_share: float = 0.06
+    """Standard deviation of an edge as a share of the box's extent, beside ``sd_px``."""
+    sd_px: float = 1.5
+    framed: float = 10.0
+    """Weight of the box's log density where it is taken to frame the instance."""
+    seen: float = 0.03
+    """Weight where it is only taken to be near it."""
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """The poses that are tried."""
+
+    headings: int = 24
+    bearings: int = 9
+    """Bearings across the box, or across ``reach`` of the length where that is wider."""
+    reach: float = 0.28
+    insets: tuple[float, ...] = (0.9, 0.5, 0.05)
+    """Ways the middle lies behind the nearest surface, from half the length (0) to half the width (1)."""
+    depths: int = 3
+    """Number of surfaces in the box that are tried, by how much of it they fill."""
+    farthest: float = 17.0
+    """No instance is looked for beyond this many lengths."""
+    step: int = 2
+    """Only every ``step``-th row and column of the samples is looked at on the grid."""
+    kept: int = 4
+    """Number of best poses of the grid that are moved."""
+    rounds: int = 10
+    fine_rounds: int = 4
+    """Last rounds, which go between the headings of the maps."""
+    shrink: float = 0.72
+    """Steps shrink by this from round to round."""
+    scale_sd: float = 0.04
+    """Standard deviation of the logarithm of an instance's size over that of its shape."""
+    unknown_sd: tuple[float, float, float, float] = (3.0, 1.0, 1.8, 0.12)
+    """Standard deviations of distance, place across it, heading and logarithm of the size of an instance of
+    which nothing is measured."""
+    probe: tuple[float, float, float, float] = (0.25, 0.12, 0.12, 0.03)
+    """Steps in which the curvature of the posterior is measured."""
+
+
+@dataclass(frozen=True)
+class DisparityFitConfig:
+    """Settings of the fit."""
+
+    views: DepthViewsConfig = field(default_factory=DepthViewsConfig)
+    grid: SampleGrid = field(default_factory=SampleGrid)
+    noise: DisparityNoise = field(default_factory=DisparityNoise)
+    surface: SurfaceNoise = field(default_factory=SurfaceNoise)
+    box: BoxNoise = field(default_factory=BoxNoise)
+    search: SearchConfig = field(default_factory=SearchConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedInstance:
+    """One instance with what it explains of the samples of its box."""
+
+    pose: Poses
+    """One pose."""
+    size_m: FloatArray
+    """Length, width and height, shape (3,)."""
+    box: StandingBox
+    """The 3D box in the ground frame."""
+    place_sd: FloatArray
+    """Standard deviations of the distance and of the place across it in metres, of the heading in radians,
+    and of the logarithm of the size, shape (4,), from the curvature of the posterior; what the disparity does
+    not tell is as uncertain as ``SearchConfig.unknown_sd`` says."""
+    silhouette_px: FloatArray
+    """Box around the silhouette, cut off at the picture's edge, pixel edges, shape (4,)."""
+    log_ratio: Float32Array
+    """See ``Explained``, shape (rows, columns)."""
+    disparity_px: Float32Array
+    """Predicted, shape (rows, columns); NaN beside the silhouette."""
+    spread_px: Float32Array
+    """Standard deviation of what is measured around it, shape (rows, columns)."""
+    residual: Float32Array
+    """Measured less predicted disparity in standard deviations, shape (rows, columns)."""
+    weight: Float32Array
+    """Number of independent measurements that a sample counts as, shape (rows, columns)."""
+
+    @property
+    def total(self) -> float:
+        """Log likelihood ratio of the instance against a place without objects, nats."""
+        return float(self.log_ratio.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class BoxFit:
+    """What a class and measured disparity say of one box."""
+
+    samples: BoxSamples
+    framed: PlacedInstance
+    """The instance that the box frames."""
+    seen: PlacedInstance
+    """The instance that the disparity shows in the box or near it."""
+    overlap: float
+    """Expected intersection over union of the box with the box around the instance that the disparity shows,
+    over all poses of the grid, in [0, 1]."""
+
+
+class DisparityFit:
+    """The fit of a class to boxes of one frame."""
+
+    def __init__(
+        self,
+        disparity_px: Float32Array,
+        seen_from: GroundedStereo,
+        views: DepthViews,
+        config: DisparityFitConfig,
+    ) -> None:
+        self.disparity_px, self.seen_from, self.views, self.config = disparity_px, seen_from, views, config
+        # the steps of a round: along the line of sight and across, the heading, the size, and pairs of these
+        self.steps = _steps() * [0.083 * views.size_m[0, 0], 0.053 * views.size_m[0, 0], 0.13, 0.03]
+
+    def fit(self, xyxy_px: FloatArray) -> BoxFit | None:
+        """The instances that a box (4,) frames and shows; None where nothing is measured in it."""
+        c = self.config
+        samples = box_samples(self.disparity_px, xyxy_px, self.seen_from, c.noise, c.grid)
+        grid = self._grid(samples, xyxy_px)
+        if not samples.known.any() or not len(grid):
+            return None
+        found = self._explain(grid, samples, c.search.step)
+        ratio = found.log_ratio.sum(axis=1) * c.search.step**2
+        boxes = silhouette_boxes(grid, self.views, self.seen_from.left)
+        box_density = self._box_density(boxes, xyxy_px)
+        framed, seen = (
+            self._placed(
+                self._moved(grid, ratio + weight * box_density, samples, xyxy_px, weight),
+                samples,
+                xyxy_px,
+                weight,
+            )
+            for weight in (c.box.framed, c.box.seen)
+        )
+        overlap = float(softmax(ratio.astype(float)) @ _overlaps(boxes, xyxy_px))
+        return BoxFit(samples, framed, seen, overlap)
+
+    def _grid(self, samples: BoxSamples, xyxy_px: FloatArray) -> Poses:
+        """The poses that are tried for a box; none where no distance is known."""
+        c, camera = self.config.search, self.seen_from.left
+        left, right, bottom = xyxy_px[0] - 0.5, xyxy_px[2] - 0.5, xyxy_px[3] - 0.5
+        foot = np.array([[left, bottom], [(left + right) / 2, bottom], [right, bottom]])
+        ray = camera.camera.rays(foot) @ cam_from_ground(camera.ground)[:3, :3]
+        bearing = np.arctan2(ray[:, 0], ray[:, 1])
+        surface = self._surfaces(samples, xyxy_px, ray[1])
+        length, width, _ = self.views.size_m[0]
+        middle = (surface[:, None] + length / 2 + (width - length) / 2 * np.array(c.insets)).ravel()
+        half = np.maximum((bearing[2] - bearing[0]) / 2, c.reach * length / middle)
+        across = bearing[1] + half[:, None] * np.linspace(-1, 1, c.bearings)
+        turn = np.arange(c.headings) * (2 * np.pi / c.headings)
+        shape = (len(middle), c.bearings, c.headings)
+        place = np.stack(
+            [
+                np.broadcast_to(middle[:, None, None], shape),
+                np.broadcast_to(across[:, :, None], shape),
+                np.broadcast_to(turn, shape),
+                np.zeros(shape),
+            ],
+            axis=-1,
+        ).reshape(-1, 4)
+        return Poses(place, np.zeros(len(place), np.int64))
+
+    def _surfaces(self, samples: BoxSamples, xyxy_px: FloatArray, foot_ray: FloatArray) -> FloatArray:
+        """Distances along the ground at which the nearest surface of an instance may be."""
+        length, _, height = self.views.size_m[0]
+        camera, ground = self.seen_from.stereo.left, self.seen_from.ground
+        found = _main_distances(samples, height, self.config.search.depths)
+        if xyxy_px[3] < camera.height_px - 1 and foot_ray[2] < -1e-3:
+            found.append(ground.height_m / -foot_ray[2] * float(np.hypot(*foot_ray[:2])))
+        found.append(camera.fy_px * height / float(xyxy_px[3] - xyxy_px[1]))
+        kept: list[float] = []
+        for distance in found:
+            near = 0.4 * length < distance < self.config.search.farthest * length
+            if near and all(abs(np.log(distance / k)) > _SAME_DISTANCE for k in kept):
+                kept.append(distance)
+        return np.array(kept)
+
+    def _box_density(self, boxes: FloatArray, xyxy_px: FloatArray) -> FloatArray:
+        """Log density (m,) of a detector's box around each silhouette, up to a constant."""
+        extent = np.tile(xyxy_px[2:] - xyxy_px[:2], 2)
+        off = (boxes - xyxy_px) / (self.config.box.sd_share * extent + self.config.box.sd_px)
+        return np.asarray(-0.5 * (off**2).sum(axis=1))
+
+    def _explain(self, poses: Poses, samples: BoxSamples, step: int = 1, fine: bool = False) -> Explained:
+        return explain(poses, self.views, samples, self.config.noise, self.config.surface, step, fine=fine)
+
+    def _moved(
+        self, grid: Poses, score: FloatArray, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
+    ) -> Poses:
+        """The best pose near the best ones of the grid."""
+        c = self.config.search
+        best = grid[_apart(grid, score, c.kept, self.views)]
+        for k in range(c.rounds):
+            near = self._near(best, self.steps * c.shrink**k, other_shapes=k in _SHAPE_ROUNDS)
+            fine = k >= c.rounds - c.fine_rounds
+            value = self._score(near, samples, xyxy_px, box_weight, fine).reshape(len(best), -1)
+            chosen = value.argmax(axis=1)
+            value, rows = value.max(axis=1), np.arange(len(best)) * value.shape[1] + chosen
+            best = near[rows]
+            if k == _HALVING_ROUND:
+                best = best[np.argsort(-value, kind="stable")[: c.kept // 2]]
+        return best[np.argsort(-value, kind="stable")[:1]]
+
+    def _score(
+        self, poses: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float, fine: bool
+    ) -> FloatArray:
+        """Log posterior of poses (m,) up to a constant."""
+        boxes = silhouette_boxes(poses, self.views, self.seen_from.left)
+        coefficients = np.array([np.square(s).sum() for s in self.config.views.coefficients])
+        prior = (poses.place[:, 3] / self.config.search.scale_sd) ** 2 + coefficients[poses.shape]
+        ratio = self._explain(poses, samples, fine=fine).log_ratio.sum(axis=1)
+        return np.asarray(ratio + box_weight * self._box_density(boxes, xyxy_px) - prior / 2)
+
+    def _near(self, poses: Poses, steps: FloatArray, other_shapes: bool) -> Poses:
+        """For each pose a row of itself and its neighbours, and itself with all shapes if asked for."""
+        ahead = np.ones((len(poses), 1, 4))
+        ahead[:, 0, 1] = 1 / poses.place[:, 0]
+        place = poses.place[:, None] + steps * ahead
+        shape = np.repeat(poses.shape[:, None], len(steps), axis=1)
+        if other_shapes:
+            count = len(self.views.size_m)
+            place = np.concatenate([place, np.repeat(poses.place[:, None], count, axis=1)], axis=1)
+            shape = np.concatenate([shape, np.tile(np.arange(count), (len(poses), 1))], axis=1)
+        return Poses(place.reshape(-1, 4), shape.ravel())
+
+    def _placed(
+        self, pose: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
+    ) -> PlacedInstance:
+        found = self._explain(pose, samples, fine=True)
+        rows = samples.known.shape
+        return PlacedInstance(
+            pose,
+            pose.size_m(self.views)[0],
+            pose.standing_box(0, self.views),
+            self._deviations(pose, samples, xyxy_px, box_weight),
+            silhouette_boxes(pose, self.views, self.seen_from.left)[0],
+            found.log_ratio.reshape(rows),
+            found.disparity_px.reshape(rows),
+            found.spread_px.reshape(rows),
+            found.residual.reshape(rows),
+            found.weight.reshape(rows),
+        )
+
+    def _deviations(
+        self, pose: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
+    ) -> FloatArray:
+        """See ``PlacedInstance.place_sd``: each unknown with the others held."""
+        c = self.config.search
+        probe = np.concatenate([np.zeros((1, 4)), np.diag(c.probe), -np.diag(c.probe)])
+        near = self._near(pose, probe, other_shapes=False)
+        value = self._score(near, samples, xyxy_px, box_weight, fine=True)
+        curvature = (2 * value[0] - value[1:5] - value[5:]) / np.square(c.probe)
+        return np.asarray(1 / np.sqrt(np.maximum(curvature, 0) + 1 / np.square(c.unknown_sd)))
+
+
+_SAME_DISTANCE = 0.04
+"""Distances whose logarithms differ by less are tried once."""
+_SHAPE_ROUNDS = (1, 3, 6)
+"""Rounds in which all shapes are tried."""
+_HALVING_ROUND = 2
+"""After this round only the better half of the poses goes on."""
+
+
+def _steps() -> FloatArray:
+    """Neighbours (17, 4) in units of a step: none, each unknown both ways, place and heading in pairs."""
+    single = np.concatenate([np.zeros((1, 4)), np.kron(np.eye(4), [[1], [-1]])])
+    signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    pairs = [np.insert(signs, 2, 0, axis=1), np.insert(signs, 0, 0, axis=1)]
+    return np.concatenate([single, *(np.pad(p, ((0, 0), (0, 1))) for p in pairs)])
+
+
+def _main_distances(samples: BoxSamples, class_height_m: float, count: int) -> list[float]:
+    """Distances along the ground of the main surfaces in the box that stand on it, most of it first."""
+    height = samples.height_m
+    standing = samples.inside & (height > 0.15 * class_height_m) & (height < 1.6 * class_height_m)
+    if standing.sum() < _FEWEST:
+        standing = samples.inside & samples.known
+    if standing.sum() < _FEWEST:
+        return []
+    distance = np.log(samples.forward_m[standing])
+    edges = np.arange(distance.min(), distance.max() + 2 * _BIN, _BIN)
+    counts = np.convolve(np.histogram(distance, edges)[0], [0.5, 1, 0.5], "same")
+    found = []
+    for _ in range(count):
+        best = int(counts.argmax())
+        if counts[best] < 0.1 * len(distance):
+            break
+        middle = edges[best] + _BIN / 2
+        found.append(float(np.exp(np.median(distance[np.abs(distance - middle) < 1.7 * _BIN]))))
+        counts[max(0, best - 3) : best + 4] = 0
+    return found
+
+
+_BIN = 0.06
+"""Width of a bin of logarithms of distance."""
+_FEWEST = 12
+"""Fewer samples tell no distance."""
+
+
+def _apart(poses: Poses, score: FloatArray, count: int, views: DepthViews) -> IntArray:
+    """Indices of the best poses, no two of them close to each other."""
+    far, turned = 0.26 * views.size_m[0, 0], 0.6
+    kept: list[int] = []
+    for i in np.argsort(-score, kind="stable")[:_LOOKED_AT]:
+        distance, _, heading, _ = (poses.place[i] - poses.place[kept]).T
+        turn = np.abs((heading + np.pi) % (2 * np.pi) - np.pi)
+        if ((turn > turned) | (np.abs(distance) > far)).all():
+            kept.append(int(i))
+        if len(kept) == count:
+            break
+    return np.array(kept)
+
+
+_LOOKED_AT = 400
+"""Best poses of the grid among which those that differ are looked for."""
+
+
+def _overlaps(boxes: FloatArray, xyxy_px: FloatArray) -> FloatArray:
+    """Intersection over union of boxes (m, 4) with one box (4,), shape (m,)."""
+    low, high = np.maximum(boxes[:, :2], xyxy_px[:2]), np.minimum(boxes[:, 2:], xyxy_px[2:])
+    both = np.prod(np.clip(high - low, 0, None), axis=1)
+    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) + np.prod(xyxy_px[2:] - xyxy_px[:2])
+    return np.asarray(both / np.maximum(areas - both, 1e-9))
