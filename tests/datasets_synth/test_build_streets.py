@@ -74,6 +74,22 @@ def test_annotations_are_of_one_category_with_their_3d_boxes(annotations: Any) -
         assert -np.pi <= a["bbox3d"][6] <= np.pi
 
 
+def test_the_reader_takes_3d_boxes_and_how_much_is_seen(annotations: Any, data: DataSet) -> None:
+    for image, frame in zip(annotations["images"], data.frames, strict=True):
+        rows = [a for a in annotations["annotations"] if a["image_id"] == image["id"]]
+        truth = data.truth[frame.image_id]
+        if not rows:
+            continue
+        assert truth.boxes3d is not None
+        assert truth.boxes3d.centre_cam_m.tolist() == [a["bbox3d"][:3] for a in rows]
+        assert truth.boxes3d.size_m.tolist() == [a["bbox3d"][3:6] for a in rows]
+        assert truth.boxes3d.rotation_y_rad.tolist() == [a["bbox3d"][6] for a in rows]
+        assert truth.truncated is not None
+        assert truth.truncated.tolist() == [a["truncated"] for a in rows]
+        assert truth.occluded is not None
+        assert truth.occluded.tolist() == [a["occluded"] for a in rows]
+
+
 def test_the_matcher_searches_what_each_rig_needs(folder: Path, annotations: Any) -> None:
     farthest = {}
     for image in annotations["images"]:

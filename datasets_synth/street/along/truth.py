@@ -14,6 +14,9 @@ from datasets_synth.street.along.vehicles import OTHER_VEHICLES
 from recon.arrays import FloatArray
 from recon.camera import GroundPlane
 
+LEAST_VISIBLE = (0.9, 0.5)
+"""Shares that are seen of a fully visible and of a partly hidden vehicle, at least."""
+
 
 def visible_vehicles(render: StereoRender, scene: Scene) -> tuple[VisibleObject, ...]:
     """Cars and other vehicles of which something is seen, in scene order."""
@@ -29,6 +32,11 @@ def is_counted(vehicle: VisibleObject, kind: str, config: AlongConfig) -> bool:
         and vehicle.visible_share >= config.min_visibility
         and vehicle.truncated_share <= config.max_truncation
     )
+
+
+def occlusion(visible_share: float) -> int:
+    """KITTI's level of occlusion: 0 for fully visible, 1 for partly hidden, 2 for largely hidden."""
+    return next((level for level, least in enumerate(LEAST_VISIBLE) if visible_share >= least), 2)
 
 
 def box3d(placed: Placed, scene: Scene) -> FloatArray:
@@ -56,7 +64,8 @@ def annotation(vehicle: VisibleObject, scene: Scene, config: AlongConfig) -> Map
         "ignore": int(not is_counted(vehicle, placed.kind, config)),
         "kind": placed.kind,
         "visibility": round(vehicle.visible_share, 4),
-        "truncation": round(vehicle.truncated_share, 4),
+        "truncated": round(vehicle.truncated_share, 4),
+        "occluded": occlusion(vehicle.visible_share),
         "view_bin": vehicle.view_bin,
         "azimuth_deg": round(vehicle.azimuth_deg, 3),
         "pose": {

@@ -5,7 +5,7 @@ import pytest
 
 from datasets_synth.presets import AlongConfig
 from datasets_synth.render.truth import VisibleObject
-from datasets_synth.street.along.truth import annotation, box3d, camera_record, is_counted
+from datasets_synth.street.along.truth import annotation, box3d, camera_record, is_counted, occlusion
 from datasets_synth.street.along.vehicles import OTHER_VEHICLES
 from recon.arrays import FloatArray
 from recon.camera import GroundPlane
@@ -111,6 +111,10 @@ def test_hidden_cut_and_small_cars_are_ignored(changes: dict[str, object], count
 @pytest.mark.parametrize("kind", OTHER_VEHICLES)
 def test_other_vehicles_are_never_counted(kind: str) -> None:
     assert not is_counted(_seen(), kind, AlongConfig())
+
+
+def test_levels_of_occlusion_are_kittis() -> None:
+    assert [occlusion(s) for s in (1.0, 0.9, 0.89, 0.5, 0.49, 0.01)] == [0, 0, 1, 1, 2, 2]
 
 
 def test_annotations_say_what_is_seen() -> None:
