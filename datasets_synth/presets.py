@@ -159,6 +159,9 @@ class AlongConfig:
     """Rise of the road over its length, within plus and minus this."""
     bend: float = 0.04
     """Change of the slope on the way, in half of the streets within plus and minus this."""
+    curved_share: float = 0.4
+    """Share of streets that curve to the left or to the right."""
+    curve_radius_m: tuple[float, float] = (90.0, 300.0)
     crossfall: float = 0.025
     """Rise of the road across, within plus and minus this."""
     stated_share: float = 0.5

@@ -13,7 +13,6 @@ from datasets_synth.street.along.road import END_M, REAR_M, SIDES, Band
 from datasets_synth.street.along.stage import CLEAR_M, Stage
 from datasets_synth.street.distractors import PROP
 from datasets_synth.street.facades import DEPTH_M, facade
-from datasets_synth.street.footprints import Footprint
 from datasets_synth.street.prop_parts import Pictures
 
 COARSEST = coarseness(np.inf)
@@ -81,8 +80,7 @@ def _house(stage: Stage, sort: str, side: int, y: float, setback: float, yaw_err
     width = float(mesh.vertices_m[:, 0].max())
     x = _front(stage, side) + side * setback
     start = y + width if side > 0 else y
-    stage.put_freely(mesh, "facade", (x, start, facing_rad(side) + yaw_error))
-    stage.reserve(Footprint(x + side * DEPTH_M / 2, y + width / 2, DEPTH_M / 2, width / 2))
+    stage.put_freely(mesh, "facade", (x, start, facing_rad(side) + yaw_error), takes_ground=True)
     return width
 
 
@@ -355,8 +353,7 @@ def _corners(stage: Stage) -> None:
             # the far row looks at the camera, the near one away from it
             start = x if side > 0 else x - width
             y = crossing.gap_m[1] + float(rng.choice([0.0, 2.0]))
-            stage.put_freely(mesh, "facade", (start, y, 0.0))
-            stage.reserve(Footprint(start + width / 2, y + DEPTH_M / 2, width / 2, DEPTH_M / 2))
+            stage.put_freely(mesh, "facade", (start, y, 0.0), takes_ground=True)
             x += side * (width + float(rng.choice([0.0, 0.0, 5.0])))
 
 

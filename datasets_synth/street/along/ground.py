@@ -53,11 +53,14 @@ def _blocks(road: Road) -> list[tuple[float, float]]:
 
 def _steps(road: Road, y0: float, y1: float) -> FloatArray:
     """Places along the street where a sheet must have corners to follow it."""
-    if not road.grade.bend:
-        return np.array([y0, y1])
-    near, far = road.grade.at_m - 6 * road.grade.length_m, road.grade.at_m + 6 * road.grade.length_m
-    inner = np.arange(max(y0, near), min(y1, far), STEP_M)
-    return np.unique(np.concatenate([[y0], inner, [y1]]))
+    grade, curve = road.grade, road.curve
+    parts = [np.array([y0, y1])]
+    if grade.bend:
+        near, far = grade.at_m - 6 * grade.length_m, grade.at_m + 6 * grade.length_m
+        parts.append(np.arange(max(y0, near), min(y1, far), STEP_M))
+    if curve.turn:
+        parts.append(np.arange(max(y0, curve.start_m), min(y1, curve.end_m + STEP_M), STEP_M))
+    return np.unique(np.concatenate(parts))
 
 
 def sheet(
@@ -83,6 +86,7 @@ def sheet(
     normal = np.stack([np.full(len(ys), -across), -slope, np.ones(len(ys))], 1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     uv = vertices[:, :2] / tile_m + shift
+    vertices[:, 0] += road.curve.shift_m(vertices[:, 1])
     draft.add(vertices, faces, np.concatenate([normal, normal]), uv, material)
 
 
@@ -119,8 +123,9 @@ def _kerb(
     ys = _steps(road, *y_m)
     height = road.grade.height_m(ys)
     top = high + 0.006
-    foot = np.stack([np.full(len(ys), x), ys, low + height], 1)
-    edge = np.stack([np.full(len(ys), x), ys, top + height], 1)
+    xs = x + road.curve.shift_m(ys)
+    foot = np.stack([xs, ys, low + height], 1)
+    edge = np.stack([xs, ys, top + height], 1)
     i = np.arange(len(ys) - 1)
     j = i + len(ys)
     faces = np.concatenate([np.stack([i, i + 1, j + 1], 1), np.stack([i, j + 1, j], 1)])
@@ -188,7 +193,7 @@ def _manholes(draft: MeshDraft, road: Road, rng: np.random.Generator) -> None:
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], 1) * 0.31
     for _ in range(int(rng.integers(0, 5))):
         x, y = float(rng.choice(road.lanes_m)) + float(rng.normal(0, 0.7)), float(rng.uniform(4, 40))
-        centre = np.array([x, y, road.height_m(x, y) + 1.2 * MARK_LIFT_M])
+        centre = road.world_m(x, y) + np.array([0, 0, 1.2 * MARK_LIFT_M])
         axes = road.axes(x, y)
         draft.disc(centre, ring @ axes.T, axes[:, 2], iron)
 
@@ -241,7 +246,8 @@ def _cross_kerb(
         tops = [road.profile_m(x, inside) for x in (x0 + 0.001, x1 - 0.001)]
         if max(tops) - low_m < 0.03:
             continue
-        a, b = (x0, tops[0]), (x1, tops[1])
+        shift = float(road.curve.shift_m(y))
+        a, b = (x0 + shift, tops[0]), (x1 + shift, tops[1])
         if towards < 0:
             a, b = b, a
         draft.panel(

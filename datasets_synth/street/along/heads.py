@@ -51,7 +51,7 @@ def _pose(road: Road, x_m: float, height_m: float, angles_rad: FloatArray) -> Fl
     )
     leaning = np.array([[np.cos(roll), np.sin(roll), 0], [-np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]])
     looking = np.array([[1.0, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
-    eye = np.array([x_m, 0.0, road.height_m(x_m, 0.0)]) + height_m * up
+    eye = road.world_m(x_m, 0.0) + height_m * up
     pose = np.eye(4)
     pose[:3, :3] = looking @ leaning @ level
     pose[:3, 3] = -pose[:3, :3] @ eye
@@ -64,7 +64,7 @@ def ground_of(head: Head, road: Road) -> GroundPlane:
     ys = np.linspace(GROUND_NEAR_M, GROUND_FAR_M, 15)
     tracks = [(b.x0_m, b.x1_m) for b in road.bands if b.role == "tracks"]
     xs = np.array([x for x in xs if not any(a <= x <= b for a, b in tracks)])
-    points = np.array([(x, y, road.height_m(x, y)) for x in xs for y in ys])
+    points = np.array([road.world_m(x, y) for x in xs for y in ys])
     xyz = points @ head.left_from_world[:3, :3].T + head.left_from_world[:3, 3]
     return plane_through(xyz)
 

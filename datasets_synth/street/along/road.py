@@ -70,8 +70,40 @@ class Crossing:
 
 
 @dataclass(frozen=True)
+class Curve:
+    """A street that is straight, curves with one radius, and is straight again, seen from above."""
+
+    start_m: float
+    """y where it begins to curve, 0 or more."""
+    radius_m: float
+    """Positive for a curve to the right."""
+    turn: float
+    """Tangent of the whole angle, 0 for a straight street, positive."""
+
+    @property
+    def end_m(self) -> float:
+        """y where the street is straight again."""
+        return self.start_m + self.turn * abs(self.radius_m)
+
+    def shift_m(self, y_m: FloatArray | float) -> FloatArray:
+        """How far to the right the middle of the street lies at y, any shape."""
+        y = np.asarray(y_m, float)
+        inside = np.clip(y - self.start_m, 0, self.end_m - self.start_m)
+        bent = inside**2 / (2 * self.radius_m)
+        return np.asarray(bent + np.maximum(y - self.end_m, 0) * self.slope_at(self.end_m))
+
+    def slope_at(self, y_m: float) -> float:
+        """Tangent of the angle between the street and its beginning at y."""
+        return float(np.clip(y_m - self.start_m, 0, self.end_m - self.start_m) / self.radius_m)
+
+
+@dataclass(frozen=True)
 class Road:
-    """A street before anything stands on it."""
+    """A street before anything stands on it.
+
+    Its x and y are those of a straight street. The world has y alike, and x is shifted by the curve, so that
+    side streets stay level with the picture.
+    """
 
     bands: tuple[Band, ...]
     """From left to right without gaps."""
@@ -84,6 +116,7 @@ class Road:
     """How cars park at the left and at the right, one of ``PARKING`` each."""
     crossing: Crossing | None
     grade: Grade
+    curve: Curve = Curve(0.0, 1.0, 0.0)
 
     @property
     def frontage_m(self) -> tuple[float, float]:
@@ -108,15 +141,27 @@ class Road:
         return self.profile_m(x_m, y_m) + float(self.grade.height_m(y_m))
 
     def axes(self, x_m: float, y_m: float) -> FloatArray:
-        """Columns (3, 3): right, along and up of the ground at (x, y), an orthonormal frame."""
+        """Columns (3, 3): right, ahead and up of the ground at (x, y) in the world, an orthonormal frame.
+
+        Ahead is along the world's y, whatever the curve.
+        """
         across = (self.profile_m(x_m + 0.05, y_m) - self.profile_m(x_m - 0.05, y_m)) / 0.1
         across = across if abs(across) < 0.2 else 0.0  # a kerb is no slope
-        along = np.array([0.0, 1.0, self.grade.slope_at(y_m)])
+        along = np.array([0.0, 1.0, self.grade.slope_at(y_m) - across * self.curve.slope_at(y_m)])
         along /= np.linalg.norm(along)
         right = np.array([1.0, 0.0, across])
         right -= (right @ along) * along
         right /= np.linalg.norm(right)
         return np.stack([right, along, np.cross(right, along)], axis=1)
+
+    def world_m(self, x_m: float, y_m: float) -> FloatArray:
+        """The place (3,) on the ground at (x, y) in the world."""
+        return np.array([x_m + float(self.curve.shift_m(y_m)), y_m, self.height_m(x_m, y_m)])
+
+    def heading_rad(self, yaw_rad: float, y_m: float) -> float:
+        """Yaw in the world of what has a yaw in a straight street: what looks along it follows its curve."""
+        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+        return float(np.arctan2(s, c + self.curve.slope_at(y_m) * s))
 
     def kerbs(self) -> list[tuple[float, float, float]]:
         """(x, low z, high z) of each step between two bands, heights above the grade."""
@@ -138,7 +183,7 @@ def sample_road(config: AlongConfig, rng: np.random.Generator) -> Road:
     edge = tracks + half
     fall = float(rng.uniform(-1, 1) * config.crossfall)
     crowned = rng.random() < 0.3
-    slopes = {side: (-abs(fall) * side if crowned else fall) for side in SIDES}
+    slopes = {side: (-abs(fall) * side / 2 if crowned else fall) for side in SIDES}
     skin = "cobbles" if rng.random() < 0.07 else "road"
     parking = {side: str(rng.choice(PARKING, p=_PARKING_SHARES)) for side in SIDES}
     left = _side_bands(-1, (tracks, edge), slopes[-1], parking[-1], skin, rng)
@@ -157,6 +202,7 @@ def sample_road(config: AlongConfig, rng: np.random.Generator) -> Road:
         parking=(parking[-1], parking[1]),
         crossing=_sample_crossing(rng),
         grade=_sample_grade(config, rng),
+        curve=_sample_curve(config, rng),
     )
 
 
@@ -170,6 +216,13 @@ def _sample_grade(config: AlongConfig, rng: np.random.Generator) -> Grade:
     slope = float(rng.uniform(-1, 1) * config.slope) if rng.random() < 0.6 else 0.0
     bend = float(rng.uniform(-1, 1) * config.bend) if rng.random() < 0.5 else 0.0
     return Grade(slope, bend, float(rng.uniform(14, 50)), float(rng.uniform(3.5, 8.0)))
+
+
+def _sample_curve(config: AlongConfig, rng: np.random.Generator) -> Curve:
+    if rng.random() >= config.curved_share:
+        return Curve(0.0, 1.0, 0.0)
+    radius = float(rng.choice([-1, 1]) * rng.uniform(*config.curve_radius_m))
+    return Curve(float(rng.uniform(0, 22)), radius, float(rng.uniform(0.12, 0.4)))
 
 
 def _side_bands(

@@ -22,7 +22,10 @@ CLEAR_M = 3.2
 
 @dataclass
 class Stage:
-    """A street and everything that was put on it so far."""
+    """A street and everything that was put on it so far.
+
+    Places and yaws are given as in a straight street; what stands there follows the curve of this one.
+    """
 
     road: Road
     rng: np.random.Generator
@@ -35,7 +38,9 @@ class Stage:
         Its mesh is built only where its size fits, since building costs more than looking.
         """
         length, width, _ = car.size_m
-        if not self._is_free(Footprint(x, y, length / 2 + 0.15, width / 2 + 0.2, yaw)):
+        place, heading = self.road.world_m(x, y), self.road.heading_rad(yaw, y)
+        spot = Footprint(float(place[0]), y, length / 2 + 0.15, width / 2 + 0.2, heading)
+        if not self._is_free(spot):
             return False
         return self.put_vehicle(car.build(self.rng), kind_of(car), (x, y, yaw), shape_id=car.shape_id)
 
@@ -45,8 +50,8 @@ class Stage:
         """Stand a vehicle on the road at (x, y, yaw), tilted as the road is; says whether it could."""
         x, y, yaw = at
         world = np.eye(4)
-        world[:3, :3] = self.road.axes(x, y) @ rotation_z(yaw)
-        world[:3, 3] = (x, y, self.road.height_m(x, y))
+        world[:3, :3] = self.road.axes(x, y) @ rotation_z(self.road.heading_rad(yaw, y))
+        world[:3, 3] = self.road.world_m(x, y)
         return self._add(Placed(mesh, world, kind, shape_id), 0.1)
 
     def put(
@@ -63,17 +68,22 @@ class Stage:
         *,
         scale: float = 1.0,
         casts_shadow: bool = True,
+        takes_ground: bool = False,
     ) -> None:
         """Stand a plant or a house upright at (x, y, yaw), whatever stands there."""
-        self.items.append(Placed(mesh, self._upright(at, scale), kind, "", casts_shadow))
+        placed = Placed(mesh, self._upright(at, scale), kind, "", casts_shadow)
+        self.items.append(placed)
+        if takes_ground:
+            self.taken.append(footprint(placed))
 
     def reserve(self, spot: Footprint) -> None:
-        """Keep ground free of what comes later."""
+        """Keep ground free of what comes later, in the world."""
         self.taken.append(spot)
 
     def _upright(self, at: tuple[float, float, float], scale: float) -> FloatArray:
         x, y, yaw = at
-        world = pose(x, y, self.road.height_m(x, y), yaw)
+        place = self.road.world_m(x, y)
+        world = pose(float(place[0]), y, float(place[2]), self.road.heading_rad(yaw, y))
         world[:3, :3] *= scale
         return world
 

@@ -7,7 +7,7 @@ import pytest
 from datasets_synth.meshes.grade import Grade
 from datasets_synth.presets import AlongConfig
 from datasets_synth.street.along.ground import MARK_LIFT_M, ground_items
-from datasets_synth.street.along.road import WIDE_M, Road, sample_road
+from datasets_synth.street.along.road import WIDE_M, Curve, Road, sample_road
 from datasets_synth.street.street import KERB_HEIGHT_M
 
 CONFIG = AlongConfig()
@@ -29,6 +29,29 @@ def test_a_grade_has_its_two_slopes_and_goes_through_the_camera() -> None:
     y = np.linspace(-5, 60, 40)
     steps = (grade.height_m(y + 1e-4) - grade.height_m(y - 1e-4)) / 2e-4
     assert np.allclose(steps, [grade.slope_at(float(v)) for v in y], atol=1e-7)
+
+
+def test_a_curve_is_an_arc_between_two_straight_parts() -> None:
+    curve = Curve(start_m=10.0, radius_m=-200.0, turn=0.3)
+    assert curve.end_m == 70.0  # 200 m * 0.3 further on
+    assert curve.shift_m(10.0) == 0
+    assert float(curve.shift_m(50.0)) == pytest.approx(-(40.0**2) / 400)
+    assert float(curve.shift_m(100.0)) == pytest.approx(-(60.0**2) / 400 - 0.3 * 30)
+    for y in (5.0, 40.0, 69.0, 90.0):
+        step = (curve.shift_m(y + 1e-4) - curve.shift_m(y - 1e-4)) / 2e-4
+        assert float(step) == pytest.approx(curve.slope_at(y), abs=1e-6)
+    assert Curve(0.0, 1.0, 0.0).shift_m(80.0) == 0
+
+
+def test_what_looks_along_a_curved_street_follows_it(roads: list[Road]) -> None:
+    curved = [r for r in roads if r.curve.turn]
+    assert 10 < len(curved) < 40
+    for road in curved:
+        x, y = road.lanes_m[-1], 45.0
+        ahead = road.world_m(x, y + 0.01) - road.world_m(x, y)
+        assert road.heading_rad(np.pi / 2, y) == pytest.approx(np.arctan2(ahead[1], ahead[0]), abs=1e-4)
+        assert road.heading_rad(0.0, y) == 0  # the side street stays level with the picture
+        assert np.array_equal(road.world_m(x, 0.0)[:2], [x, 0.0])
 
 
 def test_bands_join_without_gaps_from_edge_to_edge(roads: list[Road]) -> None:
@@ -72,12 +95,12 @@ def test_a_crossing_has_no_kerbs_on_its_carriageway(roads: list[Road]) -> None:
 
 def test_the_axes_of_the_ground_are_those_of_its_surface(roads: list[Road]) -> None:
     for road in roads[:20]:
-        x, y = road.lanes_m[-1], 12.0
+        x, y = road.lanes_m[-1], 32.0
         axes = road.axes(x, y)
         assert np.allclose(axes.T @ axes, np.eye(3), atol=1e-12)
-        here = np.array([x, y, road.height_m(x, y)])
+        here = road.world_m(x, y)
         for dx, dy in ((0.2, 0.0), (0.0, 0.2)):
-            there = np.array([x + dx, y + dy, road.height_m(x + dx, y + dy)])
+            there = road.world_m(x + dx, y + dy)
             assert abs((there - here) @ axes[:, 2]) < 2e-4
 
 
@@ -89,6 +112,7 @@ def test_the_meshes_of_the_ground_lie_where_the_plan_says() -> None:
         items = ground_items(road, rng)
         for item, band in zip(items, road.bands, strict=False):
             vertices = item.mesh.vertices_m.astype(float)
+            vertices[:, 0] -= road.curve.shift_m(vertices[:, 1])
             own = vertices[np.abs(vertices[:, 0] - band.x0_m) < 1e-4]
             assert np.allclose(own[:, 2], band.z0_m + road.grade.height_m(own[:, 1]), atol=1e-4)
             # pieces of a bent road are straight, and marks must stay above them

@@ -77,7 +77,7 @@ def test_sizes_are_those_of_the_body_without_mirrors() -> None:
 
 
 def _seen(**changes: object) -> VisibleObject:
-    first = frame(0).cars[0]
+    first = next(v for index in FRAMES for v in frame(index).cars)
     fair = replace(
         first,
         xyxy_px=np.array([10.0, 10.0, 60.0, 40.0]),
