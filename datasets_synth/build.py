@@ -210,7 +210,7 @@ def _record(
             **_seen_from(frame),
             "instances": [{"id": int(i), "kind": items[i - 1].kind} for i in present if i > 0],
         },
-        "annotations": _annotations(task.config, frame),
+        "annotations": _annotations(task, frame),
         "stereo": {
             "car": _error_sums(disparity_error(measured, truth, on_car)),
             "elsewhere": _error_sums(disparity_error(measured, truth, ~on_car)),
@@ -231,10 +231,11 @@ def _seen_from(frame: SynthFrame) -> dict[str, Any]:
     }
 
 
-def _annotations(config: SynthConfig, frame: SynthFrame) -> list[Mapping[str, Any]]:
-    if config.layout == "across":
-        return [annotation_record(car, config.cars) for car in frame.cars]
-    return [along_truth.annotation(vehicle, frame.scene, config.along) for vehicle in frame.cars]
+def _annotations(task: _Task, frame: SynthFrame) -> list[Mapping[str, Any]]:
+    if task.config.layout == "across":
+        return [annotation_record(car, task.config.cars) for car in frame.cars]
+    sizes = {model.shape_id: model.size_m for model in task.cars}
+    return [along_truth.annotation(v, frame.scene, sizes, task.config.along) for v in frame.cars]
 
 
 def _error_sums(error: DisparityError) -> dict[str, float]:

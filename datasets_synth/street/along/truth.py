@@ -14,6 +14,7 @@ from datasets_synth.street.along.vehicles import OTHER_VEHICLES
 from recon.arrays import FloatArray
 from recon.camera import GroundPlane
 
+Sizes = Mapping[str, tuple[float, float, float]]
 LEAST_VISIBLE = (0.9, 0.5)
 """Shares that are seen of a fully visible and of a partly hidden vehicle, at least."""
 
@@ -39,20 +40,32 @@ def occlusion(visible_share: float) -> int:
     return next((level for level, least in enumerate(LEAST_VISIBLE) if visible_share >= least), 2)
 
 
-def box3d(placed: Placed, scene: Scene) -> FloatArray:
+def box3d(placed: Placed, scene: Scene, sizes_m: Sizes) -> FloatArray:
     """The 3D box (7,) of a vehicle: centre x, y, z in the left camera frame, sizes, heading.
 
     The sizes are length, width and height of the body without mirrors, all in metres. The heading is KITTI's
     ``rotation_y`` in radians: 0 for a nose along the camera's x, positive clockwise seen from above.
+
+    Args:
+        placed: The vehicle.
+        scene: Where it stands.
+        sizes_m: Length, width and height of cars by their names; other vehicles are measured.
     """
-    low, high = body_extent(placed.mesh.vertices_m[placed.mesh.faces].astype(float))
+    if placed.shape_id in sizes_m:
+        size = np.array(sizes_m[placed.shape_id])
+        middle = np.array([0.0, 0.0, size[2] / 2])
+    else:
+        low, high = body_extent(placed.mesh.vertices_m[placed.mesh.faces].astype(float))
+        size, middle = high - low, (low + high) / 2
     cam_from_object = scene.left_from_world @ placed.world_from_object
-    centre = cam_from_object[:3, :3] @ ((low + high) / 2) + cam_from_object[:3, 3]
+    centre = cam_from_object[:3, :3] @ middle + cam_from_object[:3, 3]
     nose = cam_from_object[:3, 0]
-    return np.array([*centre, *(high - low), np.arctan2(-nose[2], nose[0])])
+    return np.array([*centre, *size, np.arctan2(-nose[2], nose[0])])
 
 
-def annotation(vehicle: VisibleObject, scene: Scene, config: AlongConfig) -> Mapping[str, Any]:
+def annotation(
+    vehicle: VisibleObject, scene: Scene, sizes_m: Sizes, config: AlongConfig
+) -> Mapping[str, Any]:
     """One annotation without its ids; vehicles that are no cars are of the same category, with ignore = 1."""
     placed = scene.items[vehicle.item]
     x0, y0, x1, y1 = (round(float(v), 2) for v in vehicle.xyxy_px)
@@ -73,7 +86,7 @@ def annotation(vehicle: VisibleObject, scene: Scene, config: AlongConfig) -> Map
             "yaw_rad": round(vehicle.yaw_rad, 5),
         },
         "size_m": [round(v, 4) for v in vehicle.size_m],
-        "bbox3d": [round(float(v), 4) for v in box3d(placed, scene)],
+        "bbox3d": [round(float(v), 4) for v in box3d(placed, scene, sizes_m)],
         "shape_id": vehicle.shape_id,
     }
 

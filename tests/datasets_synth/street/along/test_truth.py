@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from datasets_synth.cars.models import cars_of_splits
 from datasets_synth.presets import AlongConfig
 from datasets_synth.render.truth import VisibleObject
 from datasets_synth.street.along.truth import annotation, box3d, camera_record, is_counted, occlusion
@@ -12,6 +13,7 @@ from recon.camera import GroundPlane
 from tests.datasets_synth.small_streets import SMALL, frame
 
 FRAMES = range(4)
+SIZES = {m.shape_id: m.size_m for m in cars_of_splits()["train"]}
 
 
 def corners_of(box: FloatArray) -> FloatArray:
@@ -31,7 +33,7 @@ def test_3d_boxes_project_onto_the_boxes(index: int) -> None:
     camera = shown.scene.camera.left
     whole = [v for v in shown.cars if v.truncated_share == 0]
     for vehicle in whole:
-        box = box3d(shown.scene.items[vehicle.item], shown.scene)
+        box = box3d(shown.scene.items[vehicle.item], shown.scene, SIZES)
         uv = camera.project(corners_of(box)) + 0.5
         projected = np.concatenate([uv.min(axis=0), uv.max(axis=0)])
         # the body in its box: mirrors stand out, round corners do not fill it, and KITTI's boxes do not lean
@@ -47,7 +49,7 @@ def test_some_vehicles_are_whole() -> None:
 def test_azimuths_agree_with_3d_boxes(index: int) -> None:
     shown = frame(index)
     for vehicle in shown.cars:
-        x, _, z, *_, turn = box3d(shown.scene.items[vehicle.item], shown.scene)
+        x, _, z, *_, turn = box3d(shown.scene.items[vehicle.item], shown.scene, SIZES)
         # direction to the camera less direction of the nose, both counter-clockwise from above
         wanted = np.degrees(np.arctan2(-z, -x) + turn)
         away = (vehicle.azimuth_deg - wanted + 180) % 360 - 180
@@ -61,19 +63,22 @@ def test_the_middle_of_a_box_stands_half_its_height_above_the_ground() -> None:
         assert shown.along is not None
         for vehicle in shown.cars:
             placed = shown.scene.items[vehicle.item]
-            box = box3d(placed, shown.scene)
+            box = box3d(placed, shown.scene, SIZES)
             foot = vehicle.position_cam_m
             assert np.linalg.norm(box[:3] - foot) == pytest.approx(box[5] / 2, abs=0.2)
             assert box[1] < foot[1]
 
 
 def test_sizes_are_those_of_the_body_without_mirrors() -> None:
-    shown = next(f for f in map(frame, FRAMES) if any(f.scene.items[v.item].kind == "car" for v in f.cars))
-    vehicle = next(v for v in shown.cars if shown.scene.items[v.item].kind == "car")
-    _, _, _, length, width, height, _ = box3d(shown.scene.items[vehicle.item], shown.scene)
-    assert length == pytest.approx(vehicle.size_m[0], abs=0.06)
-    assert vehicle.size_m[1] - 0.5 < width < vehicle.size_m[1] - 0.1
-    assert height == pytest.approx(vehicle.size_m[2], abs=0.12)
+    for shown in map(frame, FRAMES):
+        for vehicle in shown.cars:
+            placed = shown.scene.items[vehicle.item]
+            _, _, _, length, width, height, _ = box3d(placed, shown.scene, SIZES)
+            measured = box3d(placed, shown.scene, {})
+            assert (length, width, height) == pytest.approx(measured[3:6], abs=0.02)
+            assert np.linalg.norm(box3d(placed, shown.scene, SIZES)[:3] - measured[:3]) < 0.02
+            if placed.kind == "car":
+                assert vehicle.size_m[1] - 0.5 < width < vehicle.size_m[1] - 0.1
 
 
 def _seen(**changes: object) -> VisibleObject:
@@ -122,7 +127,7 @@ def test_annotations_say_what_is_seen() -> None:
     for index in FRAMES:
         shown = frame(index)
         for vehicle in shown.cars:
-            record = annotation(vehicle, shown.scene, SMALL.along)
+            record = annotation(vehicle, shown.scene, SIZES, SMALL.along)
             kinds.add(record["kind"])
             assert record["kind"] == shown.scene.items[vehicle.item].kind
             assert len(record["bbox3d"]) == 7
