@@ -72,9 +72,11 @@ class DisparityFitConfig:
     grid: SampleGrid = field(default_factory=SampleGrid)
     noise: DisparityNoise = field(default_factory=DisparityNoise)
     surface: SurfaceNoise = field(default_factory=SurfaceNoise)
-    looks_weight: float = 8.0
-    """Weight of the looks of the box beside the disparity, whose nats are too many: how an instance differs
-    from its shape is alike all over it."""
+    axis_weight: float = 8.0
+    """Weight of what the looks of the box say of the axis, beside the disparity, whose nats are too many: how
+    an instance differs from its shape is alike all over it."""
+    sense_weight: float = 25.0
+    """Weight of what they say of the nose's end of the axis, of which disparity knows little."""
     box: BoxNoise = field(default_factory=BoxNoise)
     search: SearchConfig = field(default_factory=SearchConfig)
 
@@ -149,7 +151,7 @@ class DisparityFit:
                 (headings,); None where that says nothing.
         """
         c = self.config
-        looks = np.zeros(1) if looks is None else looks * c.looks_weight
+        looks = np.zeros(1) if looks is None else self._weighed(looks)
         samples = box_samples(self.disparity_px, xyxy_px, self.seen_from, c.noise, c.grid)
         grid = self._grid(samples, xyxy_px)
         if not samples.known.any() or not len(grid):
@@ -165,6 +167,11 @@ class DisparityFit:
         )
         overlap = float(softmax(ratio.astype(float)) @ _overlaps(boxes, xyxy_px))
         return BoxFit(samples, framed, seen, overlap)
+
+    def _weighed(self, looks: FloatArray) -> FloatArray:
+        """Log probabilities of headings with the axis and its sense weighed apart, shape (headings,)."""
+        axis = np.logaddexp(looks, np.roll(looks, len(looks) // 2))
+        return self.config.axis_weight * axis + self.config.sense_weight * (looks - axis)
 
     def _grid(self, samples: BoxSamples, xyxy_px: FloatArray) -> Poses:
         """The poses that are tried for a box; none where no distance is known."""
