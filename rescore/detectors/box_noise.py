@@ -106,8 +106,9 @@ GOOD_SCORE = ScoreLaw(1.20, 1.02, 1.08)
 SECOND_SCORE = ScoreLaw(0.85, 0.94, 1.36)
 VEHICLE_SCORE = ScoreLaw(-0.70, 0.0, 1.16)
 NOTHING_SCORE = ScoreLaw(-1.91, 0.0, 0.87)
-SECOND_CHANCE = 0.08
-"""Share of found cars that have a second good box."""
+SECOND_CHANCE = (0.10, -0.8)
+"""Share of found cars of 32 px that have a second good box, and logarithm to base 2 of what twice the height
+of the first makes of it."""
 SECOND_PART = PartLaw((0.28, 0.03, 1.27, 0.97), (0.12, 0.12, 0.15, 0.15))
 """In units of the first box."""
 BAD_BOXES: dict[BoxKind, BadBoxes] = {
@@ -115,16 +116,16 @@ BAD_BOXES: dict[BoxKind, BadBoxes] = {
         0.22, 0.0, PartLaw((0.48, 0.07, 1.06, 0.94), (0.12, 0.17, 0.11, 0.10)), ScoreLaw(-0.35, 0.79, 1.40)
     ),
     BoxKind.SLICE: BadBoxes(
-        0.17, 0.0, PartLaw((0.76, 0.10, 1.00, 0.93), (0.08, 0.13, 0.09, 0.12)), ScoreLaw(-1.93, 2.21, 1.39)
+        0.15, 0.2, PartLaw((0.76, 0.10, 1.00, 0.93), (0.08, 0.13, 0.09, 0.12)), ScoreLaw(-1.93, 2.21, 1.39)
     ),
     BoxKind.UPPER: BadBoxes(
         0.32, -0.8, PartLaw((0.47, -0.02, 0.97, 0.56), (0.26, 0.11, 0.09, 0.07)), ScoreLaw(-0.80, 0.0, 0.35)
     ),
     BoxKind.BETWEEN: BadBoxes(
-        0.22, -1.0, PartLaw((0.72, -0.03, 1.42, 0.88), (0.20, 0.17, 0.25, 0.20)), ScoreLaw(-0.25, 0.29, 0.92)
+        0.18, -1.8, PartLaw((0.72, -0.03, 1.42, 0.88), (0.20, 0.17, 0.25, 0.20)), ScoreLaw(-0.25, 0.29, 0.92)
     ),
     BoxKind.TWO_CARS: BadBoxes(
-        0.08, 0.0, PartLaw((0.19, -0.05, 1.99, 0.97), (0.13, 0.07, 0.36, 0.19)),
+        0.06, 0.0, PartLaw((0.19, -0.05, 1.90, 0.97), (0.13, 0.07, 0.30, 0.15)),
         ScoreLaw(-0.06, 0.0, 1.11), takes_neighbour=True,
     ),
     BoxKind.LARGE: BadBoxes(
@@ -222,7 +223,8 @@ def _good_boxes(street: Street, i: int, chance: float, rng: np.random.Generator)
         box = _clipped(_jittered(street.seen_xyxy_px[i], rng), street)
         if box is not None and iou_matrix(box, street.whole_xyxy_px[i])[0, 0] >= SAME_CAR_IOU:
             yield DrawnBox(BoxKind.GOOD, box, GOOD_SCORE.draw(_height(box), rng))
-            if rng.random() < SECOND_CHANCE:
+            chance, per_octave = SECOND_CHANCE
+            if rng.random() < chance * (_height(box) / _REFERENCE_PX) ** per_octave:
                 second = _clipped(SECOND_PART.draw(box, rng.random() < 0.5, rng), street)
                 if second is not None:
                     yield DrawnBox(BoxKind.SECOND, second, SECOND_SCORE.draw(_height(second), rng))
