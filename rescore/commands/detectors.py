@@ -63,9 +63,7 @@ def train(
     from rescore.experiment.config import part_as_json
     from rescore.files import write_provenance
 
-    kinds = (
-        learned_detectors() if detector == "all" else tuple(name for name in DETECTORS if name == detector)
-    )
+    kinds = learned_detectors() if detector == "all" else tuple(k for k in DETECTORS if k == detector)
     if not kinds:
         known = ", ".join(DETECTORS)
         raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")

@@ -10,6 +10,7 @@ from enum import StrEnum
 from math import log2, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import expit, ndtr, ndtri
 
 from recon.arrays import BoolArray, FloatArray
@@ -122,7 +123,7 @@ BAD_BOXES: dict[BoxKind, BadBoxes] = {
         0.32, -0.8, PartLaw((0.47, -0.02, 0.97, 0.56), (0.26, 0.11, 0.09, 0.07)), ScoreLaw(-0.80, 0.0, 0.35)
     ),
     BoxKind.BETWEEN: BadBoxes(
-        0.18, -1.8, PartLaw((0.72, -0.03, 1.42, 0.88), (0.20, 0.17, 0.25, 0.20)), ScoreLaw(-0.25, 0.29, 0.92)
+        0.30, -1.8, PartLaw((0.72, -0.03, 1.42, 0.88), (0.20, 0.17, 0.25, 0.20)), ScoreLaw(-0.25, 0.29, 0.92)
     ),
     BoxKind.TWO_CARS: BadBoxes(
         0.06, 0.0, PartLaw((0.19, -0.05, 1.90, 0.97), (0.13, 0.07, 0.30, 0.15)),
@@ -132,12 +133,12 @@ BAD_BOXES: dict[BoxKind, BadBoxes] = {
         0.01, 0.0, PartLaw((-0.15, -0.25, 1.20, 1.60), (0.15, 0.20, 0.15, 0.40)), ScoreLaw(-0.06, 0.0, 1.11)
     ),
 }  # fmt: skip
-FOUND_MOST = 0.93
+FOUND_MOST = 0.97
 """Chance of a good box of a large car in full view; an assumption, as are the next four."""
-FOUND_HALF_PX = 19.0
+FOUND_HALF_PX = 16.0
 """Height of the cars in full view of which half as many are found."""
-FOUND_OCTAVES = 0.35
-FOUND_HALF_SHARE = 0.5
+FOUND_OCTAVES = 0.3
+FOUND_HALF_SHARE = 0.4
 """Visible share of the large cars of which half as many are found."""
 FOUND_SHARE_WIDTH = 0.08
 JITTER = 0.045
@@ -171,8 +172,8 @@ class Street:
     """Shape (n,), in [0, 1]."""
     is_car: BoolArray
     """Shape (n,)."""
-    structure: BoolArray
-    """Shape (h, w): what is neither ground nor sky nor a vehicle."""
+    things: NDArray[np.uint16]
+    """Shape (h, w): instance numbers of what is neither ground nor sky nor a vehicle, 0 elsewhere."""
     fx_px: float
     axis_row_px: float
     """Row of the camera's axis."""
@@ -180,7 +181,7 @@ class Street:
     @property
     def size_px(self) -> tuple[int, int]:
         """Width and height of the picture."""
-        return self.structure.shape[1], self.structure.shape[0]
+        return self.things.shape[1], self.things.shape[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +221,9 @@ def _good_boxes(street: Street, i: int, chance: float, rng: np.random.Generator)
     if rng.random() >= chance:
         return
     for _ in range(_ATTEMPTS):
-        box = _clipped(_jittered(street.seen_xyxy_px[i], rng), street)
+        # some detectors frame what is seen, some the whole car: anything between
+        seen, whole = street.seen_xyxy_px[i], street.whole_xyxy_px[i]
+        box = _clipped(_jittered(seen + rng.random() * (whole - seen), rng), street)
         if box is not None and iou_matrix(box, street.whole_xyxy_px[i])[0, 0] >= SAME_CAR_IOU:
             yield DrawnBox(BoxKind.GOOD, box, GOOD_SCORE.draw(_height(box), rng))
             chance, per_octave = SECOND_CHANCE
@@ -264,23 +267,29 @@ def _boxes_of_nothing(street: Street, rng: np.random.Generator) -> Iterator[Draw
     """Boxes on things near the ground that are no vehicles."""
     for _ in range(rng.poisson(NOTHING_PER_FRAME)):
         for _ in range(_ATTEMPTS):
-            box = _place_on_structure(street, rng)
+            box = _place_on_a_thing(street, rng)
             if box is not None and _is_apart(box, street.seen_xyxy_px):
                 yield DrawnBox(BoxKind.NOTHING, box, NOTHING_SCORE.draw(_height(box), rng))
                 break
 
 
-def _place_on_structure(street: Street, rng: np.random.Generator) -> FloatArray | None:
-    """A box (4,) whose lower half is centred on structure; None where there is none at its height."""
+def _place_on_a_thing(street: Street, rng: np.random.Generator) -> FloatArray | None:
+    """A box (4,) whose lower half is centred on a thing; None where there is none at its height.
+
+    Posts, signs and people draw more false alarms than walls, which fill more of the picture: all things of a
+    row have the same chance.
+    """
     median, spread = NOTHING_HEIGHT_PX
     height = MIN_HEIGHT_PX + median * np.exp(spread * rng.normal())
     width = height * NOTHING_ASPECT[0] * np.exp(NOTHING_ASPECT[1] * rng.normal())
     bottom = street.axis_row_px + street.fx_px * rng.normal(*NOTHING_BELOW_HORIZON)
     row = int(bottom - height / 4)
-    columns = np.flatnonzero(street.structure[row]) if 0 <= row < street.size_px[1] else np.zeros(0, int)
-    if not len(columns):
+    if not 0 <= row < street.size_px[1]:
         return None
-    centre = float(rng.choice(columns))
+    there = np.unique(street.things[row])
+    if not there.any():
+        return None
+    centre = float(rng.choice(np.flatnonzero(street.things[row] == rng.choice(there[there > 0]))))
     return _clipped(np.array([centre - width / 2, bottom - height, centre + width / 2, bottom]), street)
 
 

@@ -131,7 +131,7 @@ def street_of(record: FrameRecord, truth: Truth) -> Street:
         whole_xyxy_px=truth.xyxy_px[best],
         visible_share=np.nan_to_num(truth.visibility[best], nan=1.0),
         is_car=np.array([kinds[int(i)] == "car" for i in numbers], dtype=bool),
-        structure=np.isin(instances, others),
+        things=np.where(np.isin(instances, others), instances, 0).astype(np.uint16),
         fx_px=camera.left.fx_px if camera is not None else float(record.width_px),
         axis_row_px=camera.left.cy_px if camera is not None else record.height_px / 2,
     )
