@@ -26,7 +26,7 @@ MIN_WIDTH_PX = 9.0
 SAME_CAR_IOU = 0.5
 """Overlap from which a box is a good one of a car."""
 _REFERENCE_PX = 32.0
-_ATTEMPTS = 8
+_ATTEMPTS = 20
 
 
 class BoxKind(StrEnum):

@@ -1,4 +1,4 @@
-"""Boxes drawn from the truth of rendered frames: as many and as inexact as measured; real ones are refused."""
+"""Boxes drawn from the truth of rendered frames: as many and as inexact as measured; real ones refused."""
 
 from collections import Counter
 from dataclasses import replace
