@@ -59,7 +59,7 @@ class ScoreLaw:
     """A normal distribution of log odds cut off at ``FLOOR``, whose mean grows with the height of the box."""
 
     mean: float
-    """Of the whole distribution, at a box of 32 px."""
+    """Mean of the whole distribution at a box of 32 px."""
     per_octave: float
     """What twice the height adds to it."""
     sd: float

@@ -39,7 +39,7 @@ class ModelledDetector:
 
     kind: ClassVar[str] = "modelled"
     seed: int
-    """Of the random numbers, together with the number of the image."""
+    """Seed of the random numbers, together with the number of the image."""
     config: ModelledConfig = field(default_factory=ModelledConfig)
     name: str = "modelled"
 
