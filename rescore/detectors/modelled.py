@@ -119,17 +119,14 @@ def street_of(record: FrameRecord, truth: Truth) -> Street:
     instances = read_instances(record)
     assert instances is not None
     numbers, seen = _extents(instances, record.instance_kinds)
-    overlap = iou_matrix(seen, truth.xyxy_px)
-    best = overlap.argmax(axis=1) if overlap.size else np.zeros(0, int)
-    linked = overlap[np.arange(len(best)), best] >= _LINKED_IOU
-    numbers, seen, best = numbers[: len(best)][linked], seen[: len(best)][linked], best[linked]
+    whole, visible = _annotated(seen, truth)
     kinds = record.instance_kinds
     others = [i for i, kind in kinds.items() if kind not in BACKGROUND_KINDS | VEHICLE_KINDS]
     camera = record.camera
     return Street(
         seen_xyxy_px=seen,
-        whole_xyxy_px=truth.xyxy_px[best],
-        visible_share=np.nan_to_num(truth.visibility[best], nan=1.0),
+        whole_xyxy_px=whole,
+        visible_share=visible,
         is_car=np.array([kinds[int(i)] == "car" for i in numbers], dtype=bool),
         things=np.where(np.isin(instances, others), instances, 0).astype(np.uint16),
         fx_px=camera.left.fx_px if camera is not None else float(record.width_px),
@@ -143,6 +140,20 @@ def _refuse_real(record: FrameRecord) -> None:
             f"detector modelled: expected rendered frames, got image {record.image_id} without a picture of "
             "instances; it draws boxes from the truth, use a detector that looks at pictures"
         )
+
+
+def _annotated(seen_xyxy_px: FloatArray, truth: Truth) -> tuple[FloatArray, FloatArray]:
+    """Annotated boxes (n, 4) and visible shares (n,) of what is seen of vehicles (n, 4).
+
+    A vehicle of which too little is seen to know its annotation keeps its box, and none of it counts as seen.
+    """
+    whole, visible = seen_xyxy_px.copy(), np.zeros(len(seen_xyxy_px))
+    if len(truth.xyxy_px):
+        overlap = iou_matrix(seen_xyxy_px, truth.xyxy_px)
+        best, linked = overlap.argmax(axis=1), overlap.max(axis=1) >= _LINKED_IOU
+        whole[linked] = truth.xyxy_px[best[linked]]
+        visible[linked] = np.nan_to_num(truth.visibility[best[linked]], nan=1.0)
+    return whole, visible
 
 
 def _extents(instances: NDArray[np.uint16], kinds: Mapping[int, str]) -> tuple[NDArray[np.intp], FloatArray]:
