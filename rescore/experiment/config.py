@@ -25,7 +25,7 @@ from pydantic import (
 
 from datasets_synth.presets import SynthConfig, synth_preset
 from recon.learning.learn import LearnConfig
-from rescore.detectors.registry import DETECTORS
+from rescore.detectors.registry import DETECTORS, learned_detectors
 from rescore.evidence.fit_model import EvidenceConfig
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
@@ -43,7 +43,7 @@ class RunConfig(BaseModel):
 
     preset: str
     """Name of the preset it started from."""
-    detectors: tuple[str, ...] = Field(default_factory=lambda: tuple(DETECTORS), min_length=1)
+    detectors: tuple[str, ...] = Field(default_factory=learned_detectors, min_length=1)
     """Detectors to train and compare, names of ``rescore.detectors.registry``."""
     class_name: str = "car"
     synth: SynthConfig
