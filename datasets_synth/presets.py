@@ -256,6 +256,8 @@ _PRESETS = {
             "test": SplitSize(60),
         },
         layout="along",
+        # a shape space is learned from all training shapes
+        part_views=PartViewConfig(n_instances=24),
         # a long view bears less haze, and those who drive with a camera do so by day
         light=LightConfig(sunny=0.5, overcast=0.35, dusk=0.15, level=(0.5, 1.15), haze_per_m=(0.0, 0.004)),
     ),

@@ -28,11 +28,11 @@ def ground_items(road: Road, rng: np.random.Generator) -> list[Placed]:
     for x, low, high in road.kerbs():
         for y0, y1 in _blocks(road):
             _kerb(kerbs, road, (x, low, high), (y0, y1), stone)
-    items.append(_placed(kerbs, "kerb"))
-    items.append(_placed(_marks(road, rng), "road"))
+    # a street may have no kerbs, and no marks
+    more = [(kerbs, "kerb"), (_marks(road, rng), "road")]
     if road.crossing is not None:
-        items.append(_placed(_side_street(road, rng), "road"))
-    return items
+        more.append((_side_street(road, rng), "road"))
+    return items + [_placed(draft, kind) for draft, kind in more if not draft.is_empty]
 
 
 def _placed(draft: MeshDraft, kind: str) -> Placed:
