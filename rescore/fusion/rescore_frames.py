@@ -9,6 +9,7 @@ from recon.class_model import ClassModel
 from rescore.data.frames import DataSet, FrameRecord, load_frame
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.files import evidence_path, write_evidence
+from rescore.evidence.fit_summaries import summarise_fits
 from rescore.evidence.predicted_depth_files import PredictedFile, Predictions
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.parallel import in_order, one_thread, track
@@ -68,5 +69,5 @@ def _rescore_record(
         found = source if isinstance(source, ClassModel) else source.read(record.width_px, record.height_px)
         rescored = rescore_frame(frame, candidates, found, rescoring)
     if file is not None:
-        write_evidence(file, rescored.instances)
+        write_evidence(file, rescored.instances, summarise_fits(rescored.fits, frame))
     return rescored.table
