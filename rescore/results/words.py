@@ -69,5 +69,4 @@ def range_text(value: float, ranges: Sequence[tuple[float, float]], words: CueWo
         return f"up to {words.value(high)}"
     if np.isinf(high):
         return f"from {words.value(low)}"
-    # the unit once
-    return f"{words.value(low).partition(' ')[0]} to {words.value(high)}"
+    return words.span(low, high)
