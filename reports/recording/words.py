@@ -81,7 +81,10 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
     elif c.status != "ok":
         lines.append(f"No evidence: {status_text(c.status)}.")
-    if c.registered is None:
+    fits = story.shows_fits(detector)
+    if fits and c.fit is None:
+        lines.append("No car was fitted here: the depth of one and the residual stay empty.")
+    elif not fits and c.registered is None:
         lines.append("No model could be registered here: predicted depth and residual stay empty.")
     lines.append(
         f"*Colours:* depth dark {colours_m.near:.1f} m to bright {colours_m.far:.1f} m, black not measured. "
