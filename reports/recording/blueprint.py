@@ -181,10 +181,10 @@ def _candidate_tab(story: Story, detector: str, title: str) -> rrb.Horizontal:
         pictures = (
             crop("box; dashes: where the car that fits the depth best ends", "picture", "box", "car"),
             crop("measured depth", "measured_depth/**", "box", "car"),
-            crop("depth of the car that fits best", "seen_depth/**", "box", "car"),
-            crop("depth of the car that fills the box", "framed_depth/**", "box"),
-            crop("residual: measured − car that fills the box", "residual", "box"),
-            _object_view(detector, "car that fills the box; white: that fits best"),
+            crop("the car that fits the depth best", "seen_depth/**", "box", "car"),
+            crop("the car that fits the box best", "framed_depth/**", "box"),
+            crop("measured − depth of the car that fits the box best", "residual", "box"),
+            _object_view(detector, "the car that fits the box best; white: the depth best"),
         )
     else:
         pictures = (

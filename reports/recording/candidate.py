@@ -47,6 +47,8 @@ SHOWN_MODELS = 3
 """Number of best candidates that show their models in the 3D view of a frame."""
 _OUTLINE_POINTS = 90
 _VIEWED_WIDTH_M = 4.4
+_CAR_SIZE = 1.3
+"""Scale of the view of a fitted car, with room for another one beside it."""
 _BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
 _BARS_ZERO, _BARS_REACH = 480.0, 100.0
 _SHORTEST_SCALE = 0.5
@@ -230,11 +232,12 @@ def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: Frame
     distance = float(np.nanmedian(seen)) if np.isfinite(seen).any() else 12.0
     if c.registered is not None and np.isfinite(c.registered).any():
         distance = float(np.nanmedian(in_metres(c.registered, view)))
-    elif c.fit is not None:
-        distance = float(c.fit.framed.box.centre_cam_m[0, 2])
     # small things come nearer, so that what fills the box fills the view
     size = float(np.clip((x1 - x0) / view.seen_from.camera.fx_px * distance / _VIEWED_WIDTH_M, 0.1, 4.0))
     spot = apply_transform(world, ray * distance)
+    if c.fit is not None:
+        size = _CAR_SIZE
+        spot = apply_transform(world, c.fit.framed.box.centre_cam_m[0]) * [1, 1, 0]
     forward = (world[:3, :3] @ ray) * [1, 1, 0]
     forward /= np.linalg.norm(forward)
     axes = np.stack([np.cross(forward, [0, 0, 1]), forward, [0, 0, 1]], axis=1)

@@ -1,6 +1,7 @@
 """What a recording says of a candidate in words, and the bars beside them."""
 
 from dataclasses import dataclass
+from textwrap import wrap
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from rescore.results.candidate_file import ALONE
 from rescore.results.words import status_text
 
 _MAX_BARS = 8
+_LINE = 46
+"""Letters of a line beside a bar."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         lines.append(f"No evidence: {status_text(c.status)}.")
     fits = story.shows_fits(detector)
     if fits and c.fit is None:
-        lines.append("No car was fitted here: the depth of one and the residual stay empty.")
+        lines.append("No car was placed here: the pictures of one and what is left stay empty.")
     elif not fits and c.registered is None:
         lines.append("No model could be registered here: predicted depth and residual stay empty.")
     lines.append(
@@ -115,8 +118,8 @@ def _terms_of_eq_7(story: Story, detector: str, c: CandidateView) -> tuple[Bar, 
 
 
 def _short(sentence: str) -> str:
-    """The sentence without what cars usually have, which the words beside the bars say."""
-    return sentence.partition(" (cars")[0]
+    """The sentence in short lines, without what cars usually have, which the words beside the bars say."""
+    return "\n".join(wrap(sentence.partition(" (cars")[0], _LINE))
 
 
 def _moved(delta: int) -> str:

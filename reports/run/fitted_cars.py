@@ -10,10 +10,7 @@ from recon.camera import GroundPlane, StereoCamera
 from reports.run.frame_view import CandidateView, FrameView
 from reports.run.overlay import apply_transform, world_from_camera
 from rescore.data.boxes3d import Boxes3D
-from rescore.evidence.fit_summaries import FitSummary, FittedInstance
-
-_REACH = 1.2
-"""A picture of a box reaches at most so many of its extents to where the fitted instance ends."""
+from rescore.evidence.fit_summaries import FitSummary, FittedInstance, area_of_fit
 
 
 def instance_depth(view: FrameView, fit: FitSummary, instance: FittedInstance) -> Float32Array:
@@ -50,10 +47,7 @@ def shown_area(c: CandidateView) -> FloatArray:
     """The box of a candidate, widened to the end of the car that fits the depth best, pixel edges (4,)."""
     if c.fit is None:
         return c.xyxy_px
-    car, reach = c.fit.seen.silhouette_px, _REACH * np.tile(c.xyxy_px[2:] - c.xyxy_px[:2], 2)
-    low, high = np.minimum(c.xyxy_px, car), np.maximum(c.xyxy_px, car)
-    wide = np.concatenate([low[:2], high[2:]])
-    return np.asarray(np.clip(wide, c.xyxy_px - reach, c.xyxy_px + reach))
+    return area_of_fit(c.xyxy_px, c.fit.seen.silhouette_px)
 
 
 def dashes(xyxy_px: FloatArray, dash_px: float) -> FloatArray:

@@ -29,6 +29,14 @@ class CueWords:
         """Two values as a range, with the unit once."""
         return f"{self.value(low).partition(' ')[0]} to {self.value(high)}"
 
+    def at_least(self, low: float) -> str:
+        """The values from one on."""
+        return f"from {self.value(low)}"
+
+    def at_most(self, high: float) -> str:
+        """The values up to one."""
+        return f"up to {self.value(high)}"
+
 
 @dataclass(frozen=True)
 class Side:
@@ -37,7 +45,7 @@ class Side:
     sentence: str
     """With one place for the amount, which has no sign."""
     short: str
-    """The way in a range, after the amount."""
+    """The unit and the way in a range, after the number."""
 
 
 @dataclass(frozen=True)
@@ -56,21 +64,34 @@ class TwoWayWords(CueWords):
     def value(self, stored: float) -> str:
         """The amount with its way, or the amount alone where it points neither way."""
         side = self._side(stored)
-        return self._amount(stored) if side is None else f"{self._amount(stored)} {side.short}".rstrip()
+        number = self._amount(stored)
+        return number if side is None else f"{number.partition(' ')[0]} {side.short}"
 
     def told(self, stored: float) -> str:
         """The sentence of the way that the value points, with its amount."""
-        side = self._side(stored)
-        return self.sentence if side is None else side.sentence.format(self._amount(stored))
+        side, amount = self._side(stored), self._amount(stored)
+        cut_off = abs(self.shown(stored)) >= self.most
+        return self.sentence if side is None else side.sentence.format(f"{'at least ' * cut_off}{amount}")
 
     def span(self, low: float, high: float) -> str:
-        """Two values as a range, each with its way."""
+        """Two values as a range, the way once where it is the same."""
         one, other = self._side(low), self._side(high)
-        if one is other and one is not None:
-            # the nearer end first, the way once
-            first, last = sorted((low, high), key=abs)
-            return f"{super().value(abs(first)).partition(' ')[0]} to {self.value(last)}"
-        return f"{self.value(low)} to {self.value(high)}"
+        if one is not other or one is None:
+            return f"{self.value(low)} to {self.value(high)}"
+        # the smaller amount first
+        first, last = sorted((low, high), key=abs)
+        return f"{self._amount(first).partition(' ')[0]} to {self.value(last)}"
+
+    def at_least(self, low: float) -> str:
+        """The values from one on, in amounts of its way."""
+        return f"at most {self.value(low)}" if self._below(low) else super().at_least(low)
+
+    def at_most(self, high: float) -> str:
+        """The values up to one, in amounts of its way."""
+        return f"at least {self.value(high)}" if self._below(high) else super().at_most(high)
+
+    def _below(self, stored: float) -> bool:
+        return self.below is not None and self._side(stored) is self.below
 
     def _side(self, stored: float) -> Side | None:
         if abs(self.shown(stored)) < self.least:
@@ -78,9 +99,7 @@ class TwoWayWords(CueWords):
         return self.below if stored < 0 else self.beyond
 
     def _amount(self, stored: float) -> str:
-        amount = abs(self.shown(stored))
-        text = self.form.format(amount)
-        return f"at least {text}" if amount >= self.most else text
+        return self.form.format(abs(self.shown(stored)))
 
 
 def share(sentence: str, form: str = "{:.0f} %") -> CueWords:
@@ -111,8 +130,8 @@ def ends(extent: str, side: str, most: float) -> CueWords:
         f"{car} ends at the box's {side} edge",
         lambda v: 100 * v,
         "{:.0f} %",
-        Side(f"{car} ends inside the box, {of_box} from its {side} edge", "inside"),
-        Side(f"{car} reaches {of_box} beyond its {side} edge", "beyond"),
+        Side(f"{car} ends inside the box, {of_box} from its {side} edge", "% inside"),
+        Side(f"{car} reaches {of_box} beyond its {side} edge", "% beyond"),
         least=3,
         most=100 * most - 0.5,
     )

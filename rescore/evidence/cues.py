@@ -147,17 +147,17 @@ _CALIBRATED = (Registration.METRIC, Registration.INSTANCE)
 _FINE = "{:.1f} %"
 _MOST = FramingConfig().most
 _GAP = signed_nats(
-    "no car elsewhere explains the depth better than the one that fills the box",
+    "no car elsewhere explains the depth better than the one that fits the box best",
     None,
-    Side("a car elsewhere explains the depth better than the one that fills the box, by {}", ""),
+    Side("a car elsewhere explains the depth better than the one that fits the box best, by {}", "nats"),
     "{:.0f} nats",
     logarithm=True,
     least=1.0,
 )
 _EXPLAINED = signed_nats(
-    "an empty place explains the depth as well as a car that fills the box",
-    Side("an empty place explains the depth better than a car that fills the box, by {}", "for none"),
-    Side("a car that fills the box explains the depth better than an empty place, by {}", "for a car"),
+    "an empty place explains the depth as well as the car that fits the box best",
+    Side("an empty place explains the depth better than the car that fits the box best, by {}", "for none"),
+    Side("the car that fits the box best explains the depth better than an empty place, by {}", "for a car"),
     "{:.1f} nats a measurement",
     logarithm=False,
     least=0.05,
@@ -223,7 +223,7 @@ CUES: dict[str, Cue] = {
         framed,
         (Registration.INSTANCE,),
         ("overlap", "class model", share("box and the car that fits the depth best overlap by {}")),
-        ("framed_overlap", "class model", share("box and the car placed to fill it overlap by {}")),
+        ("framed_overlap", "class model", share("box and the car that fits it best overlap by {}")),
         ("end_left", "class model", ends("width", "left", _MOST)),
         ("end_top", "class model", ends("height", "upper", _MOST)),
         ("end_right", "class model", ends("width", "right", _MOST)),
@@ -231,11 +231,23 @@ CUES: dict[str, Cue] = {
         ("gap", "class model", _GAP),
         ("explained", "class model", _EXPLAINED),
         ("over_plane", "class model", _OVER_PLANE),
-        ("seen_through", "class model", share("where the box's car would be, {} lies behind it")),
-        ("hidden", "class model", share("where the box's car would be, {} is hidden by nearer things")),
+        (
+            "seen_through",
+            "class model",
+            share("through {} of the car that fits the box best one sees what is behind"),
+        ),
+        ("hidden", "class model", share("nearer things hide {} of the car that fits the box best")),
         ("beyond_box", "class model", share("{} of the car that fits the depth best lies outside the box")),
-        ("goes_on_beside", "class model", share("beside the box's car {} goes on at its depth")),
-        ("goes_on_above", "class model", share("above the box's car {} goes on at its depth")),
+        (
+            "goes_on_beside",
+            "class model",
+            share("beside the car that fits the box best {} goes on at its depth"),
+        ),
+        (
+            "goes_on_above",
+            "class model",
+            share("above the car that fits the box best {} goes on at its depth"),
+        ),
     ),
     # the rest says nothing for or against a car, but whether the others can be believed
     "agreement": Cue(

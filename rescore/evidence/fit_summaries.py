@@ -8,10 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import Float32Array, FloatArray
-from recon.localization.disparity_fit import BoxFit, PlacedInstance
+from recon.localization.box_samples import BoxSamples, SampleGrid, box_samples
+from recon.localization.depth_views import DepthViews
+from recon.localization.disparity_fit import BoxFit, DisparityFitConfig, PlacedInstance
+from recon.localization.poses import explain
+from recon.shape_space import ShapeSpace
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import Frame
-from rescore.evidence.instance_fits import placed_boxes
+from rescore.evidence.instance_fits import placed_boxes, views_of_space
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,7 @@ class FittedInstance:
 
 @dataclass(frozen=True, eq=False)
 class FitSummary:
-    """The instances fitted to one box, with the samples that they were fitted to."""
+    """The instances fitted to one box, on a grid over the part of the picture that shows them."""
 
     column_px: FloatArray
     """Picture column of each column of samples, pixel centres, shape (columns,), rising."""
@@ -42,26 +46,62 @@ class FitSummary:
     """See ``BoxFit.overlap``."""
 
 
-def summarise_fits(fits: Sequence[BoxFit | None], frame: Frame) -> tuple[FitSummary | None, ...]:
-    """What is kept of each fit; None where nothing was fitted."""
+def summarise_fits(
+    fits: Sequence[BoxFit | None],
+    xyxy_px: FloatArray,
+    frame: Frame,
+    space: ShapeSpace,
+    config: DisparityFitConfig,
+) -> tuple[FitSummary | None, ...]:
+    """What is kept of each fit; None where nothing was fitted.
+
+    Args:
+        fits: of each box.
+        xyxy_px: the boxes, shape (n, 4), pixel edges.
+        frame: where they were found.
+        space: the shapes that were fitted.
+        config: settings of the fit.
+    """
     framed = placed_boxes([None if f is None else f.framed for f in fits], frame)
     seen = placed_boxes([None if f is None else f.seen for f in fits], frame)
-    return tuple(
-        None
-        if fit is None or framed is None or seen is None
-        else FitSummary(
-            fit.samples.uv_px[0, :, 0],
-            fit.samples.uv_px[:, 0, 1],
-            _instance(fit.framed, framed[i : i + 1]),
-            _instance(fit.seen, seen[i : i + 1]),
-            fit.overlap,
-        )
-        for i, fit in enumerate(fits)
-    )
+    if frame.seen_from is None or framed is None or seen is None:
+        return (None,) * len(fits)
+    views = views_of_space(space, frame.seen_from.ground.height_m, config.views)
+    found: list[FitSummary | None] = []
+    for i, fit in enumerate(fits):
+        if fit is None:
+            found.append(None)
+            continue
+        area = area_of_fit(xyxy_px[i], fit.seen.silhouette_px)
+        samples = box_samples(frame.disparity_px, area, frame.seen_from, config.noise, _GRID)
+        instances = {
+            name: FittedInstance(box[i : i + 1], one.silhouette_px, _disparity(one, samples, views, config))
+            for name, one, box in (("framed", fit.framed, framed), ("seen", fit.seen, seen))
+        }
+        uv, overlap = samples.uv_px, fit.overlap
+        found.append(FitSummary(uv[0, :, 0], uv[:, 0, 1], **instances, overlap=overlap))
+    return tuple(found)
 
 
-def _instance(placed: PlacedInstance, box: Boxes3D) -> FittedInstance:
-    return FittedInstance(box, placed.silhouette_px, placed.disparity_px)
+def area_of_fit(xyxy_px: FloatArray, silhouette_px: FloatArray) -> FloatArray:
+    """The part of a picture that shows a box and where a fitted instance ends, pixel edges (4,)."""
+    reach = _REACH * np.tile(xyxy_px[2:] - xyxy_px[:2], 2)
+    low, high = np.minimum(xyxy_px, silhouette_px), np.maximum(xyxy_px, silhouette_px)
+    return np.asarray(np.clip(np.concatenate([low[:2], high[2:]]), xyxy_px - reach, xyxy_px + reach))
+
+
+_REACH = 1.2
+"""Nothing farther from a box than so many of its extents is shown."""
+_GRID = SampleGrid(rows=30, columns=48, beside=0.05, above=0.05, below=0.05)
+"""Samples of the disparity that is kept: of what is shown."""
+
+
+def _disparity(
+    placed: PlacedInstance, samples: BoxSamples, views: DepthViews, config: DisparityFitConfig
+) -> Float32Array:
+    """Predicted disparity of an instance at other samples, shape (rows, columns)."""
+    found = explain(placed.pose, views, samples, config.noise, config.surface, fine=True)
+    return found.disparity_px.reshape(samples.known.shape)
 
 
 _INSTANCES = ("framed", "seen")
