@@ -47,10 +47,10 @@ SHOWN_MODELS = 3
 """Number of best candidates that show their models in the 3D view of a frame."""
 _OUTLINE_POINTS = 90
 _VIEWED_WIDTH_M = 4.4
-_CAR_SIZE = 1.3
+_CAR_SIZE = 2.0
 """Scale of the view of a fitted car, with room for another one beside it."""
 _BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
-_BARS_ZERO, _BARS_REACH = 480.0, 100.0
+_BARS_NAME, _BARS_ZERO, _BARS_REACH = 176.0, 490.0, 96.0
 _SHORTEST_SCALE = 0.5
 """Log odds of the longest bar are taken to be at least this."""
 _PART_COLOURS = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)
@@ -263,7 +263,7 @@ def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None
     axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[rgb(NIGHT_AXIS)])
     rec.log(f"{path}/zero", axis)
     side = np.where(amount >= 0, 34.0, -34.0)
-    spots = [(200.0, row - 0.28 * _BAR_HEIGHT) for row in y]
+    spots = [(_BARS_NAME, row - 0.28 * _BAR_HEIGHT) for row in y]
     spots += list(zip(ends + side, y - 0.28 * _BAR_HEIGHT, strict=True))
     rec.log(
         f"{path}/names",

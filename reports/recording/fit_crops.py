@@ -32,7 +32,7 @@ def log_fit_crops(
         return np.asarray(crop.cut(depth, cv2.INTER_NEAREST, np.nan), np.float32)
 
     measured, seen, framed = cut(view.measured), cut(seen), cut(framed)
-    near, far = depth_range(measured, framed)
+    near, far = depth_range(measured, np.stack([seen, framed]))
     for name, depth in (("measured_depth", measured), ("seen_depth", seen), ("framed_depth", framed)):
         log_depth(rec, f"{root}/{name}", depth, range_m=(near, far))
     limit = residual_limit(framed)

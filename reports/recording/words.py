@@ -13,7 +13,7 @@ from rescore.results.candidate_file import ALONE
 from rescore.results.words import status_text
 
 _MAX_BARS = 8
-_LINE = 46
+_LINE = 50
 """Letters of a line beside a bar."""
 
 

@@ -147,17 +147,17 @@ _CALIBRATED = (Registration.METRIC, Registration.INSTANCE)
 _FINE = "{:.1f} %"
 _MOST = FramingConfig().most
 _GAP = signed_nats(
-    "no car elsewhere explains the depth better than the one that fits the box best",
+    "no car elsewhere explains the depth better than one in the box",
     None,
-    Side("a car elsewhere explains the depth better than the one that fits the box best, by {}", "nats"),
+    Side("a car elsewhere explains the depth better than one in the box, by {}", "nats"),
     "{:.0f} nats",
     logarithm=True,
     least=1.0,
 )
 _EXPLAINED = signed_nats(
-    "an empty place explains the depth as well as the car that fits the box best",
-    Side("an empty place explains the depth better than the car that fits the box best, by {}", "for none"),
-    Side("the car that fits the box best explains the depth better than an empty place, by {}", "for a car"),
+    "an empty place explains the depth as well as a car in the box",
+    Side("an empty place explains the depth better than a car in the box, by {}", "for none"),
+    Side("a car in the box explains the depth better than an empty place, by {}", "for a car"),
     "{:.1f} nats a measurement",
     logarithm=False,
     least=0.05,

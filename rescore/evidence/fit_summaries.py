@@ -85,13 +85,13 @@ def summarise_fits(
 
 def area_of_fit(xyxy_px: FloatArray, silhouette_px: FloatArray) -> FloatArray:
     """The part of a picture that shows a box and where a fitted instance ends, pixel edges (4,)."""
-    reach = _REACH * np.tile(xyxy_px[2:] - xyxy_px[:2], 2)
+    reach = _REACH * float((xyxy_px[2:] - xyxy_px[:2]).max())
     low, high = np.minimum(xyxy_px, silhouette_px), np.maximum(xyxy_px, silhouette_px)
     return np.asarray(np.clip(np.concatenate([low[:2], high[2:]]), xyxy_px - reach, xyxy_px + reach))
 
 
-_REACH = 1.2
-"""Nothing farther from a box than so many of its extents is shown."""
+_REACH = 1.5
+"""Nothing farther from a box than so many times its longer side is shown."""
 _GRID = SampleGrid(rows=30, columns=48, beside=0.05, above=0.05, below=0.05)
 """Samples of the disparity that is kept: of what is shown."""
 
