@@ -236,8 +236,11 @@ def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: Frame
     size = float(np.clip((x1 - x0) / view.seen_from.camera.fx_px * distance / _VIEWED_WIDTH_M, 0.1, 4.0))
     spot = apply_transform(world, ray * distance)
     if c.fit is not None:
-        size = _CAR_SIZE
-        spot = apply_transform(world, c.fit.framed.box.centre_cam_m[0]) * [1, 1, 0]
+        # both cars, however far apart
+        both = [one.box.centre_cam_m[0] for one in (c.fit.framed, c.fit.seen)]
+        apart_m = float(np.linalg.norm(both[0] - both[1]))
+        size = _CAR_SIZE * float(np.clip(apart_m / _VIEWED_WIDTH_M, 1.0, 4.0))
+        spot = apply_transform(world, np.mean(both, axis=0)) * [1, 1, 0]
     forward = (world[:3, :3] @ ray) * [1, 1, 0]
     forward /= np.linalg.norm(forward)
     axes = np.stack([np.cross(forward, [0, 0, 1]), forward, [0, 0, 1]], axis=1)

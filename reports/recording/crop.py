@@ -82,20 +82,23 @@ def log_picture(
     return crop
 
 
-def depth_range(measured: Float32Array, fitted: Float32Array) -> tuple[float, float]:
-    """Depths of the first and last colour: those of the prediction widened, or around the crop's middle."""
+def depth_range(measured: Float32Array, fitted: Float32Array, least_m: float = 0.5) -> tuple[float, float]:
+    """Depths of the first and last colour: those of the prediction widened, or around the crop's middle.
+
+    A prediction that spans less than ``least_m`` is taken to span that.
+    """
     if not np.isfinite(fitted).any():
         h, w = measured.shape
         middle = measured[h // 4 : -h // 4, w // 4 : -w // 4]
         depth_m = float(np.nanmedian(middle)) if np.isfinite(middle).any() else 16.0
         return 0.75 * depth_m, 1.25 * depth_m
     low, high = (float(v) for v in np.percentile(fitted[np.isfinite(fitted)], [2, 98]))
-    wide = max(high - low, 0.06 * abs(high), 0.5)
+    wide = max(high - low, 0.06 * abs(high), least_m)
     return max(low - 0.6 * wide, 0.0), high + 0.9 * wide
 
 
-def residual_limit(fitted: Float32Array) -> float:
-    """Residual of the end colours: a metre, or more where stereo is coarse."""
+def residual_limit(fitted: Float32Array, least_m: float = RESIDUAL_LIMIT_M) -> float:
+    """Residual of the end colours: ``least_m``, or more where stereo is coarse."""
     if not np.isfinite(fitted).any():
-        return RESIDUAL_LIMIT_M
-    return max(RESIDUAL_LIMIT_M, 0.05 * float(np.nanmedian(fitted)))
+        return least_m
+    return max(least_m, 0.05 * float(np.nanmedian(fitted)))

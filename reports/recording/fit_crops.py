@@ -10,11 +10,13 @@ from reports.recording.crop import Crop, depth_range, log_picture, residual_limi
 from reports.recording.entities import picture
 from reports.recording.frame import log_depth
 from reports.recording.words import ColourRange
-from reports.run.candidate_panels import colourise
-from reports.run.fitted_cars import dashes, instance_depth
+from reports.run.candidate_panels import RESIDUAL_LIMIT_M, colourise
+from reports.run.fitted_cars import dashes, error_m, instance_depth
 from reports.run.frame_view import CandidateView, FrameView
 
 _DASH_PX = 3.0
+_ERROR_PX = 2.0
+"""An error of disparity that is no news: colours end no nearer than what it does to depth."""
 
 
 def log_fit_crops(
@@ -32,10 +34,11 @@ def log_fit_crops(
         return np.asarray(crop.cut(depth, cv2.INTER_NEAREST, np.nan), np.float32)
 
     measured, seen, framed = cut(view.measured), cut(seen), cut(framed)
-    near, far = depth_range(measured, np.stack([seen, framed]))
+    coarse_m = error_m(view, float(np.nanmedian(framed)), _ERROR_PX) if np.isfinite(framed).any() else 0.0
+    near, far = depth_range(measured, np.stack([seen, framed]), max(coarse_m, 0.5))
     for name, depth in (("measured_depth", measured), ("seen_depth", seen), ("framed_depth", framed)):
         log_depth(rec, f"{root}/{name}", depth, range_m=(near, far))
-    limit = residual_limit(framed)
+    limit = residual_limit(framed, max(coarse_m, RESIDUAL_LIMIT_M))
     rec.log(f"{root}/residual", picture(colourise(measured - framed, -limit, limit, "RdBu"), quality=90))
     return ColourRange(near, far, limit)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
 from reports.palette import HOLE_GREY, NIGHT, OUTCOME_COLOUR, WHITE, part_colour, rgb
-from reports.run.fitted_cars import dashes, instance_depth, shown_area
+from reports.run.fitted_cars import dashes, error_m, instance_depth, shown_area
 from reports.run.frame_view import CandidateView, FrameView
 
 PICTURE_WIDTH_PX = 480
@@ -21,6 +21,8 @@ RESIDUAL_LIMIT_M = 1.0
 """Residuals beyond this are drawn in the end colours."""
 _DEPTH_WIDTH_PX = 240
 """Narrower depth maps are enlarged by whole numbers, so that their pixels stay sharp."""
+_ERROR_PX = 2.0
+"""An error of disparity that is no news: residuals of fitted cars end no nearer than what it does to depth."""
 _DASH_PX = 7.0
 _MARGIN = 0.2
 _ASPECT = 1.8
@@ -75,6 +77,8 @@ def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
     near, far = _depth_range(c, view, predicted)
     has = bool(np.isfinite(predicted).any())
     limit = RESIDUAL_LIMIT_M if view.metric else (far - near) / 4
+    if c.fit is not None and has:
+        limit = max(limit, error_m(view, float(np.nanmedian(predicted)), _ERROR_PX))
     residual = colourise(measured - predicted, -limit, limit, RESIDUAL_COLOURS)
 
     def depth(values: Float32Array) -> Picture:

@@ -38,6 +38,11 @@ _MOSTLY = 0.5
 """A pixel is on the instance where more than this share of the samples around it is."""
 
 
+def error_m(view: FrameView, depth_m: float, error_px: float) -> float:
+    """What an error of disparity does to depth at a distance, in metres."""
+    return error_px * depth_m**2 / StereoCamera(view.seen_from.camera, view.baseline).focal_baseline
+
+
 def _inside(sampled_px: FloatArray, size: int) -> IntArray:
     """Pixels from the first to the last sample that lie in the picture."""
     return np.arange(max(int(sampled_px[0]), 0), min(int(sampled_px[-1]) + 1, size))

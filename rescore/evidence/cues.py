@@ -222,8 +222,8 @@ CUES: dict[str, Cue] = {
     **_entries(
         framed,
         (Registration.INSTANCE,),
-        ("overlap", "class model", share("box and the car that fits the depth best overlap by {}")),
-        ("framed_overlap", "class model", share("box and the car that fits it best overlap by {}")),
+        ("overlap", "class model", share("cars that fit the depth overlap the box by {} on average")),
+        ("framed_overlap", "class model", share("the car that fits the box best overlaps it by {}")),
         ("end_left", "class model", ends("width", "left", _MOST)),
         ("end_top", "class model", ends("height", "upper", _MOST)),
         ("end_right", "class model", ends("width", "right", _MOST)),
@@ -234,7 +234,7 @@ CUES: dict[str, Cue] = {
         (
             "seen_through",
             "class model",
-            share("through {} of the car that fits the box best one sees what is behind"),
+            share("through {} of the car that fits the box best something behind it is seen"),
         ),
         ("hidden", "class model", share("nearer things hide {} of the car that fits the box best")),
         ("beyond_box", "class model", share("{} of the car that fits the depth best lies outside the box")),
