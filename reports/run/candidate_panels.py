@@ -22,7 +22,7 @@ RESIDUAL_LIMIT_M = 1.0
 _DEPTH_WIDTH_PX = 240
 """Narrower depth maps are enlarged by whole numbers, so that their pixels stay sharp."""
 _ERROR_PX = 2.0
-"""An error of disparity that is no news: residuals of fitted cars end no nearer than what it does to depth."""
+"""An error of disparity that is no news: residuals of fitted cars end no nearer than it shifts depth."""
 _DASH_PX = 7.0
 _MARGIN = 0.2
 _ASPECT = 1.8
@@ -191,7 +191,7 @@ def _draw_fit(picture: UInt8Array, c: CandidateView, window: Window) -> UInt8Arr
     """An enlarged depth map; where a car was fitted, with the box and the end of the car that fits best."""
     if c.fit is None:
         return picture
-    _draw_line(picture, _corners(c), rgb(OUTCOME_COLOUR[c.outcome]), 1, window)
+    _draw_line(picture, _corners(c), rgb(OUTCOME_COLOUR[c.outcome]), 2, window)
     return _draw_car(picture, c, window, 1)
 
 
