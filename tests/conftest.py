@@ -8,6 +8,11 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# no test asserts a time: on a busy machine an example may take any
+settings.register_profile("rescore", deadline=None)
+settings.load_profile("rescore")
 
 ROOT = Path(__file__).resolve().parent.parent
 SKIPPED_SHOWN = 3

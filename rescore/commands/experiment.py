@@ -108,7 +108,7 @@ def apply(
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
     A candidate without depth evidence keeps its likelihood in mode paper.
-    In guarded and metric it gets the D of silent cues. Its status says why.
+    In the other modes it gets the D of silent cues. Its status says why.
 
     Example: [bold]rescore apply data/demo hog.json --model car.json --tuned w.json --out rescored.json[/bold]
     """

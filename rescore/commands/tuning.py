@@ -49,7 +49,7 @@ def fit_evidence(
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
-    """Calibrate D of the modes guarded and metric on the splits "train" and "calibration".
+    """Calibrate D of the modes guarded, metric and instance on the splits "train" and "calibration".
 
     Example: [bold]rescore fit-evidence data/demo hog_calibration.json --model car.json --out hog.json[/bold]
     """

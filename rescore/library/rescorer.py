@@ -76,7 +76,7 @@ class Rescorer:
     w: float
     """Weight of the detector in eq. 7, in [0, 1]."""
     evidence_model: EvidenceModel | None = None
-    """Model of D of modes "guarded" and "metric"; None for mode "paper", whose D is that of eq. 6."""
+    """Model of D of the learned modes; None for mode "paper", whose D is that of eq. 6."""
     scaling: PlattScaling | None = None
     """Platt scaling from raw scores to likelihoods; None where boxes come with likelihoods."""
     config: RescoreConfig = field(default_factory=RescoreConfig)

@@ -71,6 +71,19 @@ def test_a_box_on_half_a_car_tears_framed_and_seen_apart(views: DepthViews) -> N
     assert whole.seen.total - whole.framed.total < 20
 
 
+def test_looks_decide_which_end_is_the_nose(views: DepthViews) -> None:
+    # from 30 m, in a view of the side, depth hardly tells the ends of a car apart
+    disparity, around, true = scene(0.0, 30.0, 0.0)
+    turn = 2 * np.pi * np.arange(12) / 12
+    for nose_rad in (0.0, np.pi):
+        looks = np.log(0.1 / 12 + 0.9 * (np.abs(np.angle(np.exp(1j * (turn - nose_rad)))) < 0.1))
+        found = DisparityFit(disparity, car.RIG, views, CONFIG).fit(around, looks)
+        assert found is not None
+        off = found.framed.pose.place[0, 2] - nose_rad
+        assert np.degrees(abs(np.angle(np.exp(1j * off)))) < 20
+    assert true.yaw_rad == 0
+
+
 def test_nothing_measured_finds_nothing(views: DepthViews) -> None:
     disparity = np.full((375, 1242), np.nan, np.float32)
     box = np.array([400.0, 160.0, 500.0, 220.0])
