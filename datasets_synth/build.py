@@ -2,8 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from datasets_synth.cars.models import TRAINING_CARS, ImportedModel, cars_of_splits, part_labelled_cars
 from datasets_synth.cars.shapes import CarModel
+from datasets_synth.meshes.mesh import Scene
 from datasets_synth.objects.object_classes import labelled_views, object_class
 from datasets_synth.presets import SynthConfig
+from datasets_synth.street.along import truth as along_truth
 from datasets_synth.street.car_pictures import car_picture
 from datasets_synth.street.frame_synth import (
     SynthFrame,
@@ -30,7 +32,13 @@ from recon.errors import RescoreError
 from recon.files import atomic_path
 from recon.part_views import save_part_views
 from recon.stereo.accuracy import DisparityError, disparity_error
-from recon.stereo.sgbm import compute_disparity, read_disparity, write_disparity
+from recon.stereo.sgbm import (
+    SgbmConfig,
+    compute_disparity,
+    disparities_to_reach,
+    read_disparity,
+    write_disparity,
+)
 from recon.view_bins import ViewBins
 from rescore.data.frames import SPLITS
 from rescore.files import read_json, write_json
@@ -53,7 +61,7 @@ class _Task:
     seed: int
     split: str
     index: int
-    n_cars: int
+    n_cars: int | None
     cars: tuple[CarModel, ...]
     key: str
     picture_paths: tuple[Path, ...]
@@ -153,7 +161,7 @@ def _build_frame_alone(task: _Task) -> None:
         task.config, task.seed, task.split, task.index, n_cars=task.n_cars, cars=task.cars, pictures=pictures
     )
     render = frame.render
-    measured = compute_disparity(render.left_rgb, render.right_rgb, task.config.sgbm)
+    measured = compute_disparity(render.left_rgb, render.right_rgb, _matcher(task.config, frame.scene))
     truth = frame.scene.camera.disparity_px(render.depth_m)
     names = {kind: f"{kind}/{task.name}.png" for kind in ("left", "right", "disparity", "truth", "instance")}
     _write_png(task.out / names["left"], render.left_rgb[..., ::-1])
@@ -165,6 +173,14 @@ def _build_frame_alone(task: _Task) -> None:
     # what is read back is what users get, so the error is that of the file
     stored = read_disparity(task.out / names["disparity"], width, height)
     write_json(task.record_path, _record(task, frame, names, stored, truth))
+
+
+def _matcher(config: SynthConfig, scene: Scene) -> SgbmConfig:
+    """The settings of the matcher; along a street rigs differ, and so does the range that each searches."""
+    if config.layout == "across":
+        return config.sgbm
+    reach = disparities_to_reach(scene.camera, config.along.nearest_m)
+    return replace(config.sgbm, num_disparities=reach)
 
 
 def _record(
@@ -191,15 +207,35 @@ def _record(
             "width": width,
             "height": height,
             "split": task.split,
-            "camera": camera_record(frame.scene),
+            **_seen_from(frame),
             "instances": [{"id": int(i), "kind": items[i - 1].kind} for i in present if i > 0],
         },
-        "annotations": [annotation_record(car, task.config.cars) for car in frame.cars],
+        "annotations": _annotations(task, frame),
         "stereo": {
             "car": _error_sums(disparity_error(measured, truth, on_car)),
             "elsewhere": _error_sums(disparity_error(measured, truth, ~on_car)),
         },
     }
+
+
+def _seen_from(frame: SynthFrame) -> dict[str, Any]:
+    """What an image record says of the camera and of the ground before it."""
+    street = frame.along
+    if street is None:
+        return {"camera": camera_record(frame.scene)}
+    stated = street.ground if street.states_ground else None
+    return {
+        "camera": along_truth.camera_record(street.scene, stated),
+        "rig": street.rig,
+        "ground_truth": along_truth.ground_record(street.ground),
+    }
+
+
+def _annotations(task: _Task, frame: SynthFrame) -> list[Mapping[str, Any]]:
+    if task.config.layout == "across":
+        return [annotation_record(car, task.config.cars) for car in frame.cars]
+    sizes = {model.shape_id: model.size_m for model in task.cars}
+    return [along_truth.annotation(v, frame.scene, sizes, task.config.along) for v in frame.cars]
 
 
 def _error_sums(error: DisparityError) -> dict[str, float]:

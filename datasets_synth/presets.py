@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig
@@ -12,10 +13,11 @@ class SplitSize:
     """How many frames a split has, and how many annotated cars stand in them, exactly."""
 
     n_images: int
-    n_cars: int
+    n_cars: int | None = None
+    """None where each frame shows as many cars as its street happens to hold."""
 
     def __post_init__(self) -> None:
-        if self.n_images < 1 or not 0 <= self.n_cars <= MAX_CARS * self.n_images:
+        if self.n_images < 1 or not 0 <= (self.n_cars or 0) <= MAX_CARS * self.n_images:
             raise RescoreError(
                 f"split size: expected at least one image and at most {MAX_CARS} cars an image, "
                 f"got {self}; mend the preset"
@@ -23,7 +25,7 @@ class SplitSize:
 
 
 MAX_CARS = 3
-"""Most annotated cars in one frame."""
+"""Most annotated cars in one frame whose cars are planned."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,65 @@ class PartViewConfig:
 
 
 @dataclass(frozen=True)
+class RigConfig:
+    """A stereo head on a car; ranges are drawn once a frame."""
+
+    name: str
+    width_px: int
+    height_px: int
+    focal_px: float
+    baseline_m: tuple[float, float]
+    height_m: tuple[float, float]
+    """Above the road."""
+    horizon_share: float = 0.5
+    """Row of the principal point as a share of the picture's height."""
+
+
+RIGS = (
+    RigConfig("kitti", 1242, 375, 721.5, (0.53, 0.55), (1.60, 1.72), horizon_share=0.46),
+    RigConfig("report", 640, 480, 620.0, (0.30, 0.40), (1.20, 1.70)),
+    RigConfig("consumer", 960, 540, 525.0, (0.118, 0.122), (1.20, 1.60)),
+)
+"""KITTI's head, the one of side views, and a narrow one for consumers at three quarters of its 1280 x 720."""
+
+
+@dataclass(frozen=True)
+class AlongConfig:
+    """A street seen along its length, as from a car that drives or stands on it."""
+
+    rigs: tuple[RigConfig, ...] = RIGS
+    """Stereo heads that take turns from frame to frame."""
+    pitch_deg: tuple[float, float] = (-2.0, 3.0)
+    """Pitch of the camera against the road; positive looks down."""
+    roll_deg: float = 2.5
+    """Roll of the camera against the road, within plus and minus this."""
+    slope: float = 0.05
+    """Rise of the road over its length, within plus and minus this."""
+    bend: float = 0.04
+    """Change of the slope on the way, in half of the streets within plus and minus this."""
+    curved_share: float = 0.4
+    """Share of streets that curve to the left or to the right."""
+    curve_radius_m: tuple[float, float] = (90.0, 300.0)
+    crossfall: float = 0.025
+    """Rise of the road across, within plus and minus this."""
+    stated_share: float = 0.5
+    """Share of frames of each rig whose camera record states height, pitch and roll.
+
+    The others state no ground.
+    """
+    far_m: float = 58.0
+    """Cars stand up to this far along the street."""
+    min_height_px: float = 18.0
+    """Cars whose box is lower are annotated with ignore = 1."""
+    min_visibility: float = 0.3
+    """Cars with a smaller visible share are annotated with ignore = 1."""
+    max_truncation: float = 0.5
+    """Cars of which more than this share lies outside the picture are annotated with ignore = 1."""
+    nearest_m: float = 2.7
+    """The disparity search reaches surfaces from this depth on."""
+
+
+@dataclass(frozen=True)
 class SynthConfig:
     """Everything that decides what a rendered data set looks like."""
 
@@ -141,6 +202,19 @@ class SynthConfig:
     sgbm: SgbmConfig = field(default_factory=SgbmConfig)
     n_pictures: int = 10
     """Different pictures of cars that the posters of one split show."""
+    layout: Literal["across", "along"] = "across"
+    """Whether the camera looks across its street, at the sides of cars, or along it, at all views.
+    ``camera``, ``cars`` and ``clutter`` are of streets seen across, ``along`` of those seen along."""
+    along: AlongConfig = AlongConfig()
+
+    def __post_init__(self) -> None:
+        for split, size in self.splits.items():
+            if (size.n_cars is None) != (self.layout == "along"):
+                wanted = "a number of cars" if self.layout == "across" else "no number of cars"
+                raise RescoreError(
+                    f"split {split}: expected {wanted} for streets seen {self.layout}, got {size.n_cars}; "
+                    "mend the preset"
+                )
 
 
 def synth_preset(name: str) -> SynthConfig:
@@ -149,6 +223,7 @@ def synth_preset(name: str) -> SynthConfig:
     ``paper`` has the sizes of the report, section 6 (109 test images with 127 cars, 20 validation images);
     ``demo`` is the same street with fewer frames; ``tiny`` is for tests, a few small frames;
     ``weight-study`` has many validation frames of the same street and no others, to draw subsets from.
+    ``streets`` looks along streets, at cars in all views, with three kinds of stereo heads.
 
     Raises:
         RescoreError: No such preset.
@@ -172,6 +247,19 @@ _PRESETS = {
             "validation": SplitSize(12, 14),
             "test": SplitSize(24, 28),
         },
+    ),
+    "streets": SynthConfig(
+        splits={
+            "train": SplitSize(40),
+            "calibration": SplitSize(24),
+            "validation": SplitSize(20),
+            "test": SplitSize(60),
+        },
+        layout="along",
+        # a shape space is learned from all training shapes
+        part_views=PartViewConfig(n_instances=24),
+        # a long view bears less haze, and those who drive with a camera do so by day
+        light=LightConfig(sunny=0.5, overcast=0.35, dusk=0.15, level=(0.5, 1.15), haze_per_m=(0.0, 0.004)),
     ),
     "tiny": replace(
         _PAPER,

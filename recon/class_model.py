@@ -14,6 +14,7 @@ from recon.outlines import fill_rings, mask_rings
 from recon.part_views import PartView
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
+from recon.view_looks import ViewLooks
 
 FORMAT = "class-model 1"
 
@@ -58,6 +59,9 @@ class ClassModel:
     """Sorted by bin, at most one a bin: the part-labelled images."""
     shape_space: ShapeSpace | None = None
     """How instances differ in shape and size; None where too few of known size were learned from."""
+
+    looks: ViewLooks | None = None
+    """How instances look from each side; None where no pictures of known heading were learned from."""
 
     def __post_init__(self) -> None:
         labels = [p.label for p in self.parts]
@@ -164,6 +168,8 @@ def _dumps(model: ClassModel) -> str:
     }
     if model.shape_space is not None:
         head["shape_space"] = model.shape_space.as_json()
+    if model.looks is not None:
+        head["looks"] = model.looks.as_json()
     body = ",\n".join(f"{json.dumps(k)}: {json.dumps(v)}" for k, v in head.items())
     return (
         f'{{\n{body},\n"view_from_object": [\n{_lines(rotations)}\n],\n"parts": [\n{_lines(parts)}\n],\n'
@@ -206,7 +212,8 @@ def _parse(data: dict[str, Any], path: Path) -> ClassModel:
     )
     views = tuple(_parse_view(row) for row in data["part_labelled_images"])
     space = ShapeSpace.from_json(data["shape_space"]) if "shape_space" in data else None
-    return ClassModel(str(data["class_name"]), tuple(data["part_names"]), bins, parts, views, space)
+    looks = ViewLooks.from_json(data["looks"]) if "looks" in data else None
+    return ClassModel(str(data["class_name"]), tuple(data["part_names"]), bins, parts, views, space, looks)
 
 
 def _parse_view(row: dict[str, Any]) -> PartView:

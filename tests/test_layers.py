@@ -28,7 +28,11 @@ ALLOWED = {
 
 FLOORS = {
     "recon": (
-        *("errors arrays", "files camera depth_map outlines view_bins pixels shape_matching shape_space"),
+        *(
+            "errors arrays",
+            "files camera depth_map outlines view_bins pixels shape_matching",
+            "shape_space view_looks",
+        ),
         *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),
     ),
     "rescore": (

@@ -17,6 +17,9 @@ TILE_M = {
     "grass": 3.0,
     "leaves": 1.3,
     "planks": 1.5,
+    "road": 7.0,
+    "lawn": 2.6,
+    "foliage": 1.1,
 }
 """Metres that one tile of a texture spans."""
 
@@ -54,6 +57,16 @@ def _pane(variant: int, bright: float) -> Material:
     return Material(
         f"window_{variant}", (bright, bright, bright), texture("curtain", variant), 0.3, 80.0, GLASS_MIRROR
     )
+
+
+def day_glass(rng: np.random.Generator) -> Material:
+    """A window pane by day that shows the room behind and the houses opposite."""
+    return _day_pane(int(rng.integers(14)), float(rng.choice([0.55, 0.8, 1.0])))
+
+
+@lru_cache(maxsize=64)
+def _day_pane(variant: int, bright: float) -> Material:
+    return Material(f"pane_{variant}", (bright, bright, bright), texture("pane", variant), 0.25, 90.0, 0.06)
 
 
 def paint_rgb(rng: np.random.Generator) -> tuple[float, float, float]:

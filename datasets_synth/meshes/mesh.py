@@ -1,7 +1,8 @@
 """Textured triangle meshes and scenes made of them: what the renderer draws.
 
 Frames: objects have x forward, y left, z up, metres, the origin on the ground under the middle of the
-footprint; the world has x right, y away from the camera, z up, the ground near z = 0.
+footprint; the world has x right, y away from the camera, z up, the ground near z = 0, or near the height of
+the scene's grade.
 """
 
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from datasets_synth.meshes.grade import Grade
 from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import StereoCamera
 
@@ -106,3 +108,5 @@ class Scene:
     left_from_world: FloatArray
     """Shape (4, 4), camera frame from world frame."""
     imaging: Imaging
+    grade: Grade | None = None
+    """How the ground rises and falls; None where it is level."""

@@ -305,6 +305,107 @@ def _wicker(rng: np.random.Generator) -> UInt8Array:
     return _paint((170, 124, 74), light.astype(np.float32))
 
 
+def _road(rng: np.random.Generator) -> UInt8Array:
+    """Asphalt of a driven road: fine grain, faint clouds, a few thin cracks and a mended strip."""
+    size = 1024
+    grain = _blur(rng.normal(size=(size, size)).astype(np.float32), 0.7, 0.7)
+    light = 1 + 0.16 * grain + 0.035 * fractal_noise(rng, size, 3) + 0.03 * fractal_noise(rng, size, 32, 3)
+    if rng.random() < 0.5:
+        x, y = (int(v) for v in rng.integers(80, size - 300, 2))
+        w, h = (int(v) for v in rng.integers(60, 220, 2))
+        light[y : y + h, x : x + w] *= rng.uniform(0.85, 0.95)
+    for _ in range(rng.integers(0, 4)):
+        path = _wander(rng, size, 50, 7)
+        cv2.polylines(light, [path], False, float(rng.uniform(0.55, 0.75)), 1, cv2.LINE_AA)
+    return _paint((104, 103, 102), light, fractal_noise(rng, size, 4, 3) * 0.12)
+
+
+def _marking(rng: np.random.Generator) -> UInt8Array:
+    """Road paint, worn in places so that the asphalt shows."""
+    size = _SIZE
+    worn = fractal_noise(rng, size, 6, 6, 0.75) + float(rng.uniform(-1.6, -0.4))
+    share = np.clip(worn * 2.5, 0, 0.85)[..., None]
+    paint = _paint((214, 213, 206), 1 + 0.05 * fractal_noise(rng, size, 24, 4))
+    bare = _paint((96, 95, 94), 1 + 0.12 * rng.normal(size=(size, size)).astype(np.float32))
+    return _bytes(paint * (1 - share) + bare * share)
+
+
+def _strokes(
+    rng: np.random.Generator,
+    picture: UInt8Array,
+    colours: NDArray[np.floating],
+    each: int,
+    length_px: float,
+) -> None:
+    """Short strokes at random places and in random directions, tiling: ``each`` of every colour (n, 3)."""
+    size = len(picture)
+    for colour in colours:
+        turn = rng.uniform(0, 2 * np.pi, each)
+        reach = length_px * rng.uniform(0.4, 1.2, each)
+        start = rng.uniform(0, size, (each, 2))
+        end = start + np.stack([np.cos(turn), np.sin(turn)], 1) * reach[:, None]
+        lines = np.stack([start, end], axis=1)
+        for shift in ((0, 0), (size, 0), (0, size), (size, size)):
+            whole = np.rint(lines - shift).astype(np.int32)
+            cv2.polylines(picture, list(whole), False, [float(v) for v in colour], 2, cv2.LINE_AA)
+
+
+def _lawn(rng: np.random.Generator) -> UInt8Array:
+    """Blades of grass from above, green and dry, in patches, with a few small flowers."""
+    size, n = 1024, 240
+    dry = fractal_noise(rng, size, 3, 5)
+    picture = np.empty((size, size, 3), np.uint8)
+    picture[:] = (60, 70, 36)
+    tone = rng.uniform(0.55, 1.3, (n, 1))
+    dead = rng.random((n, 1)) < 0.2
+    colours = np.array([102.0, 114.0, 64.0]) * tone + np.array([40.0, 18.0, 12.0]) * dead
+    _strokes(rng, picture, colours, 110, 18.0)
+    for _ in range(int(rng.integers(0, 26))):
+        x, y = (int(v) for v in rng.integers(0, size, 2))
+        cv2.circle(picture, (x, y), int(rng.integers(2, 4)), (200, 200, 186), -1, cv2.LINE_AA)
+    light = np.clip(1 + 0.05 * dry, 0.7, 1.3)[..., None]
+    warm = np.clip(dry, 0, 2)[..., None] * np.array([10.0, 5.0, -2.0])
+    return _bytes(picture * light + warm)
+
+
+def _foliage(rng: np.random.Generator) -> UInt8Array:
+    """Leaves close together, lit from above, with small gaps."""
+    picture = np.empty((_SIZE, _SIZE, 3), np.uint8)
+    picture[:] = (46, 60, 26)
+    n = 1500
+    for i in range(n):
+        shade = (0.62 + 0.45 * i / n) * rng.uniform(0.75, 1.2)
+        colour = [float(min(255.0, c * shade)) for c in (104 + 26 * rng.random(), 128, 58)]
+        centre = rng.integers(0, _SIZE, 2)
+        axes = (int(rng.integers(8, 20)), int(rng.integers(4, 9)))
+        turn = float(rng.uniform(0, 180))
+        for shift in ((0, 0), (_SIZE, 0), (0, _SIZE)):
+            at = (int(centre[0] - shift[0]), int(centre[1] - shift[1]))
+            cv2.ellipse(picture, at, axes, turn, 0, 360, colour, -1, cv2.LINE_AA)
+    return picture
+
+
+def _pane(rng: np.random.Generator) -> UInt8Array:
+    """A window by day: a dark room, a curtain or a blind, and the other side of the street mirrored."""
+    size = 256
+    y, x = np.mgrid[0:size, 0:size].astype(np.float32) / size
+    light = 0.16 + 0.05 * fractal_noise(rng, size, 3)
+    style = int(rng.integers(5))
+    if style == 0:  # curtains at both sides
+        side = np.minimum(x, 1 - x) < rng.uniform(0.12, 0.3)
+        light = np.where(side, 0.75 + 0.16 * np.sin(x * 90), light)
+    elif style == 1:  # a blind, lowered in part
+        light = np.where(y < rng.uniform(0.15, 0.75), 0.8 + 0.07 * np.sin(y * 180), light)
+    elif style == 2:  # net curtains
+        light = light + 0.4 + 0.07 * np.sin(x * 60 + 3 * y)
+    # roofs of the houses opposite: sky above them, their dark fronts below
+    steps = np.interp(x[0], np.linspace(0, 1, 5), rng.uniform(0.15, 0.6, 5))
+    sky = np.clip((steps[None] - y) * 14, 0, 1)
+    light = light + 0.55 * sky * rng.uniform(0.5, 1.0)
+    tinted = light[..., None] * np.array([118.0, 122.0, 128.0])
+    return _bytes(tinted + sky[..., None] * np.array([8.0, 16.0, 30.0]))
+
+
 _PAINTERS: dict[str, Callable[[np.random.Generator], UInt8Array]] = {
     "asphalt": _asphalt,
     "slabs": _slabs,
@@ -325,6 +426,11 @@ _PAINTERS: dict[str, Callable[[np.random.Generator], UInt8Array]] = {
     "wood": _wood,
     "cloth": _cloth,
     "wicker": _wicker,
+    "road": _road,
+    "lawn": _lawn,
+    "foliage": _foliage,
+    "marking": _marking,
+    "pane": _pane,
 }
 TEXTURE_KINDS = tuple(_PAINTERS)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Placed
 from datasets_synth.render.scene_rays import world_vertices
 from recon.arrays import Float32Array
@@ -32,26 +33,31 @@ class ContactShade:
     low_xy_m: Float32Array
     """World x and y of the centre of cell (0, 0), shape (2,)."""
     cell_m: float
+    grade: Grade | None = None
+    """How the ground rises and falls; None where it is level."""
 
     def sky_share(self, point: Float32Array, normal: Float32Array) -> Float32Array:
         """Share of the sky and ground light (n,) that reaches points (n, 3) with unit normals (n, 3).
 
         Ground takes it from the map. Sides close to the ground see less light too, down to 60 % at its level.
         """
-        low = np.clip(point[:, 2] / np.float32(0.6), 0, 1)
+        height = point[:, 2]
+        if self.grade is not None:
+            height = np.asarray(height - self.grade.height_m(point[:, 1]), np.float32)
+        low = np.clip(height / np.float32(0.6), 0, 1)
         share = np.where(normal[:, 2] < 0.5, np.float32(0.6) + np.float32(0.4) * low, np.float32(1))
-        ground = np.flatnonzero((normal[:, 2] >= 0.5) & (point[:, 2] < NEAR_GROUND_M))
+        ground = np.flatnonzero((normal[:, 2] >= 0.5) & (height < NEAR_GROUND_M))
         cell = (point[ground, :2] - self.low_xy_m) / np.float32(self.cell_m)
         cell = np.clip(cell, -9, 2 * MAX_CELLS)  # far points must not overflow OpenCV's fixed point
         share[ground] = sample_bilinear(self.arriving, cell, cv2.BORDER_CONSTANT, 1.0)
         return share
 
 
-def contact_shade(items: tuple[Placed, ...]) -> ContactShade:
+def contact_shade(items: tuple[Placed, ...], grade: Grade | None = None) -> ContactShade:
     """The shade of all things that cast a shadow and stand on the ground."""
-    hulls = [hull for hull in (_footprint(p) for p in items if p.casts_shadow) if hull is not None]
+    hulls = [hull for hull in (_footprint(p, grade) for p in items if p.casts_shadow) if hull is not None]
     if not hulls:
-        return ContactShade(np.ones((1, 1), np.float32), np.zeros(2, np.float32), CELL_M)
+        return ContactShade(np.ones((1, 1), np.float32), np.zeros(2, np.float32), CELL_M, grade)
     corners = np.concatenate(hulls)
     low, high = corners.min(axis=0) - MARGIN_M, corners.max(axis=0) + MARGIN_M
     cell_m = max(CELL_M, float((high - low).max()) / MAX_CELLS)
@@ -61,14 +67,15 @@ def contact_shade(items: tuple[Placed, ...]) -> ContactShade:
         # fillConvexPoly takes 4 fractional bits: a sixteenth of a cell
         cv2.fillConvexPoly(covered, np.rint((hull - low) / cell_m * 16).astype(np.int32), 255, cv2.LINE_AA, 4)
     soft = cv2.GaussianBlur(covered.astype(np.float32) / 255, (0, 0), max(SOFTNESS_M / cell_m, 0.5))
-    return ContactShade(np.asarray(1 - DARKEST * soft, np.float32), low.astype(np.float32), cell_m)
+    return ContactShade(np.asarray(1 - DARKEST * soft, np.float32), low.astype(np.float32), cell_m, grade)
 
 
-def _footprint(placed: Placed) -> Float32Array | None:
+def _footprint(placed: Placed, grade: Grade | None) -> Float32Array | None:
     """Convex outline (n, 2) on the ground of the lower part of a thing; None where it hangs above."""
     vertices = world_vertices(placed)
     foot = float(vertices[:, 2].min())
-    if foot > NEAR_GROUND_M:
+    ground = 0.0 if grade is None else float(grade.height_m(float(placed.world_from_object[1, 3])))
+    if foot > NEAR_GROUND_M + ground:
         return None
     lower = vertices[vertices[:, 2] < foot + BODY_M, :2]
     return np.asarray(cv2.convexHull(np.ascontiguousarray(lower)), np.float32).reshape(-1, 2)

@@ -14,6 +14,8 @@ from recon.pixels import srgb_from_linear
 
 SUBSAMPLES_PX = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
 """Offsets of the rays that smooth an edge: a rotated grid, best for near-level and upright ones."""
+FEW_SUBSAMPLES_PX = np.array([(-1 / 3, -1 / 6), (0, 0), (1 / 3, 1 / 6)], np.float32)
+"""Offsets of fewer rays, for pictures half of which are leaves, that is edges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +44,23 @@ class ViewRender:
     """What the pixel centres see, shape (h, w): 0 for the sky, i for ``scene.items[i - 1]``."""
 
 
-def render_pair(scene: Scene, rng: np.random.Generator, rays: SceneRays | None = None) -> StereoRender:
+def render_pair(
+    scene: Scene,
+    rng: np.random.Generator,
+    rays: SceneRays | None = None,
+    subsamples_px: Float32Array = SUBSAMPLES_PX,
+) -> StereoRender:
     """The stereo pair of a scene with its truth; the same seed gives the same bytes.
 
     Args:
         scene: What to draw.
         rng: Source of the noise of the camera alone.
         rays: The ray trees of the scene's items; built where they are not given.
+        subsamples_px: Offsets (n, 2) of the rays that smooth an edge.
     """
     shader = _shader(scene, rays)
-    left = _render_left(scene, shader, rng)
-    right, _ = _render_eye(scene, shader, eye=1)
+    left = _render_left(scene, shader, rng, subsamples_px)
+    right, _ = _render_eye(scene, shader, eye=1, subsamples_px=subsamples_px)
     return StereoRender(left.rgb, expose(right, scene.imaging, 1, rng), left.depth_m, left.instance)
 
 
@@ -77,11 +85,13 @@ def render_radiance(scene: Scene) -> Float32Array:
 
 
 def _shader(scene: Scene, rays: SceneRays | None = None) -> Shader:
-    return build_shader(scene.items, scene.light, scene.camera.left.fx_px, rays)
+    return build_shader(scene.items, scene.light, scene.camera.left.fx_px, rays, scene.grade)
 
 
-def _render_left(scene: Scene, shader: Shader, rng: np.random.Generator) -> ViewRender:
-    radiance, hits = _render_eye(scene, shader, eye=0)
+def _render_left(
+    scene: Scene, shader: Shader, rng: np.random.Generator, subsamples_px: Float32Array = SUBSAMPLES_PX
+) -> ViewRender:
+    radiance, hits = _render_eye(scene, shader, eye=0, subsamples_px=subsamples_px)
     shape = radiance.shape[:2]
     return ViewRender(
         rgb=expose(radiance, scene.imaging, 0, rng),
@@ -90,7 +100,9 @@ def _render_left(scene: Scene, shader: Shader, rng: np.random.Generator) -> View
     )
 
 
-def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[Float32Array, Hits]:
+def _render_eye(
+    scene: Scene, shader: Shader, eye: int, subsamples_px: Float32Array = SUBSAMPLES_PX
+) -> tuple[Float32Array, Hits]:
     """Linear radiance (h, w, 3) of one eye with smooth edges, and the hits of its pixel centres (h * w)."""
     width, height = scene.camera.left.width_px, scene.camera.left.height_px
     v, u = np.mgrid[:height, :width].astype(np.float32)
@@ -100,10 +112,16 @@ def _render_eye(scene: Scene, shader: Shader, eye: int) -> tuple[Float32Array, H
     colour, sunlit = shader.radiance(rays, hits)
 
     edge = np.flatnonzero(_edges(hits, sunlit, shader.rays, (height, width)))
-    fine_uv = (uv[edge, None, :] + SUBSAMPLES_PX).reshape(-1, 2)
+    # the pixel's centre is known already
+    extra = subsamples_px[np.any(subsamples_px != 0, axis=1)]
+    fine_uv = (uv[edge, None, :] + extra).reshape(-1, 2)
     fine_rays = eye_rays(scene, fine_uv, eye)
     fine, _ = shader.radiance(fine_rays, shader.rays.cast(fine_rays))
-    colour[edge] = fine.reshape(-1, len(SUBSAMPLES_PX), 3).mean(axis=1)
+    total = fine.reshape(-1, len(extra), 3)
+    if len(extra) == len(subsamples_px):
+        colour[edge] = total.mean(axis=1)
+    else:
+        colour[edge] = (colour[edge] + total.sum(axis=1)) / np.float32(len(extra) + 1)
     return colour.reshape(height, width, 3), hits
 
 

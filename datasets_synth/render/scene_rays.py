@@ -6,13 +6,16 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Material, Mesh, Placed
 from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 
 MISS = -1
 FLAT_M = 0.3
-"""Things that stay below this height, like roads, share the tree of those that cast a shadow: one cast
-serves both, and a sheet on the ground shades nothing."""
+"""Things that stay below this height above level ground, like roads, share the tree of those that cast a
+shadow: one cast serves both, and a sheet on the ground shades nothing."""
+BANKED_M = 1.0
+"""Height that flat things stay below on ground that rises and falls: kerbs and crossfall add up there."""
 
 
 def rows(array: Float32Array, index: NDArray[np.integer]) -> Float32Array:
@@ -129,13 +132,14 @@ class SceneRays:
 _Columns = tuple[NDArray[np.int32], NDArray[np.int32], UInt8Array, Float32Array, Float32Array, Float32Array]
 
 
-def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
-    """The ray trees and the table of faces of placed meshes."""
+def build_scene_rays(items: tuple[Placed, ...], grade: Grade | None = None) -> SceneRays:
+    """The ray trees and the table of faces of placed meshes, which stand on ground of a grade."""
     world = [world_vertices(p) for p in items]
-    casts = [p.casts_shadow or float(v[:, 2].max()) <= FLAT_M for p, v in zip(items, world, strict=True)]
+    casts = [p.casts_shadow or _is_flat(v, grade) for p, v in zip(items, world, strict=True)]
     order = [i for i, c in enumerate(casts) if c] + [i for i, c in enumerate(casts) if not c]
     materials: list[Material] = []
     first_material: dict[int, int] = {}
+    density: dict[int, Float32Array] = {}
     trees: dict[bool, list[tuple[Float32Array, NDArray[np.int32]]]] = {True: [], False: []}
     columns: list[_Columns] = []
     for i in order:
@@ -143,6 +147,7 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
         if id(mesh) not in first_material:
             first_material[id(mesh)] = len(materials)
             materials.extend(mesh.materials)
+            density[id(mesh)] = _uv_per_m(mesh)
         trees[casts[i]].append((world[i], mesh.faces))
         scale = float(np.cbrt(np.linalg.det(placed.world_from_object[:3, :3])))
         rotation = (placed.world_from_object[:3, :3] / scale).astype(np.float32)
@@ -153,22 +158,28 @@ def build_scene_rays(items: tuple[Placed, ...]) -> SceneRays:
                 mesh.face_part,
                 np.einsum("mcj,ij->mci", mesh.corner_normals, rotation),
                 mesh.corner_uv,
-                _uv_per_m(mesh) / np.float32(scale),
+                density[id(mesh)] / np.float32(scale),
             )
         )
     if not columns:  # a scene of sky alone
         columns.append(_no_faces())
-    item, material, part, normals, uv, density = (np.concatenate(c) for c in zip(*columns, strict=True))
+    item, material, part, normals, uv, uv_per_m = (np.concatenate(c) for c in zip(*columns, strict=True))
     table = FaceTable(
         item.astype(np.int32),
         material.astype(np.int32),
         part.astype(np.uint8),
         normals.astype(np.float32),
         uv.astype(np.float32),
-        density.astype(np.float32),
+        uv_per_m.astype(np.float32),
         tuple(materials),
     )
     return SceneRays(table, _tree(trees[True]), _tree(trees[False]))
+
+
+def _is_flat(vertices_m: Float32Array, grade: Grade | None) -> bool:
+    if grade is None:
+        return float(vertices_m[:, 2].max()) <= FLAT_M
+    return float((vertices_m[:, 2] - grade.height_m(vertices_m[:, 1])).max()) <= BANKED_M
 
 
 def _no_faces() -> _Columns:

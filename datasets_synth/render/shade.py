@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Light, Placed
 from datasets_synth.render.contact import ContactShade, contact_shade
 from datasets_synth.render.mip_textures import MipTexture, mip_texture, sample_textures
@@ -166,10 +167,14 @@ class Shader:
 
 
 def build_shader(
-    items: tuple[Placed, ...], light: Light, focal_px: float, rays: SceneRays | None = None
+    items: tuple[Placed, ...],
+    light: Light,
+    focal_px: float,
+    rays: SceneRays | None = None,
+    grade: Grade | None = None,
 ) -> Shader:
     """The shader of placed meshes; reads every texture once, builds ray trees where none are given."""
-    rays = build_scene_rays(items) if rays is None else rays
+    rays = build_scene_rays(items, grade) if rays is None else rays
     textures: list[UInt8Array] = []
     index: dict[int, int] = {}
     for material in rays.table.materials:
@@ -180,7 +185,7 @@ def build_shader(
         rays,
         _material_table(rays.table, index),
         tuple(mip_texture(t) for t in textures),
-        contact_shade(items),
+        contact_shade(items, grade),
         light,
         focal_px,
     )

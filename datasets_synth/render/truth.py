@@ -137,10 +137,12 @@ def _visible_share(render: StereoRender, scene: Scene, index: int, clipped_px: F
     placed = scene.items[index]
     x0, y0 = np.floor(clipped_px[:2]).astype(int)
     x1, y1 = np.ceil(clipped_px[2:]).astype(int)
+    visible = int((render.instance[y0:y1, x0:x1] == index + 1).sum())
+    if not visible:
+        return 0.0
     v, u = np.mgrid[y0:y1, x0:x1].astype(np.float32)
     rays = eye_rays(scene, np.stack([u.ravel(), v.ravel()], axis=1), eye=0)
     alone = int(RayTree(world_vertices(placed), placed.mesh.faces).occluded(rays).sum())
-    visible = int((render.instance[y0:y1, x0:x1] == index + 1).sum())
     return min(visible / alone, 1.0) if alone else 0.0
 
 

@@ -1,17 +1,28 @@
 """House fronts along a street: walls with windows, doors, shops and garages, roofs, balconies, signs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from datasets_synth.meshes.materials import TILE_M, paint_rgb, plain, surface, tint, window_glass
+from datasets_synth.meshes.materials import (
+    TILE_M,
+    day_glass,
+    paint_rgb,
+    plain,
+    surface,
+    tint,
+    window_glass,
+)
 from datasets_synth.meshes.mesh import Material, Placed
 from datasets_synth.meshes.solids import MeshDraft, pose
 from datasets_synth.meshes.textures import lettering
 
 STOREY_M = 3.0
 DOOR_HEIGHT_M = 2.1
+DEPTH_M = 8.0
+"""From the front of a house to its back."""
 
 Opening = tuple[float, float, float, float, str]
 """x0, z0, x1, z1 and what fills it: "window", "door", "shop" or "garage"."""
@@ -22,10 +33,21 @@ class _Skins:
     wall: Material
     tile_m: float
     frame: Material
+    glass: Callable[[np.random.Generator], Material] = window_glass
 
 
-def facade(width_m: float, storeys: int, rng: np.random.Generator) -> MeshDraft:
-    """A house with its front from x = 0 to the width in the plane y = 0, facing -y."""
+def facade(
+    width_m: float, storeys: int, rng: np.random.Generator, *, is_seen_obliquely: bool = False
+) -> MeshDraft:
+    """A house with its front from x = 0 to the width in the plane y = 0, facing -y.
+
+    Args:
+        width_m: Length of its front.
+        storeys: With the ground floor, 2 or more.
+        rng: Source of its looks.
+        is_seen_obliquely: Close its gables, put windows into its sides, and mirror the other side of a
+            street in its panes.
+    """
     draft = MeshDraft()
     wall = _wall(rng)
     ground_m = float(rng.uniform(3.2, 3.9))
@@ -45,12 +67,15 @@ def facade(width_m: float, storeys: int, rng: np.random.Generator) -> MeshDraft:
             for j in range(bays)
         ]
     openings += _ground_floor(bays, bay, ground_m, (win_w, win_h), rng)
-    _wall_with_openings(draft, (width_m, height), openings, _Skins(*wall, frame), rng)
-    depth = 8.0
+    skins = _Skins(*wall, frame, day_glass if is_seen_obliquely else window_glass)
+    _wall_with_openings(draft, (width_m, height), openings, skins, rng)
+    depth = DEPTH_M
     for x, s in ((0.0, -1), (width_m, 1)):
         corners = [(x, depth, 0), (x, 0, 0), (x, 0, height), (x, depth, height)]
         draft.panel(corners if s < 0 else [corners[1], corners[0], corners[3], corners[2]], wall[0], wall[1])
-    _roof_and_trim(draft, (width_m, height, depth), ground_m, rng)
+    rise = _roof_and_trim(draft, (width_m, height, depth), ground_m, rng)
+    if is_seen_obliquely:
+        _sides(draft, (width_m, height, rise), floors[:-1], skins, rng)
     if balcony:
         for k in range(1, storeys - 1):
             _balcony(
@@ -142,7 +167,7 @@ def _filling(draft: MeshDraft, opening: Opening, skins: _Skins, rng: np.random.G
     if kind == "door":
         draft.panel(back, surface("planks", int(rng.integers(3)), paint_rgb(rng), 0.1), 1.2)
         return
-    draft.panel(back, window_glass(rng))
+    draft.panel(back, skins.glass(rng))
     bar = 0.06 if kind == "window" else 0.09
     middle = (z0 + z1) / 2, (x0 + x1) / 2
     for a, b, c, e in ((x0, z0, x1, z0 + bar), (x0, z1 - bar, x1, z1),
@@ -153,10 +178,55 @@ def _filling(draft: MeshDraft, opening: Opening, skins: _Skins, rng: np.random.G
         draft.box(((x0 + x1) / 2, -0.05, z0 - 0.04), (x1 - x0 + 0.2, 0.14, 0.07), frame)
 
 
+def _sides(
+    draft: MeshDraft,
+    size_m: tuple[float, float, float],
+    floors_m: list[float],
+    skins: _Skins,
+    rng: np.random.Generator,
+) -> None:
+    """Gables below the roof, and windows in both side walls.
+
+    size_m is the width, the height of the wall and the rise of the roof.
+    """
+    width, height, rise = size_m
+    sign = [-1.0, 1.0]
+    for x, out in zip((0.0, width), sign, strict=True):
+        if rise > 0:
+            top = (x, DEPTH_M / 2, height + rise)
+            corners = np.array([(x, 0, height), (x, DEPTH_M, height), top, top])
+            draft.panel(corners if out > 0 else corners[[1, 0, 3, 2]], skins.wall, skins.tile_m)
+        bare = rng.random() < 0.25
+        for floor in [] if bare else floors_m:
+            for y in (2.2, 5.6):
+                _side_window(draft, (x, out), (y, floor + 0.9), skins, rng)
+
+
+def _side_window(
+    draft: MeshDraft,
+    wall: tuple[float, float],
+    at_m: tuple[float, float],
+    skins: _Skins,
+    rng: np.random.Generator,
+) -> None:
+    """A window on a side wall; ``wall`` is its x and where it looks, ``at_m`` the middle and the sill."""
+    (x, out), (y, z) = wall, at_m
+    for half, low, high, lift, skin in (
+        (0.55, z, z + 1.4, 0.02, skins.frame),
+        (0.47, z + 0.08, z + 1.32, 0.035, skins.glass(rng)),
+    ):
+        a, b = (y - half, y + half) if out > 0 else (y + half, y - half)
+        s = x + out * lift
+        draft.panel([(s, a, low), (s, b, low), (s, b, high), (s, a, high)], skin)
+    draft.box((x + out * 0.05, y, z - 0.03), (0.12, 1.3, 0.06), skins.frame)
+
+
 def _roof_and_trim(
     draft: MeshDraft, size_m: tuple[float, float, float], ground_m: float, rng: np.random.Generator
-) -> None:
+) -> float:
+    """Roof, cornice and sign of a house; gives how far the ridge stands above the wall, 0 for a flat roof."""
     width, height, depth = size_m
+    rise = 0.0
     if rng.random() < 0.6:  # pitched, eaves towards the street
         rise = depth / 2 * float(rng.uniform(0.6, 0.9))
         tiles = surface("roof", int(rng.integers(3)), tint(rng, 0.6, 1.1))
@@ -202,6 +272,7 @@ def _roof_and_trim(
             ],
             sign,
         )
+    return rise
 
 
 def _balcony(draft: MeshDraft, x: float, z: float, width: float) -> None:

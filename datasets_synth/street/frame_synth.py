@@ -9,9 +9,11 @@ import numpy as np
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.meshes.mesh import Scene
 from datasets_synth.presets import MAX_CARS, CarConfig, SplitSize, SynthConfig
-from datasets_synth.render.render import StereoRender, eye_rays, render_pair
+from datasets_synth.render.render import FEW_SUBSAMPLES_PX, StereoRender, eye_rays, render_pair
 from datasets_synth.render.scene_rays import MISS, SceneRays, build_scene_rays
 from datasets_synth.render.truth import VisibleObject, visible_objects
+from datasets_synth.street.along.layout import AlongStreet, sample_along
+from datasets_synth.street.along.truth import visible_vehicles
 from datasets_synth.street.layout import sample_scene
 from datasets_synth.street.prop_parts import Pictures
 from recon.camera import PinholeCamera, StereoCamera
@@ -37,10 +39,17 @@ class SynthFrame:
     cars: tuple[VisibleObject, ...]
     attempts: int
     """How many streets were drawn until the planned cars could be seen."""
+    along: AlongStreet | None = None
+    """The street, where it is seen along its length."""
 
 
-def car_schedule(size: SplitSize, seed: int, split: str) -> tuple[int, ...]:
-    """Cars to annotate in each frame, 0 to MAX_CARS, adding up to the size of the split."""
+def car_schedule(size: SplitSize, seed: int, split: str) -> tuple[int | None, ...]:
+    """Cars to annotate in each frame, 0 to MAX_CARS, adding up to the size of the split.
+
+    None for every frame where the split does not say how many.
+    """
+    if size.n_cars is None:
+        return (None,) * size.n_images
     rng = np.random.default_rng([seed, SPLITS.index(split), _SCHEDULE_STREAM])
     counts = rng.choice(MAX_CARS + 1, size.n_images, p=[0.2, 0.5, 0.24, 0.06])
     while (missing := size.n_cars - int(counts.sum())) != 0:
@@ -66,31 +75,46 @@ def synth_frame(
     split: str,
     index: int,
     *,
-    n_cars: int,
+    n_cars: int | None,
     cars: Sequence[CarModel],
     pictures: Pictures,
 ) -> SynthFrame:
     """The frame of a split with exactly ``n_cars`` counted cars; a pure function of its arguments.
 
+    A street seen along its length shows as many cars as it happens to hold.
+
     Raises:
         RescoreError: No street was found in which so many cars can be seen.
     """
+    if config.layout == "along":
+        return _along_frame(config, [seed, SPLITS.index(split), index], cars, pictures)
+    wanted = n_cars or 0
     for attempt in range(MAX_ATTEMPTS):
         rng = np.random.default_rng([seed, SPLITS.index(split), index, attempt])
-        scene = sample_scene(config, cars, rng, n_cars, pictures)
-        if sum(item.kind == "car" for item in scene.items) < n_cars:
+        scene = sample_scene(config, cars, rng, wanted, pictures)
+        if sum(item.kind == "car" for item in scene.items) < wanted:
             continue
         rays = build_scene_rays(scene.items)
-        if sum(is_counted(c, config.cars) for c in _preview(scene, rays)) != n_cars:
+        if sum(is_counted(c, config.cars) for c in _preview(scene, rays)) != wanted:
             continue
         render = render_pair(scene, rng, rays)
         seen = tuple(c for c in visible_objects(render, scene) if c.visible_share > 0)
-        if sum(is_counted(c, config.cars) for c in seen) == n_cars:
+        if sum(is_counted(c, config.cars) for c in seen) == wanted:
             return SynthFrame(scene, render, seen, attempt + 1)
     raise RescoreError(
-        f"frame {split} {index}: expected a street with {n_cars} cars in view, found none in "
+        f"frame {split} {index}: expected a street with {wanted} cars in view, found none in "
         f"{MAX_ATTEMPTS} draws; lower occluder_share or n_cars, or widen the range of distances"
     )
+
+
+def _along_frame(
+    config: SynthConfig, stream: list[int], cars: Sequence[CarModel], pictures: Pictures
+) -> SynthFrame:
+    rng = np.random.default_rng(stream)
+    street = sample_along(config, cars, rng, pictures, number=stream[-1])
+    render = render_pair(street.scene, rng, subsamples_px=FEW_SUBSAMPLES_PX)
+    seen = visible_vehicles(render, street.scene)
+    return SynthFrame(street.scene, render, seen, 1, street)
 
 
 def _preview(scene: Scene, rays: SceneRays) -> tuple[VisibleObject, ...]:

@@ -72,6 +72,11 @@ class DisparityFitConfig:
     grid: SampleGrid = field(default_factory=SampleGrid)
     noise: DisparityNoise = field(default_factory=DisparityNoise)
     surface: SurfaceNoise = field(default_factory=SurfaceNoise)
+    axis_weight: float = 8.0
+    """Weight of what the looks of the box say of the axis, beside the disparity, whose nats are too many: how
+    an instance differs from its shape is alike all over it."""
+    sense_weight: float = 25.0
+    """Weight of what they say of the nose's end of the axis, of which disparity knows little."""
     box: BoxNoise = field(default_factory=BoxNoise)
     search: SearchConfig = field(default_factory=SearchConfig)
 
@@ -137,9 +142,16 @@ class DisparityFit:
         # the steps of a round: along the line of sight and across, the heading, the size, and pairs of these
         self.steps = _steps() * [0.083 * views.size_m[0, 0], 0.053 * views.size_m[0, 0], 0.13, 0.03]
 
-    def fit(self, xyxy_px: FloatArray) -> BoxFit | None:
-        """The instances that a box (4,) frames and shows; None where nothing is measured in it."""
+    def fit(self, xyxy_px: FloatArray, looks: FloatArray | None = None) -> BoxFit | None:
+        """The instances that a box frames and shows; None where nothing is measured in it.
+
+        Args:
+            xyxy_px: The box, shape (4,), pixel edges.
+            looks: Log probability of headings that are evenly spaced from 0 on, by how the box looks, shape
+                (headings,); None where that says nothing.
+        """
         c = self.config
+        looks = np.zeros(1) if looks is None else self._weighed(looks)
         samples = box_samples(self.disparity_px, xyxy_px, self.seen_from, c.noise, c.grid)
         grid = self._grid(samples, xyxy_px)
         if not samples.known.any() or not len(grid):
@@ -147,18 +159,19 @@ class DisparityFit:
         found = self._explain(grid, samples, c.search.step)
         ratio = found.log_ratio.sum(axis=1) * c.search.step**2
         boxes = silhouette_boxes(grid, self.views, self.seen_from.left)
+        ratio = ratio + _between(looks, grid.place[:, 2])
         box_density = self._box_density(boxes, xyxy_px)
         framed, seen = (
-            self._placed(
-                self._moved(grid, ratio + weight * box_density, samples, xyxy_px, weight),
-                samples,
-                xyxy_px,
-                weight,
-            )
+            self._placed(grid, ratio + weight * box_density, _Target(samples, xyxy_px, weight, looks))
             for weight in (c.box.framed, c.box.seen)
         )
         overlap = float(softmax(ratio.astype(float)) @ _overlaps(boxes, xyxy_px))
         return BoxFit(samples, framed, seen, overlap)
+
+    def _weighed(self, looks: FloatArray) -> FloatArray:
+        """Log probabilities of headings with the axis and its sense weighed apart, shape (headings,)."""
+        axis = np.logaddexp(looks, np.roll(looks, len(looks) // 2))
+        return self.config.axis_weight * axis + self.config.sense_weight * (looks - axis)
 
     def _grid(self, samples: BoxSamples, xyxy_px: FloatArray) -> Poses:
         """The poses that are tried for a box; none where no distance is known."""
@@ -209,16 +222,14 @@ class DisparityFit:
     def _explain(self, poses: Poses, samples: BoxSamples, step: int = 1, fine: bool = False) -> Explained:
         return explain(poses, self.views, samples, self.config.noise, self.config.surface, step, fine=fine)
 
-    def _moved(
-        self, grid: Poses, score: FloatArray, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
-    ) -> Poses:
+    def _moved(self, grid: Poses, score: FloatArray, target: "_Target") -> Poses:
         """The best pose near the best ones of the grid."""
         c = self.config.search
         best = grid[_apart(grid, score, c.kept, self.views)]
         for k in range(c.rounds):
             near = self._near(best, self.steps * c.shrink**k, other_shapes=k in _SHAPE_ROUNDS)
             fine = k >= c.rounds - c.fine_rounds
-            value = self._score(near, samples, xyxy_px, box_weight, fine).reshape(len(best), -1)
+            value = self._score(near, target, fine).reshape(len(best), -1)
             chosen = value.argmax(axis=1)
             value, rows = value.max(axis=1), np.arange(len(best)) * value.shape[1] + chosen
             best = near[rows]
@@ -226,15 +237,15 @@ class DisparityFit:
                 best = best[np.argsort(-value, kind="stable")[: c.kept // 2]]
         return best[np.argsort(-value, kind="stable")[:1]]
 
-    def _score(
-        self, poses: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float, fine: bool
-    ) -> FloatArray:
+    def _score(self, poses: Poses, target: "_Target", fine: bool) -> FloatArray:
         """Log posterior of poses (m,) up to a constant."""
         boxes = silhouette_boxes(poses, self.views, self.seen_from.left)
         coefficients = np.array([np.square(s).sum() for s in self.config.views.coefficients])
         prior = (poses.place[:, 3] / self.config.search.scale_sd) ** 2 + coefficients[poses.shape]
-        ratio = self._explain(poses, samples, fine=fine).log_ratio.sum(axis=1)
-        return np.asarray(ratio + box_weight * self._box_density(boxes, xyxy_px) - prior / 2)
+        ratio = self._explain(poses, target.samples, fine=fine).log_ratio.sum(axis=1)
+        box_density = self._box_density(boxes, target.xyxy_px)
+        looks = _between(target.looks, poses.place[:, 2])
+        return np.asarray(ratio + target.box_weight * box_density + looks - prior / 2)
 
     def _near(self, poses: Poses, steps: FloatArray, other_shapes: bool) -> Poses:
         """For each pose a row of itself and its neighbours, and itself with all shapes if asked for."""
@@ -248,16 +259,16 @@ class DisparityFit:
             shape = np.concatenate([shape, np.tile(np.arange(count), (len(poses), 1))], axis=1)
         return Poses(place.reshape(-1, 4), shape.ravel())
 
-    def _placed(
-        self, pose: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
-    ) -> PlacedInstance:
-        found = self._explain(pose, samples, fine=True)
-        rows = samples.known.shape
+    def _placed(self, grid: Poses, score: FloatArray, target: "_Target") -> PlacedInstance:
+        """The instance that the best poses of the grid lead to."""
+        pose = self._moved(grid, score, target)
+        found = self._explain(pose, target.samples, fine=True)
+        rows = target.samples.known.shape
         return PlacedInstance(
             pose,
             pose.size_m(self.views)[0],
             pose.standing_box(0, self.views),
-            self._deviations(pose, samples, xyxy_px, box_weight),
+            self._deviations(pose, target),
             silhouette_boxes(pose, self.views, self.seen_from.left)[0],
             found.log_ratio.reshape(rows),
             found.disparity_px.reshape(rows),
@@ -266,16 +277,32 @@ class DisparityFit:
             found.weight.reshape(rows),
         )
 
-    def _deviations(
-        self, pose: Poses, samples: BoxSamples, xyxy_px: FloatArray, box_weight: float
-    ) -> FloatArray:
+    def _deviations(self, pose: Poses, target: "_Target") -> FloatArray:
         """See ``PlacedInstance.place_sd``: each unknown with the others held."""
         c = self.config.search
         probe = np.concatenate([np.zeros((1, 4)), np.diag(c.probe), -np.diag(c.probe)])
         near = self._near(pose, probe, other_shapes=False)
-        value = self._score(near, samples, xyxy_px, box_weight, fine=True)
+        value = self._score(near, target, fine=True)
         curvature = (2 * value[0] - value[1:5] - value[5:]) / np.square(c.probe)
         return np.asarray(1 / np.sqrt(np.maximum(curvature, 0) + 1 / np.square(c.unknown_sd)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What an instance is fitted to."""
+
+    samples: BoxSamples
+    xyxy_px: FloatArray
+    box_weight: float
+    """Weight of the box's log density."""
+    looks: FloatArray
+    """Log probability of evenly spaced headings, shape (headings,)."""
+
+
+def _between(looks: FloatArray, heading_rad: FloatArray) -> FloatArray:
+    """Log probabilities of headings (m,), between those that are given."""
+    at = heading_rad * (len(looks) / (2 * np.pi))
+    return np.asarray(np.interp(at % len(looks), np.arange(len(looks) + 1), np.append(looks, looks[0])))
 
 
 _SAME_DISTANCE = 0.04

@@ -5,12 +5,14 @@ from collections.abc import Mapping
 import rerun.blueprint as rrb
 
 from reports.palette import NIGHT, NIGHT_SKY, detector_name, mode_name, rgb
-from reports.recording.candidate import CROP_HEIGHT_PX, CROP_WIDTH_PX, bars_view
+from reports.recording.candidate import bars_view
+from reports.recording.crop import CROP_HEIGHT_PX, CROP_WIDTH_PX
 from reports.recording.entities import (
     FRAME_TIME,
     IMAGE,
     RIGHT_IMAGE,
     WORLD,
+    boxes3d_path,
     boxes_path,
     crop_path,
     models_path,
@@ -116,7 +118,7 @@ def _frame_tab(
             rrb.Spatial2DView(name="right picture", origin=RIGHT_IMAGE, contents=[f"{RIGHT_IMAGE}/right"])
         )
     side = rrb.Vertical(
-        _scene_view(detector), rrb.Horizontal(*depths), _table_view(detector), row_shares=[6, 3.4, 4.6]
+        _scene_view(story, detector), rrb.Horizontal(*depths), _table_view(detector), row_shares=[6, 3.4, 4.6]
     )
     return rrb.Horizontal(rrb.Vertical(*columns), side, column_shares=[1, 1.15], name=title)
 
@@ -148,13 +150,14 @@ def _table_view(detector: str) -> rrb.TextDocumentView:
     return rrb.TextDocumentView(name="candidates of this frame", origin=f"tables/{part(detector)}")
 
 
-def _scene_view(detector: str) -> rrb.Spatial3DView:
+def _scene_view(story: Story, detector: str) -> rrb.Spatial3DView:
+    shown = "fitted cars as boxes" if story.shows_fits(detector) else "best three models, their boxes"
     return rrb.Spatial3DView(
-        name="stereo points, best three models, their boxes",
+        name=f"stereo points, {shown}",
         origin=WORLD,
         contents=[
             *(f"{WORLD}/stereo_points", f"{WORLD}/ground", IMAGE, f"{IMAGE}/left"),
-            *(RIGHT_IMAGE, f"{models_path(detector)}/**"),
+            *(RIGHT_IMAGE, f"{models_path(detector)}/**", f"{boxes3d_path(detector)}/**"),
         ],
         background=rgb(NIGHT_SKY),
         line_grid=rrb.LineGrid3D(visible=False),
@@ -174,24 +177,34 @@ def _candidate_tab(story: Story, detector: str, title: str) -> rrb.Horizontal:
             name=name, origin=root, contents=paths, visual_bounds=bounds, background=rgb(NIGHT)
         )
 
-    crops = rrb.Grid(
-        crop("box and outline", "picture", "box", "outline"),
-        crop("registered parts", "picture", "parts"),
-        crop("measured depth", "measured_depth/**", "outline"),
-        crop("predicted depth, registered", "predicted_depth/**", "outline"),
-        crop("residual: measured − predicted", "residual", "outline"),
-        _object_view(detector),
-        grid_columns=2,
-    )
+    if story.shows_fits(detector):
+        pictures = (
+            crop("box; dashes: where the car that fits the depth best ends", "picture", "box", "car"),
+            crop("measured depth", "measured_depth/**", "box", "car"),
+            crop("the car that fits the depth best", "seen_depth/**", "box", "car"),
+            crop("the car that fits the box best", "framed_depth/**", "box"),
+            crop("measured − depth of the car that fits the box best", "residual", "box"),
+            _object_view(detector, "the car that fits the box best; white: the depth best"),
+        )
+    else:
+        pictures = (
+            crop("box and outline", "picture", "box", "outline"),
+            crop("registered parts", "picture", "parts"),
+            crop("measured depth", "measured_depth/**", "outline"),
+            crop("predicted depth, registered", "predicted_depth/**", "outline"),
+            crop("residual: measured − predicted", "residual", "outline"),
+            _object_view(detector, "parts on the stereo points"),
+        )
+    crops = rrb.Grid(*pictures, grid_columns=2)
     words = rrb.TextDocumentView(origin=f"{why_path(detector)}/text", name="why it rose or fell")
     left = rrb.Vertical(words, bars_view(story, detector), row_shares=[5, 6])
     return rrb.Horizontal(left, crops, column_shares=[2, 3], name=title)
 
 
-def _object_view(detector: str) -> rrb.Spatial3DView:
+def _object_view(detector: str, name: str) -> rrb.Spatial3DView:
     root = object_path(detector)
     return rrb.Spatial3DView(
-        name="parts on the stereo points",
+        name=name,
         # the frame on the ground before the candidate: the eye follows it
         origin=f"{root}/place",
         contents=[

@@ -1,18 +1,20 @@
 """One candidate of a recording: crops, the registered model in 3D, parts of the evidence, why it moved."""
 
-from dataclasses import dataclass
-from typing import Any
-
 import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recon.arrays import Float32Array, FloatArray
 from recon.class_model import ClassModel
 from reports.palette import NIGHT, NIGHT_AXIS, NIGHT_INK, ORANGE, SKY, WHITE, on_dark, part_colour, rgb
+from reports.recording.boxes3d import log_fit
+from reports.recording.crop import (
+    Crop,
+    depth_range,
+    log_picture,
+    residual_limit,
+)
 from reports.recording.entities import (
     OUTCOME_CLASSES,
     class_colour,
@@ -21,15 +23,15 @@ from reports.recording.entities import (
     object_path,
     outcome_class,
     picture,
-    pinhole,
     text,
     values,
     why_path,
 )
+from reports.recording.fit_crops import log_fit_crops
 from reports.recording.frame import in_metres, log_depth
 from reports.recording.story import Story
 from reports.recording.words import Bar, ColourRange, evidence_bars, why
-from reports.run.candidate_panels import RESIDUAL_LIMIT_M, colourise
+from reports.run.candidate_panels import colourise
 from reports.run.frame_view import CandidateView, FrameView
 from reports.run.overlay import (
     PartMesh,
@@ -41,59 +43,18 @@ from reports.run.overlay import (
     world_from_camera,
 )
 
-CROP_WIDTH_PX, CROP_HEIGHT_PX = 160, 96
 SHOWN_MODELS = 3
 """Number of best candidates that show their models in the 3D view of a frame."""
-_AROUND = 1.45
 _OUTLINE_POINTS = 90
 _VIEWED_WIDTH_M = 4.4
+_CAR_SIZE = 2.0
+"""Scale of the view of a fitted car, with room for another one beside it."""
 _BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
-_BARS_ZERO, _BARS_REACH = 480.0, 100.0
+_BARS_NAME, _BARS_ZERO, _BARS_REACH = 176.0, 490.0, 96.0
 _SHORTEST_SCALE = 0.5
 """Log odds of the longest bar are taken to be at least this."""
 _PART_COLOURS = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)
 """Colour of each part label."""
-
-
-@dataclass(frozen=True)
-class Crop:
-    """The window of the picture around a box, drawn at a fixed size so that all candidates fill the view."""
-
-    left: float
-    """Left edge of the window in the picture, in pixels."""
-    top: float
-    zoom: float
-
-    @classmethod
-    def around(cls, xyxy_px: FloatArray) -> "Crop":
-        """The crop of a box."""
-        x0, y0, x1, y1 = xyxy_px
-        width = _AROUND * max(x1 - x0, (y1 - y0) * CROP_WIDTH_PX / CROP_HEIGHT_PX, 8.0)
-        height = width * CROP_HEIGHT_PX / CROP_WIDTH_PX
-        return cls((x0 + x1 - width) / 2, (y0 + y1 - height) / 2, CROP_WIDTH_PX / width)
-
-    def points(self, edges_px: FloatArray) -> FloatArray:
-        """Pixel edges (..., 2) of the crop at pixel edges (..., 2) of the picture."""
-        return (edges_px - [self.left, self.top]) * self.zoom
-
-    def matrix(self, camera_matrix: FloatArray) -> FloatArray:
-        """The camera matrix (3, 3) of the crop; origin in the middle of the first pixel, as that given."""
-        shift = np.array([[0, 0, 0.5 - self.left], [0, 0, 0.5 - self.top], [0, 0, 0]])
-        matrix = np.diag([self.zoom, self.zoom, 1.0]) @ (camera_matrix + shift)
-        return np.asarray(matrix - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]))
-
-    def cut(self, image: NDArray[Any], how: int, fill: float) -> NDArray[Any]:
-        """The window of an image (h, w) or (h, w, 3); ``fill`` where it reaches beyond."""
-        step = 1 / self.zoom
-        inverse = np.array([[step, 0, step / 2 + self.left - 0.5], [0, step, step / 2 + self.top - 0.5]])
-        return cv2.warpAffine(
-            image,
-            inverse,
-            (CROP_WIDTH_PX, CROP_HEIGHT_PX),
-            flags=how | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=[fill] * 3,
-        )
 
 
 def shown_models(candidates: tuple[CandidateView, ...]) -> tuple[CandidateView, ...]:
@@ -124,8 +85,12 @@ def log_candidate(
 ) -> None:
     """Log one candidate at the time that is set."""
     colour = class_colour(OUTCOME_CLASSES[outcome_class(c.outcome, accepted=True)])
-    colours_m = _log_crops(rec, crop_path(detector), c, view, colour)
     root = object_path(detector)
+    if story.shows_fits(detector):
+        colours_m = log_fit_crops(rec, crop_path(detector), c, view, colour)
+        log_fit(rec, f"{root}/fit", c, colour, view)
+    else:
+        colours_m = _log_crops(rec, crop_path(detector), c, view, colour)
     _log_mesh(rec, f"{root}/parts", [_mesh(c, view, 450)], view)
     _log_boxes(rec, f"{root}/box", (c,), [colour], view, model)
     _log_place(rec, f"{root}/place", c, view)
@@ -151,22 +116,7 @@ def _log_crops(
     rec: rr.RecordingStream, root: str, c: CandidateView, view: FrameView, colour: tuple[int, int, int]
 ) -> ColourRange:
     """Log the crops of a candidate; returns what their colours mean."""
-    crop = Crop.around(c.xyxy_px)
-    rec.log(
-        root,
-        pinhole(
-            crop.matrix(view.seen_from.camera.matrix), CROP_WIDTH_PX, CROP_HEIGHT_PX, image_plane_distance=2.0
-        ),
-    )
-    rec.log(
-        f"{root}/picture", picture(np.asarray(crop.cut(view.rgb, cv2.INTER_LINEAR, 40), np.uint8), quality=80)
-    )
-    x0, y0, x1, y1 = c.xyxy_px
-    corners = crop.points(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]))
-    rec.log(
-        f"{root}/box",
-        rr.LineStrips2D([corners], colors=[colour], radii=rr.Radius.ui_points(1.2), draw_order=20),
-    )
+    crop = log_picture(rec, root, c, view, colour)
     _log_outline(rec, f"{root}/outline", c, crop)
     labels = np.zeros(view.measured.shape, np.uint8)
     fitted = np.full(view.measured.shape, np.nan, np.float32)
@@ -182,10 +132,10 @@ def _log_crops(
         np.asarray(crop.cut(in_metres(d, view), cv2.INTER_NEAREST, np.nan), np.float32)
         for d in (view.measured, fitted)
     )
-    near, far = _depth_range(measured, fitted)
+    near, far = depth_range(measured, fitted)
     log_depth(rec, f"{root}/measured_depth", measured, range_m=(near, far))
     log_depth(rec, f"{root}/predicted_depth", fitted, range_m=(near, far))
-    limit = _residual_limit(fitted)
+    limit = residual_limit(fitted)
     rec.log(f"{root}/residual", picture(colourise(measured - fitted, -limit, limit, "RdBu"), quality=90))
     return ColourRange(near, far, limit)
 
@@ -201,25 +151,6 @@ def _log_outline(rec: rr.RecordingStream, path: str, c: CandidateView, crop: Cro
             strips, colors=[rgb(WHITE)] * len(strips), radii=rr.Radius.ui_points(0.9), draw_order=21
         ),
     )
-
-
-def _depth_range(measured: Float32Array, fitted: Float32Array) -> tuple[float, float]:
-    """Depths of the first and last colour: those of the prediction widened, or around the crop's middle."""
-    if not np.isfinite(fitted).any():
-        h, w = measured.shape
-        middle = measured[h // 4 : -h // 4, w // 4 : -w // 4]
-        depth_m = float(np.nanmedian(middle)) if np.isfinite(middle).any() else 16.0
-        return 0.75 * depth_m, 1.25 * depth_m
-    low, high = (float(v) for v in np.percentile(fitted[np.isfinite(fitted)], [2, 98]))
-    wide = max(high - low, 0.06 * abs(high), 0.5)
-    return max(low - 0.6 * wide, 0.0), high + 0.9 * wide
-
-
-def _residual_limit(fitted: Float32Array) -> float:
-    """Residual of the end colours: a metre, or more where stereo is coarse."""
-    if not np.isfinite(fitted).any():
-        return RESIDUAL_LIMIT_M
-    return max(RESIDUAL_LIMIT_M, 0.05 * float(np.nanmedian(fitted)))
 
 
 def _mesh(c: CandidateView, view: FrameView, max_vertices: int) -> PartMesh | None:
@@ -304,6 +235,12 @@ def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: Frame
     # small things come nearer, so that what fills the box fills the view
     size = float(np.clip((x1 - x0) / view.seen_from.camera.fx_px * distance / _VIEWED_WIDTH_M, 0.1, 4.0))
     spot = apply_transform(world, ray * distance)
+    if c.fit is not None:
+        # both cars, however far apart
+        both = [one.box.centre_cam_m[0] for one in (c.fit.framed, c.fit.seen)]
+        apart_m = float(np.linalg.norm(both[0] - both[1]))
+        size = _CAR_SIZE * float(np.clip(apart_m / _VIEWED_WIDTH_M, 1.0, 4.0))
+        spot = apply_transform(world, np.mean(both, axis=0)) * [1, 1, 0]
     forward = (world[:3, :3] @ ray) * [1, 1, 0]
     forward /= np.linalg.norm(forward)
     axes = np.stack([np.cross(forward, [0, 0, 1]), forward, [0, 0, 1]], axis=1)
@@ -329,7 +266,7 @@ def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None
     axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[rgb(NIGHT_AXIS)])
     rec.log(f"{path}/zero", axis)
     side = np.where(amount >= 0, 34.0, -34.0)
-    spots = [(200.0, row - 0.28 * _BAR_HEIGHT) for row in y]
+    spots = [(_BARS_NAME, row - 0.28 * _BAR_HEIGHT) for row in y]
     spots += list(zip(ends + side, y - 0.28 * _BAR_HEIGHT, strict=True))
     rec.log(
         f"{path}/names",

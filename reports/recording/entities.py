@@ -56,6 +56,11 @@ def models_path(detector: str) -> str:
     return f"{WORLD}/{part(detector)}/models"
 
 
+def boxes3d_path(detector: str) -> str:
+    """Entity path of the 3D boxes of a frame's candidates and cars."""
+    return f"{WORLD}/{part(detector)}/boxes3d"
+
+
 def crop_path(detector: str) -> str:
     """Entity path of the pinhole that looks at one candidate."""
     return f"{CAMERA}/{part(detector)}_candidate"

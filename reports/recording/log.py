@@ -11,6 +11,7 @@ from recon.files import atomic_path
 from reports.palette import mode_name
 from reports.recording.blueprint import blueprint, recorded_plots
 from reports.recording.boxes import log_boxes
+from reports.recording.boxes3d import log_boxes3d
 from reports.recording.candidate import log_candidate, log_models
 from reports.recording.entities import (
     CANDIDATE_TIME,
@@ -122,6 +123,7 @@ class _Writer:
                 tiles.append(SheetTile.of(story, view, size))
             log_frame(rec, view, size)
             log_boxes(rec, story, view)
+            log_boxes3d(rec, story, view)
             log_models(rec, story, view, model)
             self._log_candidates(i, view, model)
         if first is not None:
@@ -179,6 +181,7 @@ def _guide(story: Story, stride: int) -> str:
         metrics=story.run.metrics,
         mode=mode_name(story.mode),
         other_system=story.run.other_system,
+        fits=any(story.shows_fits(d) for d in story.run.detectors),
         point=story.points[story.run.detectors[0]].text,
         low=low,
         high=high,

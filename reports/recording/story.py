@@ -14,6 +14,7 @@ from reports.run.curves import match_table, scores
 from reports.run.frame_view import CandidateView, run_data
 from rescore.data.frames import DataSet
 from rescore.evidence.model import EvidenceModel
+from rescore.evidence.registration import Registration
 from rescore.metrics.matching import HIT, IGNORED, MatchTable
 from rescore.results.candidate_file import ALONE, difference
 from rescore.results.changes import CHANGED, Changes, Group, OperatingPoint, default_point
@@ -95,6 +96,10 @@ class Story:
         """The mode that is explained; the detector alone where it was not rescored in that mode."""
         return self.mode if (detector, self.mode) in self.tables else ALONE
 
+    def shows_fits(self, detector: str) -> bool:
+        """Whether what is explained of a detector is what instances fitted to its boxes say."""
+        return self.mode_of(detector) == Registration.INSTANCE
+
     def modes_of(self, detector: str) -> tuple[str, ...]:
         """The modes of a detector, it alone first."""
         return tuple(m for d, m in self.tables if d == detector)
@@ -149,7 +154,7 @@ class Story:
         group = self.group(detector, c)
         order = (Group.REJECTED_FALSE_ALARM, Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM, Group.GAINED_CAR)
         place = len(order) - order.index(group) if group in order else 0
-        return place, c.registered is not None, float(self.moved(detector)[c.row])
+        return place, c.registered is not None or c.fit is not None, float(self.moved(detector)[c.row])
 
 
 def choose_frames(story: Story, which: Frames = Frames.ALL, max_frames: int | None = None) -> IntArray:

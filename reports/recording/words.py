@@ -1,6 +1,7 @@
 """What a recording says of a candidate in words, and the bars beside them."""
 
 from dataclasses import dataclass
+from textwrap import wrap
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from rescore.results.candidate_file import ALONE
 from rescore.results.words import status_text
 
 _MAX_BARS = 8
+_LINE = 50
+"""Letters of a line beside a bar."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,10 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
     elif c.status != "ok":
         lines.append(f"No evidence: {status_text(c.status)}.")
-    if c.registered is None:
+    fits = story.shows_fits(detector)
+    if fits and c.fit is None:
+        lines.append("No car was placed here: the pictures of one and what is left stay empty.")
+    elif not fits and c.registered is None:
         lines.append("No model could be registered here: predicted depth and residual stay empty.")
     lines.append(
         f"*Colours:* depth dark {colours_m.near:.1f} m to bright {colours_m.far:.1f} m, black not measured. "
@@ -112,8 +118,8 @@ def _terms_of_eq_7(story: Story, detector: str, c: CandidateView) -> tuple[Bar, 
 
 
 def _short(sentence: str) -> str:
-    """The sentence without what cars usually have, which the words beside the bars say."""
-    return sentence.partition(" (cars")[0]
+    """The sentence in short lines, without what cars usually have, which the words beside the bars say."""
+    return "\n".join(wrap(sentence.partition(" (cars")[0], _LINE))
 
 
 def _moved(delta: int) -> str:

@@ -9,7 +9,8 @@ import matplotlib as mpl
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
-from reports.palette import HOLE_GREY, OUTCOME_COLOUR, WHITE, part_colour, rgb
+from reports.palette import HOLE_GREY, NIGHT, OUTCOME_COLOUR, WHITE, part_colour, rgb
+from reports.run.fitted_cars import dashes, error_m, instance_depth, shown_area
 from reports.run.frame_view import CandidateView, FrameView
 
 PICTURE_WIDTH_PX = 480
@@ -20,6 +21,9 @@ RESIDUAL_LIMIT_M = 1.0
 """Residuals beyond this are drawn in the end colours."""
 _DEPTH_WIDTH_PX = 240
 """Narrower depth maps are enlarged by whole numbers, so that their pixels stay sharp."""
+_ERROR_PX = 2.0
+"""An error of disparity that is no news: residuals of fitted cars end no nearer than it shifts depth."""
+_DASH_PX = 7.0
 _MARGIN = 0.2
 _ASPECT = 1.8
 """Width over height of what is cut out, so that cards are alike."""
@@ -28,6 +32,9 @@ _STEPS = 256
 """Number of colours of a map of matplotlib."""
 _QUALITY = 80
 _FRAME_QUALITY = 72
+
+Window = tuple[slice, slice]
+"""Rows and columns of a frame."""
 
 
 @dataclass(frozen=True)
@@ -56,31 +63,48 @@ class CandidatePanels:
     """Depth of the first and the last colour, in the unit of the measured depth."""
     limit: float
     """Residual of the last colour, in the unit of the measured depth."""
+    of_fit: bool = False
+    """Whether the prediction is that of the fitted car that fits the depth best, whose end is dashed, and not
+    a registered one with outline and parts."""
 
 
 def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
-    """The pictures of a candidate: frame, crop with outline and parts, measured and predicted depth,
+    """The pictures of a candidate: frame, crop with what was found in it, measured and predicted depth,
     residual."""
-    rows, columns = crop_window(c, view.measured.shape)
+    rows, columns = window = crop_window(shown_area(c), view.measured.shape)
     measured = view.measured[rows, columns]
-    predicted = np.full(view.measured.shape, np.nan, np.float32)
-    if c.predicted is not None and c.registered is not None:
-        predicted[c.predicted.window] = c.registered
-    predicted = predicted[rows, columns]
+    predicted = _predicted(view, c)[rows, columns]
     near, far = _depth_range(c, view, predicted)
     has = bool(np.isfinite(predicted).any())
     limit = RESIDUAL_LIMIT_M if view.metric else (far - near) / 4
+    if c.fit is not None and has:
+        limit = max(limit, error_m(view, float(np.nanmedian(predicted)), _ERROR_PX))
     residual = colourise(measured - predicted, -limit, limit, RESIDUAL_COLOURS)
+
+    def depth(values: Float32Array) -> Picture:
+        return as_webp(_draw_fit(_enlarged(colourise(values, near, far)), c, window))
+
     return CandidatePanels(
         frame=as_webp(_with_box(view.rgb, c), _FRAME_QUALITY),
-        picture=as_webp(_draw_outline(_widened(_tint_parts(view, c)[rows, columns]), c, rows, columns)),
-        measured=as_webp(_enlarged(colourise(measured, near, far))),
-        predicted=as_webp(_enlarged(colourise(predicted, near, far))) if has else None,
+        picture=as_webp(_draw_found(_widened(_tint_parts(view, c)[rows, columns]), c, window)),
+        measured=depth(measured),
+        predicted=depth(predicted) if has else None,
         residual=as_webp(_enlarged(residual)) if has else None,
         near=near,
         far=far,
         limit=limit,
+        of_fit=c.fit is not None,
     )
+
+
+def _predicted(view: FrameView, c: CandidateView) -> Float32Array:
+    """Predicted depth (h, w): registered, or that of the car that fits the depth best; NaN elsewhere."""
+    if c.fit is not None:
+        return instance_depth(view, c.fit, c.fit.seen)
+    predicted = np.full(view.measured.shape, np.nan, np.float32)
+    if c.predicted is not None and c.registered is not None:
+        predicted[c.predicted.window] = c.registered
+    return predicted
 
 
 def colourise(values: Float32Array, low: float, high: float, colormap: str = DEPTH_COLOURS) -> UInt8Array:
@@ -113,9 +137,9 @@ def as_webp(picture: UInt8Array, quality: int = _QUALITY) -> Picture:
     return Picture(uri, picture.shape[1], picture.shape[0])
 
 
-def crop_window(c: CandidateView, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns around the box, of one aspect as far as the image allows."""
-    x0, y0, x1, y1 = c.xyxy_px
+def crop_window(xyxy_px: FloatArray, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns around a box (4,), of one aspect as far as the image allows."""
+    x0, y0, x1, y1 = xyxy_px
     pad = 2 * _MARGIN * max(x1 - x0, y1 - y0)
     width, height = x1 - x0 + pad, y1 - y0 + pad
     width, height = max(width, _ASPECT * height), max(height, width / _ASPECT)
@@ -143,7 +167,7 @@ def _depth_range(c: CandidateView, view: FrameView, predicted: Float32Array) -> 
 def _tint_parts(view: FrameView, c: CandidateView) -> UInt8Array:
     """The left picture with the registered parts tinted."""
     rgb_image = view.rgb.copy()
-    if c.instance is not None:
+    if c.instance is not None and c.fit is None:
         window = c.instance.depth.window
         labels = c.instance.part_labels
         tint = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)[labels]
@@ -153,17 +177,47 @@ def _tint_parts(view: FrameView, c: CandidateView) -> UInt8Array:
     return rgb_image
 
 
-def _draw_outline(picture: UInt8Array, c: CandidateView, rows: slice, columns: slice) -> UInt8Array:
-    """The enlarged crop with box and outline, drawn after enlarging so that their lines stay thin."""
-    zoom = picture.shape[1] / (columns.stop - columns.start)
-    corner = np.array([columns.start, rows.start])
-    lines = [(_corners(c), rgb(OUTCOME_COLOUR[c.outcome]), 3)]
+def _draw_found(picture: UInt8Array, c: CandidateView, window: Window) -> UInt8Array:
+    """The enlarged crop with box and what was found, drawn after enlarging so that their lines stay thin."""
+    _draw_line(picture, _corners(c), rgb(OUTCOME_COLOUR[c.outcome]), 3, window)
+    if c.fit is not None:
+        return _draw_car(picture, c, window, 2)
     if c.instance is not None:
-        lines.append((c.instance.outline_px + 0.5, rgb(WHITE), 2))
-    for points, colour, width in lines:
-        at = np.round((points - corner) * zoom).astype(np.int32)
-        cv2.polylines(picture, [at], isClosed=True, color=colour, thickness=width, lineType=cv2.LINE_AA)
+        _draw_line(picture, c.instance.outline_px + 0.5, rgb(WHITE), 2, window)
     return picture
+
+
+def _draw_fit(picture: UInt8Array, c: CandidateView, window: Window) -> UInt8Array:
+    """An enlarged depth map; where a car was fitted, with the box and the end of the car that fits best."""
+    if c.fit is None:
+        return picture
+    _draw_line(picture, _corners(c), rgb(OUTCOME_COLOUR[c.outcome]), 2, window)
+    return _draw_car(picture, c, window, 1)
+
+
+def _draw_line(
+    picture: UInt8Array, points_px: FloatArray, colour: tuple[int, int, int], width: int, window: Window
+) -> None:
+    """Draw a closed line through pixel edges (n, 2) of the frame."""
+    at = np.round(_in_window(picture, points_px, window)).astype(np.int32)
+    cv2.polylines(picture, [at], isClosed=True, color=colour, thickness=width, lineType=cv2.LINE_AA)
+
+
+def _draw_car(picture: UInt8Array, c: CandidateView, window: Window, width: int) -> UInt8Array:
+    """The picture with dashes where the car that fits the depth best ends."""
+    if c.fit is not None:
+        ends = _in_window(picture, c.fit.seen.silhouette_px.reshape(2, 2), window)
+        for start, end in np.round(dashes(ends.ravel(), _DASH_PX)).astype(int).tolist():
+            for colour, thickness in ((rgb(NIGHT), width + 2), (rgb(WHITE), width)):
+                cv2.line(picture, start, end, colour, thickness, cv2.LINE_AA)
+    return picture
+
+
+def _in_window(picture: UInt8Array, points_px: FloatArray, window: Window) -> FloatArray:
+    """Pixel edges (n, 2) of the frame as pixel edges of an enlarged crop."""
+    rows, columns = window
+    zoom = picture.shape[1] / (columns.stop - columns.start)
+    return np.asarray((points_px - [columns.start, rows.start]) * zoom)
 
 
 def _with_box(picture: UInt8Array, c: CandidateView) -> UInt8Array:

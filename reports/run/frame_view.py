@@ -1,7 +1,7 @@
 """What a picture shows of one frame: its pixels, depth, cars, candidates and their reconstructions."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,14 +12,17 @@ from recon.errors import Failure
 from recon.reconstruction.reconstruct import Reconstruction
 from reports.run.curves import scores
 from reports.run.overlay import registered_depth, registered_relief
+from rescore.data.boxes3d import BOX_NAMES, Boxes3D
 from rescore.data.frames import DataSet, FrameRecord, Truth, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.evidence.align_depth import DepthAlignment, measured_depth
 from rescore.evidence.candidates import NUMBERS, alignment_of
 from rescore.evidence.cues import CUES, cue_column
-from rescore.evidence.files import Predicted, evidence_path, read_evidence
+from rescore.evidence.files import Predicted, evidence_path, read_evidence, read_fits
+from rescore.evidence.fit_summaries import FitSummary
 from rescore.evidence.instances import assumed_camera
 from rescore.evidence.predicted_depth import BoxPrediction
+from rescore.evidence.registration import Registration
 from rescore.evidence.settings import CameraChoice
 from rescore.formats.open import read_dataset
 from rescore.results.candidate_file import difference, of_mode, status
@@ -57,9 +60,13 @@ class CandidateView:
     """Depth before registration, of the instance or of another system; None where there is none."""
     registered: Float32Array | None
     """Predicted depth of the window after the registration of the mode shown, in the unit of the measured
-    depth; None where there is no registration."""
+    depth; None where there is no registration, as in mode "instance"."""
     cues: FloatArray
     """Parts of the depth evidence (k,), columns ``CUES``; NaN where one is missing."""
+    box3d: Boxes3D | None = None
+    """The 3D box of the candidate, fitted or as the detector brought it; None where it has none."""
+    fit: FitSummary | None = None
+    """The instances fitted to the box; None in other modes than "instance", and where nothing was fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +181,7 @@ class _Table:
         self._cues = np.stack([rows.get(f"cue_{name}", nothing) for name in CUES], axis=1)
         # eq. 6 has a scale and an offset of depth, the other modes a scale of relief
         self._of_relief = f"difference_{mode}" in rows
+        self._of_fits = mode == Registration.INSTANCE
         self._folder = run.root / "evidence" if with_instances else None
         self._detector = detector
 
@@ -186,13 +194,17 @@ class _Table:
         new_rank = np.empty(len(index), int)
         new_rank[order] = np.arange(len(index))
         instances: tuple[Predicted, ...] = ()
+        fits: tuple[FitSummary | None, ...] = ()
         if self._folder is not None:
             path = evidence_path(self._folder / self._detector, image_id)
             instances = read_evidence(path) if path.is_file() else ()
-        return tuple(
-            self._view(int(i), int(new), _found(instances, int(rows["rank"][i])), measured)
-            for i, new in zip(index, new_rank, strict=True)
-        )
+            fits = read_fits(path) if self._of_fits and path.is_file() else ()
+        views = []
+        for i, new in zip(index.tolist(), new_rank.tolist(), strict=True):
+            rank = int(rows["rank"][i])
+            view = self._view(i, new, _found(instances, rank), measured)
+            views.append(replace(view, fit=fits[rank]) if rank < len(fits) else view)
+        return tuple(views)
 
     def _view(
         self,
@@ -221,11 +233,20 @@ class _Table:
             predicted=None if found is None else found.depth,
             registered=None if found is None else self._registered(i, found, box, measured),
             cues=self._cues[i],
+            box3d=self._box3d(i),
         )
+
+    def _box3d(self, i: int) -> Boxes3D | None:
+        if f"box3d_{BOX_NAMES[0]}" not in self._rows:
+            return None
+        box = Boxes3D.of_values(np.array([self._rows[f"box3d_{name}"][i] for name in BOX_NAMES], float))
+        return box if box.known.all() else None
 
     def _registered(
         self, i: int, found: Reconstruction | BoxPrediction, box: FloatArray, measured: Float32Array
     ) -> Float32Array | None:
+        if self._of_fits:
+            return None
         if self._of_relief:
             scale = float(np.exp(self._cues[i, cue_column("relief_scale")]))
             return registered_relief(found.depth, measured, box, scale) if np.isfinite(scale) else None

@@ -34,7 +34,7 @@ SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
 ]
-Preset = Annotated[str, typer.Option(help="Settings to start from: paper, demo or tiny.")]
+Preset = Annotated[str, typer.Option(help="Settings to start from: paper, demo, streets or tiny.")]
 Changes = Annotated[
     Path | None, typer.Option("--config", help="JSON file with settings that replace those of the preset.")
 ]

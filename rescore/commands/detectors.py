@@ -54,11 +54,16 @@ def train(
     from rescore.detectors.crop_training import config_for_crops, read_crops
     from rescore.detectors.detect import calibrate_detector
     from rescore.detectors.platt import save_scaling
-    from rescore.detectors.registry import DETECTORS, train_detector, train_detector_on_crops
+    from rescore.detectors.registry import (
+        DETECTORS,
+        learned_detectors,
+        train_detector,
+        train_detector_on_crops,
+    )
     from rescore.experiment.config import part_as_json
     from rescore.files import write_provenance
 
-    kinds = [name for name in DETECTORS if detector in ("all", name)]
+    kinds = learned_detectors() if detector == "all" else tuple(k for k in DETECTORS if k == detector)
     if not kinds:
         known = ", ".join(DETECTORS)
         raise RescoreError(f"--detector: expected {known} or all, got {detector!r}; choose one of these")

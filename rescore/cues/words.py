@@ -25,6 +25,82 @@ class CueWords:
         """The sentence with its value."""
         return self.sentence.format(self.value(stored))
 
+    def span(self, low: float, high: float) -> str:
+        """Two values as a range, with the unit once."""
+        return f"{self.value(low).partition(' ')[0]} to {self.value(high)}"
+
+    def at_least(self, low: float) -> str:
+        """The values from one on."""
+        return f"from {self.value(low)}"
+
+    def at_most(self, high: float) -> str:
+        """The values up to one."""
+        return f"up to {self.value(high)}"
+
+
+@dataclass(frozen=True)
+class Side:
+    """How a cue that can point two ways is told where it points one way."""
+
+    sentence: str
+    """With one place for the amount, which has no sign."""
+    short: str
+    """The unit and the way in a range, after the number."""
+
+
+@dataclass(frozen=True)
+class TwoWayWords(CueWords):
+    """How a cue is told that can point two ways; ``sentence`` is told where it points neither way."""
+
+    below: Side | None
+    """How a negative value is told; None for a cue that has none."""
+    beyond: Side
+    """How a positive value is told."""
+    least: float
+    """An amount, as told, below this points neither way."""
+    most: float = np.inf
+    """An amount, as told, that may have been cut off here."""
+
+    def value(self, stored: float) -> str:
+        """The amount with its way, or the amount alone where it points neither way."""
+        side = self._side(stored)
+        number = self._amount(stored)
+        return number if side is None else f"{number.partition(' ')[0]} {side.short}"
+
+    def told(self, stored: float) -> str:
+        """The sentence of the way that the value points, with its amount."""
+        side, amount = self._side(stored), self._amount(stored)
+        cut_off = abs(self.shown(stored)) >= self.most
+        return self.sentence if side is None else side.sentence.format(f"{'at least ' * cut_off}{amount}")
+
+    def span(self, low: float, high: float) -> str:
+        """Two values as a range, the way once where it is the same."""
+        one, other = self._side(low), self._side(high)
+        if one is not other or one is None:
+            return f"{self.value(low)} to {self.value(high)}"
+        # the smaller amount first
+        first, last = sorted((low, high), key=abs)
+        return f"{self._amount(first).partition(' ')[0]} to {self.value(last)}"
+
+    def at_least(self, low: float) -> str:
+        """The values from one on, in amounts of its way."""
+        return f"at most {self.value(low)}" if self._below(low) else super().at_least(low)
+
+    def at_most(self, high: float) -> str:
+        """The values up to one, in amounts of its way."""
+        return f"at least {self.value(high)}" if self._below(high) else super().at_most(high)
+
+    def _below(self, stored: float) -> bool:
+        return self.below is not None and self._side(stored) is self.below
+
+    def _side(self, stored: float) -> Side | None:
+        if abs(self.shown(stored)) < self.least:
+            return None
+        return self.below if stored < 0 else self.beyond
+
+    def _amount(self, stored: float) -> str:
+        return self.form.format(abs(self.shown(stored)))
+
 
 def share(sentence: str, form: str = "{:.0f} %") -> CueWords:
     """Words of a cue that is a share in [0, 1]."""
@@ -41,11 +117,38 @@ def metres(sentence: str, form: str = "{:.1f} m") -> CueWords:
     return CueWords(sentence, float, form)
 
 
-def extents(sentence: str, form: str = "{:+.0f} % of it") -> CueWords:
-    """Words of a cue in extents of the box, negative the other way."""
-    return CueWords(sentence, lambda v: 100 * v, form)
+def ends(extent: str, side: str, most: float) -> CueWords:
+    """Words of where the car that fits the depth best ends, in extents of the box.
+
+    Args:
+        extent: "width" or "height".
+        side: "left", "right", "upper" or "lower".
+        most: extents at which the cue is cut off, both ways.
+    """
+    car, of_box = "the car that fits the depth best", f"{{}} of the box's {extent}"
+    return TwoWayWords(
+        f"{car} ends at the box's {side} edge",
+        lambda v: 100 * v,
+        "{:.0f} %",
+        Side(f"{car} ends inside the box, {of_box} from its {side} edge", "% inside"),
+        Side(f"{car} reaches {of_box} beyond its {side} edge", "% beyond"),
+        least=3,
+        most=100 * most - 0.5,
+    )
 
 
-def nats(sentence: str, form: str = "{:.1f}") -> CueWords:
-    """Words of a cue that is a log likelihood, or its signed log(1 + nats)."""
-    return CueWords(sentence, float, form)
+def signed_nats(
+    neither: str, below: Side | None, beyond: Side, form: str, *, logarithm: bool, least: float
+) -> CueWords:
+    """Words of a difference of two log likelihoods.
+
+    Args:
+        neither: sentence where the difference is small.
+        below: where it is negative; None where it never is.
+        beyond: where it is positive.
+        form: of the amount.
+        logarithm: whether the cue is the signed log(1 + nats) in place of the nats.
+        least: smaller differences are told as none.
+    """
+    shown = (lambda v: float(np.sign(v) * np.expm1(abs(v)))) if logarithm else float
+    return TwoWayWords(neither, shown, form, below, beyond, least)

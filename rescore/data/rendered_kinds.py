@@ -15,6 +15,8 @@ GROUND_KINDS = frozenset({"ground", "road", "kerb", "pavement", "verge", "square
 """Kinds that cars stand on."""
 BACKGROUND_KINDS = GROUND_KINDS | {"", "sky"}
 """Kinds that lie under or behind what a detector may mean."""
+VEHICLE_KINDS = frozenset({"car", "van", "truck", "bus", "tram"})
+"""Kinds that rendered scenes annotate, cars to be found and others to be ignored."""
 UNKNOWN = ""
 PICTURE_KINDS = frozenset(
     {

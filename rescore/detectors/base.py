@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from recon.arrays import FloatArray, UInt8Array
 from rescore.data.boxes import suppress
+from rescore.data.frames import FrameRecord, Truth
 from rescore.detectors.windows import clip_boxes
 
 
@@ -53,6 +54,14 @@ class Detector(Protocol):
 
     def save(self, path: Path) -> None:
         """Write the detector to one file (see rescore.detectors.files)."""
+
+
+@runtime_checkable
+class FrameDetector(Protocol):
+    """A detector that needs more of a frame than its left picture."""
+
+    def detect_frame(self, record: FrameRecord, truth: Truth) -> Detections:
+        """The candidates of a frame, in place of ``Detector.detect``."""
 
 
 def ordered(xyxy_px: FloatArray, score: FloatArray, max_count: int = 2000) -> Detections:

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from joblib import delayed
 
-from rescore.data.frames import DataSet, FrameRecord
+from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.pictures import read_rgb
 from rescore.data.splits import Splits
-from rescore.detectors.base import Detections, Detector
+from rescore.detectors.base import Detections, Detector, FrameDetector
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.parallel import in_order, one_thread, track
@@ -38,11 +38,13 @@ def detect_candidates(
 def _detections(
     detector: Detector, data: DataSet, jobs: int, what: str, show: bool
 ) -> Iterator[tuple[int, Detections]]:
-    tasks = (delayed(_detect_frame)(record, detector) for record in data.frames)
+    tasks = (delayed(_detect_frame)(record, data.truth[record.image_id], detector) for record in data.frames)
     return track(in_order(tasks, jobs), what, len(data.frames), show)
 
 
-def _detect_frame(record: FrameRecord, detector: Detector) -> tuple[int, Detections]:
+def _detect_frame(record: FrameRecord, truth: Truth, detector: Detector) -> tuple[int, Detections]:
+    if isinstance(detector, FrameDetector):
+        return record.image_id, detector.detect_frame(record, truth)
     rgb = read_rgb(record.left_path, record.width_px, record.height_px)
     with one_thread():
         return record.image_id, detector.detect(rgb)

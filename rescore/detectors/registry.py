@@ -27,6 +27,7 @@ from rescore.detectors.crop_training import (
 )
 from rescore.detectors.files import damaged, read_detector_file
 from rescore.detectors.hog_svm import HogConfig, HogDetector, HogLearner, train_hog
+from rescore.detectors.modelled import ModelledConfig, ModelledDetector, make_modelled
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,9 @@ class DetectorEntry:
     jobs; None where the detector cannot be trained on crops."""
     authors: str = ""
     """Who published it, for headings."""
+    reads_truth: bool = False
+    """Whether it draws its boxes from the truth of rendered frames; it runs where it is named, not as one of
+    all detectors."""
 
     @property
     def module(self) -> ModuleType:
@@ -78,8 +82,22 @@ DETECTORS: dict[str, DetectorEntry] = {
         learner=lambda cars, config, rng, jobs: BoostedLearner.of(cars(), config, rng, jobs),
         authors="Murphy-Torralba-Freeman",
     ),
+    "modelled": DetectorEntry(
+        title="modelled boxes",
+        kind=ModelledDetector.kind,
+        stream=3,
+        config=ModelledConfig,
+        train=make_modelled,
+        load=ModelledDetector.from_parts,
+        reads_truth=True,
+    ),
 }
-"""The detectors that can be trained, by the name that commands, files and tables use."""
+"""The detectors, by the name that commands, files and tables use."""
+
+
+def learned_detectors() -> tuple[str, ...]:
+    """Names of the detectors that look at pictures, which are meant where no detector is named."""
+    return tuple(name for name, entry in DETECTORS.items() if not entry.reads_truth)
 
 
 def detector_entry(name: str) -> DetectorEntry:

@@ -106,7 +106,7 @@ class CandidateTable:
     reason_detail: NDArray[np.object_]
     """What was expected and what came, "" where status is "ok"; strings, shape (n,)."""
     cues: FloatArray
-    """Parts of the evidence of the learned modes, shape (n, k), columns ``CUES``; NaN where one is missing."""
+    """Parts of the evidence of the learned modes, shape (n, k), columns ``CUES``; NaN where there is none."""
     azimuth_deg: FloatArray
     """Azimuth from which the detector sees the object (see ``rescore.data.frames.Truth``), shape (n,); NaN
     where it does not say."""

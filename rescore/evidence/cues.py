@@ -16,7 +16,7 @@ from recon.localization.disparity_fit import BoxFit
 from rescore.cues.framing import FRAMING, FramingConfig, framing
 from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
-from rescore.cues.words import CueWords, extents, metres, nats, share, times
+from rescore.cues.words import CueWords, Side, ends, metres, share, signed_nats, times
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import predicted_region
 from rescore.evidence.guarded import GUARDED, GuardedConfig, guarded_alignment
@@ -145,6 +145,31 @@ def _entries(
 _METRIC = (Registration.METRIC,)
 _CALIBRATED = (Registration.METRIC, Registration.INSTANCE)
 _FINE = "{:.1f} %"
+_MOST = FramingConfig().most
+_GAP = signed_nats(
+    "no car elsewhere explains the depth better than one in the box",
+    None,
+    Side("a car elsewhere explains the depth better than one in the box, by {}", "nats"),
+    "{:.0f} nats",
+    logarithm=True,
+    least=1.0,
+)
+_EXPLAINED = signed_nats(
+    "an empty place explains the depth as well as a car in the box",
+    Side("an empty place explains the depth better than a car in the box, by {}", "for none"),
+    Side("a car in the box explains the depth better than an empty place, by {}", "for a car"),
+    "{:.1f} nats a measurement",
+    logarithm=False,
+    least=0.05,
+)
+_OVER_PLANE = signed_nats(
+    "a flat thing explains its depth as well as a car",
+    Side("a flat thing explains its depth better than a car, by {}", "for a flat thing"),
+    Side("a car explains its depth better than a flat thing, by {}", "for a car"),
+    "{:.0f} nats",
+    logarithm=True,
+    least=1.0,
+)
 CUES: dict[str, Cue] = {
     **_entries(
         relief,
@@ -197,20 +222,32 @@ CUES: dict[str, Cue] = {
     **_entries(
         framed,
         (Registration.INSTANCE,),
-        ("overlap", "class model", share("the box and the car that depth shows share {}")),
-        ("framed_overlap", "class model", share("the best car for the box shares {} with it")),
-        ("end_left", "class model", extents("the car ends {} left of the box")),
-        ("end_top", "class model", extents("the car ends {} above the box")),
-        ("end_right", "class model", extents("the car ends {} right of the box")),
-        ("end_bottom", "class model", extents("the car ends {} below the box")),
-        ("gap", "class model", nats("another place explains the depth better by {}")),
-        ("explained", "class model", nats("its shape explains the depth by {} a measurement")),
-        ("over_plane", "class model", nats("its shape beats a plane by {}")),
-        ("seen_through", "class model", share("{} of its outline lies behind it")),
-        ("hidden", "class model", share("{} of its outline is hidden")),
-        ("beyond_box", "class model", share("{} of the car lies outside the box")),
-        ("goes_on_beside", "class model", share("beside its outline {} goes on at its depth")),
-        ("goes_on_above", "class model", share("above its outline {} goes on at its depth")),
+        ("overlap", "class model", share("cars that fit the depth overlap the box by {} on average")),
+        ("framed_overlap", "class model", share("the car that fits the box best overlaps it by {}")),
+        ("end_left", "class model", ends("width", "left", _MOST)),
+        ("end_top", "class model", ends("height", "upper", _MOST)),
+        ("end_right", "class model", ends("width", "right", _MOST)),
+        ("end_bottom", "class model", ends("height", "lower", _MOST)),
+        ("gap", "class model", _GAP),
+        ("explained", "class model", _EXPLAINED),
+        ("over_plane", "class model", _OVER_PLANE),
+        (
+            "seen_through",
+            "class model",
+            share("through {} of the car that fits the box best something behind it is seen"),
+        ),
+        ("hidden", "class model", share("nearer things hide {} of the car that fits the box best")),
+        ("beyond_box", "class model", share("{} of the car that fits the depth best lies outside the box")),
+        (
+            "goes_on_beside",
+            "class model",
+            share("beside the car that fits the box best {} goes on at its depth"),
+        ),
+        (
+            "goes_on_above",
+            "class model",
+            share("above the car that fits the box best {} goes on at its depth"),
+        ),
     ),
     # the rest says nothing for or against a car, but whether the others can be believed
     "agreement": Cue(

@@ -2,9 +2,9 @@
 
 import json
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,14 @@ from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
 from recon.files import atomic_path
 from recon.reconstruction.reconstruct import Reconstruction
+from rescore.evidence.fit_summaries import FitSummary, fit_arrays, fit_of_arrays
 from rescore.evidence.predicted_depth import BoxPrediction
 
 Predicted = Reconstruction | BoxPrediction | Failure
 
 _HEADER = "header_json"
+_FIT = "fit/"
+_T = TypeVar("_T")
 
 
 def evidence_path(folder: Path, image_id: int) -> Path:
@@ -25,8 +28,10 @@ def evidence_path(folder: Path, image_id: int) -> Path:
     return folder / f"{image_id}.npz"
 
 
-def write_evidence(path: Path, found: Sequence[Predicted]) -> None:
+def write_evidence(path: Path, found: Sequence[Predicted], fits: Sequence[FitSummary | None] = ()) -> None:
     """Write the reconstructions of a frame, or what another system predicts, in the order of its candidates.
+
+    ``fits`` are the instances fitted to each box, in the same order; empty where none was.
 
     The depth of reconstructions is kept in half precision (relative error below 0.05 %), which serves for
     looking; the numbers of eq. 6 come from full precision and lie in the table of candidates.
@@ -62,6 +67,9 @@ def write_evidence(path: Path, found: Sequence[Predicted]) -> None:
                 "placed_share": float(one.placed_share),
             }
         )
+    for i, fit in enumerate(fits):
+        if fit is not None:
+            arrays |= {f"{i}/{_FIT}{name}": array for name, array in fit_arrays(fit).items()}
     text = np.frombuffer(json.dumps(header).encode(), np.uint8)
     with atomic_path(path) as beside, beside.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **{_HEADER: text}, **arrays)
@@ -73,17 +81,37 @@ def read_evidence(path: Path) -> tuple[Predicted, ...]:
     Raises:
         RescoreError: no such file, or not an evidence file.
     """
+    return _read(path, _read_one)
+
+
+def read_fits(path: Path) -> tuple[FitSummary | None, ...]:
+    """The instances fitted to each candidate of a frame; None where none was.
+
+    Raises:
+        RescoreError: no such file, or not an evidence file.
+    """
+    return _read(path, _read_fit)
+
+
+def _read(path: Path, read_one: Callable[[int, dict[str, Any], Any], _T]) -> tuple[_T, ...]:
+    """What a function reads of each candidate of a file."""
     if not path.is_file():
         raise RescoreError(f"{path}: expected an evidence file, found none; run `rescore apply --evidence`")
     try:
         with np.load(path, allow_pickle=False) as stored:
             header = json.loads(stored[_HEADER].tobytes().decode())
-            return tuple(_read_one(i, row, stored) for i, row in enumerate(header))
+            return tuple(read_one(i, row, stored) for i, row in enumerate(header))
     except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise RescoreError(
             f"{path}: expected an evidence file, could not read it ({error}); "
             "run `rescore apply --evidence` again"
         ) from error
+
+
+def _read_fit(i: int, _row: dict[str, Any], stored: Any) -> FitSummary | None:
+    prefix = f"{i}/{_FIT}"
+    arrays = {n.removeprefix(prefix): stored[n] for n in stored.files if n.startswith(prefix)}
+    return fit_of_arrays(arrays) if arrays else None
 
 
 def _read_one(i: int, row: dict[str, Any], stored: Any) -> Predicted:

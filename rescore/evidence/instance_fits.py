@@ -8,7 +8,12 @@ import numpy as np
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.localization.depth_views import DepthViews, DepthViewsConfig, render_depth_views
-from recon.localization.disparity_fit import BoxFit, DisparityFit, DisparityFitConfig
+from recon.localization.disparity_fit import (
+    BoxFit,
+    DisparityFit,
+    DisparityFitConfig,
+    PlacedInstance,
+)
 from recon.localization.standing_box import cam_from_ground
 from recon.shape_space import ShapeSpace
 from rescore.data.boxes3d import Boxes3D
@@ -30,7 +35,10 @@ def fit_instances(
         return (None,) * len(xyxy_px)
     views = views_of_space(model.shape_space, frame.seen_from.ground.height_m, config.views)
     fit = DisparityFit(frame.disparity_px, frame.seen_from, views, config)
-    return tuple(fit.fit(box) for box in xyxy_px)
+    if model.looks is None:
+        return tuple(fit.fit(box) for box in xyxy_px)
+    looks = model.looks.log_density(frame.left_rgb, xyxy_px)
+    return tuple(fit.fit(box, look) for box, look in zip(xyxy_px, looks, strict=True))
 
 
 def views_of_space(space: ShapeSpace, height_m: float, config: DepthViewsConfig) -> DepthViews:
@@ -42,14 +50,19 @@ def views_of_space(space: ShapeSpace, height_m: float, config: DepthViewsConfig)
 
 def boxes_of_fits(fits: Sequence[BoxFit | None], frame: Frame) -> Boxes3D | None:
     """The 3D box of the instance that each box frames; None where no instance was fitted at all."""
-    if frame.seen_from is None or all(fit is None for fit in fits):
+    return placed_boxes([None if fit is None else fit.framed for fit in fits], frame)
+
+
+def placed_boxes(instances: Sequence[PlacedInstance | None], frame: Frame) -> Boxes3D | None:
+    """The 3D boxes of instances, with deviations; None where there is no instance at all."""
+    if frame.seen_from is None or all(placed is None for placed in instances):
         return None
     pose = cam_from_ground(frame.seen_from.ground)
-    values, deviations = np.full((len(fits), 7), np.nan), np.full((len(fits), 7), np.nan)
-    for i, fit in enumerate(fits):
-        if fit is None:
+    values, deviations = np.full((len(instances), 7), np.nan), np.full((len(instances), 7), np.nan)
+    for i, placed in enumerate(instances):
+        if placed is None:
             continue
-        box, sd = fit.framed.box, fit.framed.place_sd
+        box, sd = placed.box, placed.place_sd
         centre = pose[:3, :3] @ box.centroid_m + pose[:3, 3]
         nose = pose[:3, :3] @ [np.cos(box.yaw_rad), np.sin(box.yaw_rad), 0.0]
         values[i] = [*centre, *box.size_m, np.arctan2(-nose[2], nose[0])]

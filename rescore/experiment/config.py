@@ -25,7 +25,7 @@ from pydantic import (
 
 from datasets_synth.presets import SynthConfig, synth_preset
 from recon.learning.learn import LearnConfig
-from rescore.detectors.registry import DETECTORS
+from rescore.detectors.registry import DETECTORS, learned_detectors
 from rescore.evidence.fit_model import EvidenceConfig
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
@@ -43,7 +43,7 @@ class RunConfig(BaseModel):
 
     preset: str
     """Name of the preset it started from."""
-    detectors: tuple[str, ...] = Field(default_factory=lambda: tuple(DETECTORS), min_length=1)
+    detectors: tuple[str, ...] = Field(default_factory=learned_detectors, min_length=1)
     """Detectors to train and compare, names of ``rescore.detectors.registry``."""
     class_name: str = "car"
     synth: SynthConfig
@@ -93,12 +93,17 @@ class RunConfig(BaseModel):
 
 
 def run_preset(name: str) -> RunConfig:
-    """The config of a preset: "paper" (the report's protocol), "demo" (smaller), "tiny" (a few small frames).
+    """The config of a preset.
+
+    "paper" is the report's protocol, "demo" smaller, "tiny" a few small frames; "streets" looks along
+    streets at cars in all views, with the boxes of a modelled detector and all modes.
 
     Raises:
         RescoreError: no such preset.
     """
     config = RunConfig(preset=name, synth=synth_preset(name))
+    if name == "streets":
+        return config.model_copy(update={"detectors": ("modelled",), "registrations": tuple(Registration)})
     if name != "tiny":
         return config
     # with three training frames every car must serve, and floors must be low for anything to be found

@@ -10,11 +10,12 @@ from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learning import learn
 from recon.localization import learn_shapes
+from recon.view_looks import LooksConfig
 from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.detectors import detect, platt
 from rescore.detectors.registry import DETECTORS, load_detector, train_detector
-from rescore.evidence import fit_model, model
+from rescore.evidence import fit_model, learn_looks, model
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import LEARNED, Registration
 from rescore.experiment.config import RunConfig, part_as_json
@@ -97,10 +98,10 @@ class Experiment:
         views = self.folder.data / "part_views"
         stage = Stage(
             "learn",
-            [self.config.class_name, part_as_json(self.config.learn)],
-            (views,),
+            [self.config.class_name, part_as_json(self.config.learn), part_as_json(LooksConfig()), self.seed],
+            (views, self.folder.data),
             (self.folder.class_model,),
-            (learn, learn_shapes, part_views),
+            (learn, learn_shapes, learn_looks, part_views),
         )
 
         def work(out: Path) -> None:
@@ -110,6 +111,8 @@ class Experiment:
                     labelled, self.config.class_name, labelled.part_names, self.config.learn
                 )
                 learned = learn_shapes.with_shape_space(learned, labelled)
+                training = self._data().split("train")
+                learned = learn_looks.with_looks(learned, training, LooksConfig(), self.seed)
             learned.save(out)
 
         self.report(run_stage(self.folder.root, stage, work))

@@ -6,11 +6,13 @@ from pathlib import Path
 from joblib import delayed
 
 from recon.class_model import ClassModel
-from rescore.data.frames import DataSet, FrameRecord, load_frame
+from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.files import evidence_path, write_evidence
+from rescore.evidence.fit_summaries import FitSummary, summarise_fits
+from rescore.evidence.instances import DepthSource
 from rescore.evidence.predicted_depth_files import PredictedFile, Predictions
-from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.fusion.rescore_frame import RescoredFrame, Rescoring, rescore_frame
 from rescore.parallel import in_order, one_thread, track
 
 
@@ -68,5 +70,15 @@ def _rescore_record(
         found = source if isinstance(source, ClassModel) else source.read(record.width_px, record.height_px)
         rescored = rescore_frame(frame, candidates, found, rescoring)
     if file is not None:
-        write_evidence(file, rescored.instances)
+        write_evidence(file, rescored.instances, _summaries(rescored, frame, found, rescoring))
     return rescored.table
+
+
+def _summaries(
+    rescored: RescoredFrame, frame: Frame, source: DepthSource, rescoring: Rescoring
+) -> tuple[FitSummary | None, ...]:
+    """What the file keeps of the instances that were fitted."""
+    if not isinstance(source, ClassModel) or source.shape_space is None:
+        return ()
+    boxes = rescored.candidates.xyxy_px
+    return summarise_fits(rescored.fits, boxes, frame, source.shape_space, rescoring.config.fit)

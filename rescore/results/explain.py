@@ -185,18 +185,22 @@ class _Teller:
         """Why a candidate has no evidence, and what that means for its score."""
         if why == NOT_RESCORED:
             return "not rescored"
+        told = status_text(why)
+        measured = cues[cue_column("measured")]
         match why:
             case Reason.SECOND_BOX:
-                told = f" ({detail})" if detail else ""
-                return f"{status_text(why)}{told}: ranks below all boxes that stay"
+                return f"{told}{f' ({detail})' if detail else ''}: ranks below all boxes that stay"
+            case Reason.NO_STEREO if self.mode == Registration.INSTANCE and measured > 0:
+                # there is depth in the box, but nothing to place an instance by
+                told, detail = "no car could be placed", "the ground, or a car's distance, is not known"
             case Reason.NO_STEREO if self.mode != Registration.PAPER:
-                detail = f"{100 * (1 - cues[cue_column('measured')]):.0f} % of stereo missing"
+                detail = f"{100 * (1 - measured):.0f} % of stereo missing"
             case Reason.STEREO_NOT_BELIEVED:
                 detail = self._failed_checks(cues)
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
         keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")
         left = keeps if self.mode == Registration.PAPER else "gets the D of no evidence"
-        return f"{status_text(why)}{f' ({detail})' if detail else ''}: {left}"
+        return f"{told}{f' ({detail})' if detail else ''}: {left}"
 
     def _failed_checks(self, cues: FloatArray) -> str:
         failed = []

@@ -67,8 +67,7 @@ def range_text(value: float, ranges: Sequence[tuple[float, float]], words: CueWo
     if np.isinf(low) and np.isinf(high):
         return ""
     if np.isinf(low):
-        return f"up to {words.value(high)}"
+        return words.at_most(high)
     if np.isinf(high):
-        return f"from {words.value(low)}"
-    # the unit once
-    return f"{words.value(low).partition(' ')[0]} to {words.value(high)}"
+        return words.at_least(low)
+    return words.span(low, high)

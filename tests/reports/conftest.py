@@ -5,6 +5,7 @@ import rerun as rr
 
 from rescore.results.run_folder import Run, load_run
 from tests.reports.fake_run import make_run
+from tests.reports.instance_run import make_instance_run
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -21,3 +22,8 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def run(run_dir: Path) -> Run:
     return load_run(run_dir)
+
+
+@pytest.fixture(scope="session")
+def instance_run(run_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return load_run(make_instance_run(run_dir, tmp_path_factory.mktemp("instance") / "run"))

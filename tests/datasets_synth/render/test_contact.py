@@ -3,6 +3,7 @@ import gc
 import numpy as np
 import pytest
 
+from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Placed
 from datasets_synth.render.contact import DARKEST, contact_shade
 from datasets_synth.render.mip_textures import _known, mip_texture, sample_textures
@@ -29,6 +30,20 @@ def test_things_that_hang_and_things_without_shadow_hide_no_ground():
     hanging = Placed(box(4, 2, 1), pose(0, 10, 2.0), "sign")
     ghost = Placed(box(4, 2, 1), pose(0, 10), "mark", "", False)
     assert share_at(contact_shade((ground(), hanging, ghost)), 0, 10, 0) == 1
+
+
+def test_contact_follows_ground_that_rises():
+    # the ground is 2 m high where the box stands, and 1 m 20 m before it
+    grade = Grade(slope=0.05)
+    standing = Placed(box(4, 2, 1.5), pose(0, 40, 2.0), "car")
+    shade = contact_shade((ground(), standing), grade)
+    assert share_at(shade, 0, 40, 2.0) == pytest.approx(1 - DARKEST, abs=0.01)
+    assert share_at(shade, 0, 40, 3.5) == 1  # its own roof
+    assert share_at(shade, 0, 20, 1.0) == pytest.approx(1, abs=0.01)
+    side = np.array([[0, -1, 0]], np.float32)
+    assert [share_at(shade, 9, 20, z, normal=side) for z in (1.0, 1.3, 3.0)] == pytest.approx([0.6, 0.8, 1])
+    # over level ground the same box hangs 2 m high
+    assert share_at(contact_shade((ground(), standing)), 0, 40, 0.0) == 1
 
 
 def test_sides_are_darker_close_to_the_ground():

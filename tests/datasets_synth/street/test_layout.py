@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -184,8 +186,25 @@ def test_the_paper_preset_has_the_sizes_of_the_report() -> None:
     assert set(CONFIG.splits) == set(SPLITS)
 
 
+def test_the_streets_preset_plans_no_numbers_of_cars() -> None:
+    streets = synth_preset("streets")
+    assert {s: size.n_images for s, size in streets.splits.items()} == {
+        "train": 40,
+        "calibration": 24,
+        "validation": 20,
+        "test": 60,
+    }
+    assert {size.n_cars for size in streets.splits.values()} == {None}
+    assert {rig.name for rig in streets.along.rigs} == {"kitti", "report", "consumer"}
+    assert streets.camera == CONFIG.camera
+    with pytest.raises(RescoreError, match=r"split test: expected no number of cars .* got 3; mend"):
+        replace(streets, splits={"test": SplitSize(2, 3)})
+    with pytest.raises(RescoreError, match=r"split test: expected a number of cars .* got None; mend"):
+        replace(CONFIG, splits={"test": SplitSize(2)})
+
+
 def test_an_unknown_preset_and_an_impossible_size_are_refused() -> None:
-    known = "demo, paper, tiny, weight-study"
+    known = "demo, paper, streets, tiny, weight-study"
     with pytest.raises(RescoreError, match=f"preset: expected one of {known}, got 'papre'"):
         synth_preset("papre")
     with pytest.raises(RescoreError, match=f"at most {MAX_CARS} cars an image"):

@@ -3,7 +3,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from datasets_synth.street.facades import DOOR_HEIGHT_M, facade
+from datasets_synth.meshes.mesh import Mesh
+from datasets_synth.street.facades import DEPTH_M, DOOR_HEIGHT_M, facade
 from datasets_synth.street.street import KERB_HEIGHT_M, ground_height_m, ground_items, sample_strips
 
 
@@ -46,3 +47,34 @@ def test_a_house_has_storeys_of_three_metres_and_nothing_reaches_far_into_the_st
     assert low[2] >= -0.2
     assert low[1] >= -1.1
     assert DOOR_HEIGHT_M == 2.1
+
+
+def _crossing_side(mesh: Mesh, x_m: float, materials: str) -> int:
+    """Faces of a house whose corners lie within 5 cm of a side wall and whose material has a name."""
+    corners = mesh.vertices_m[mesh.faces]
+    at_side = (np.abs(corners[..., 0] - x_m) < 0.05).all(axis=1)
+    named = np.array([materials in m.name for m in mesh.materials])[mesh.face_material]
+    return int((at_side & named).sum())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_houses_that_are_seen_obliquely_have_windows_in_their_sides_and_closed_gables(seed: int) -> None:
+    front, whole = (
+        facade(9.0, 3, np.random.default_rng(seed), is_seen_obliquely=s).mesh() for s in (False, True)
+    )
+    for x in (0.0, 9.0):
+        assert _crossing_side(front, x, "pane") == 0
+    assert sum(_crossing_side(whole, x, "pane") for x in (0.0, 9.0)) > 0
+    # the triangle between the wall and the ridge, which runs along the middle of the house
+    for mesh, closed in ((front, False), (whole, True)):
+        corners = mesh.vertices_m[mesh.faces].astype(float)
+        top = corners[..., 2] > mesh.vertices_m[:, 2].max() - 0.01
+        ridge = (top & (np.abs(corners[..., 1] - DEPTH_M / 2) < 0.01)).any(axis=1)
+        gable = ridge & (np.ptp(corners[..., 0], axis=1) < 0.05)
+        assert bool(gable.any()) == (closed and bool(ridge.any()))
+
+
+def test_some_roofs_are_pitched_and_some_are_flat() -> None:
+    tops = [facade(9.0, 3, np.random.default_rng(s)).mesh().vertices_m for s in range(6)]
+    pitched = [abs(v[v[:, 2].argmax(), 1] - DEPTH_M / 2) < 0.01 for v in tops]
+    assert 0 < sum(pitched) < 6

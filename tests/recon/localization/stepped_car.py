@@ -10,8 +10,9 @@ from recon.shape_space import ShapeSpace
 
 SIZE_M = np.array([4.4, 1.8, 1.5])
 HOOD_M = 0.9
-"""Height of the front; the cab is as high as the car, from its rear to ``CAB_END_M`` before its middle."""
-CAB_END_M = 0.6
+"""Height of what is not under the cab, which is as high as the car."""
+CAB_M = (-2.2, 0.6)
+"""From where to where along the car the cab reaches: from the rear to before the middle."""
 RIG = GroundedStereo(StereoCamera(PinholeCamera(720, 720, 620, 180, 1242, 375), 0.54), GroundPlane(1.65))
 
 
@@ -20,13 +21,13 @@ def _box_distance(points: FloatArray, low: FloatArray, high: FloatArray) -> Floa
     return np.linalg.norm(np.maximum(out, 0), axis=-1) + np.minimum(out.max(axis=-1), 0)
 
 
-def space() -> ShapeSpace:
+def space(cab_m: tuple[float, float] = CAB_M) -> ShapeSpace:
     reach = (0.56, 0.68, 1.08)
     axes = (np.linspace(-reach[0], reach[0], 90), np.linspace(0, reach[1], 30), np.linspace(0, reach[2], 40))
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1) * SIZE_M
     half = SIZE_M / 2
     body = _box_distance(points, np.array([-half[0], -half[1], -1]), np.array([half[0], half[1], HOOD_M]))
-    cab = _box_distance(points, np.array([-half[0], -half[1], -1]), np.array([CAB_END_M, half[1], SIZE_M[2]]))
+    cab = _box_distance(points, np.array([cab_m[0], -half[1], -1]), np.array([cab_m[1], half[1], SIZE_M[2]]))
     mean = np.minimum(body, cab).astype(np.float32)
     return ShapeSpace(
         reach,
@@ -53,7 +54,7 @@ def disparity_of(
     seen_from: GroundedStereo = RIG,
     wall_m: float = 45.0,
     noise_px: float = 0.0,
-    seed: int = 0,
+    shape: ShapeSpace | None = None,
 ) -> Float32Array:
     """Disparity of the car in a 3D box on bare ground before a wall, cast ray by ray."""
     camera = seen_from.stereo.left
@@ -68,13 +69,12 @@ def disparity_of(
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     eye = turn @ (np.array([0, 0, seen_from.ground.height_m]) - np.append(box.xy_m, 0))
     length = np.linalg.norm(own, axis=1)
-    scaled = box.size_m
-    hit = first_hit(
-        space(), space().mean, scaled, np.broadcast_to(eye, own.shape), own / length[:, None] @ turn.T
-    )
+    shape = shape or space()
+    origin, direction = np.broadcast_to(eye, own.shape), own / length[:, None] @ turn.T
+    hit = first_hit(shape, shape.mean, box.size_m, origin, direction)
     depth = np.fmin(depth, hit / length)
     disparity = seen_from.stereo.exact_disparity_px(depth).reshape(camera.height_px, camera.width_px)
-    noise = np.random.default_rng(seed).normal(0, noise_px, disparity.shape) if noise_px else 0
+    noise = np.random.default_rng(0).normal(0, noise_px, disparity.shape) if noise_px else 0
     return (disparity + noise).astype(np.float32)
 
 

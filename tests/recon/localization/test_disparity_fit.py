@@ -5,7 +5,7 @@ import pytest
 
 from recon.arrays import FloatArray
 from recon.camera import GroundedStereo, GroundPlane
-from recon.localization.depth_views import DepthViews
+from recon.localization.depth_views import DepthViews, render_depth_views
 from recon.localization.disparity_fit import BoxFit, DisparityFit, DisparityFitConfig
 from recon.localization.standing_box import StandingBox
 from tests.recon.localization import stepped_car as car
@@ -69,6 +69,24 @@ def test_a_box_on_half_a_car_tears_framed_and_seen_apart(views: DepthViews) -> N
     # a car that fills half the box is half as large, and explains less
     assert part.seen.total - part.framed.total > 20
     assert whole.seen.total - whole.framed.total < 20
+
+
+def test_looks_decide_which_end_is_the_nose() -> None:
+    # a car with its cab in the middle has no nose in depth
+    shape = car.space(cab_m=(-1.1, 1.1))
+    views = render_depth_views(shape, 1.65, car.VIEWS_CONFIG)
+    box = StandingBox(np.array([0.0, 14.0]), 0.4, car.SIZE_M)
+    nowhere = StandingBox(np.array([0.0, 400.0]), 0.0, car.SIZE_M)
+    clean = car.disparity_of(box, shape=shape)
+    around = car.silhouette_of(clean, car.disparity_of(nowhere))
+    disparity = car.disparity_of(box, noise_px=0.3, shape=shape)
+    turn = 2 * np.pi * np.arange(12) / 12
+    for nose_rad in (0.4, 0.4 + np.pi):
+        looks = 2.0 * np.cos(turn - nose_rad)
+        found = DisparityFit(disparity, car.RIG, views, CONFIG).fit(around, looks)
+        assert found is not None
+        off = found.framed.box.yaw_rad - nose_rad
+        assert np.degrees(abs(np.angle(np.exp(1j * off)))) < 10
 
 
 def test_nothing_measured_finds_nothing(views: DepthViews) -> None:

@@ -14,6 +14,7 @@ from reports.run.candidate_panels import (
     crop_window,
 )
 from reports.run.curves import match_table
+from reports.run.fitted_cars import shown_area
 from reports.run.frame_view import frame_views
 from rescore.results.candidate_file import places
 from rescore.results.changes import CHANGED
@@ -104,7 +105,7 @@ def test_what_is_cut_out_has_one_aspect_and_holds_the_box(run: Run):
     for view in frame_views(run, "paper"):
         for c in view.candidates["hog"]:
             measured = candidate_panels(view, c).measured
-            rows, columns = crop_window(c, view.measured.shape)
+            rows, columns = crop_window(c.xyxy_px, view.measured.shape)
             assert measured.width_px % (columns.stop - columns.start) == 0
             h, w = rows.stop - rows.start, columns.stop - columns.start
             assert abs(w / h - 1.8) < 0.05 or w == view.measured.shape[1]
@@ -113,3 +114,26 @@ def test_what_is_cut_out_has_one_aspect_and_holds_the_box(run: Run):
             assert x1 <= columns.stop
             assert rows.start <= y0
             assert y1 <= rows.stop
+
+
+def test_cards_of_mode_instance_show_the_car_beside_the_measured_depth(instance_run: Run):
+    view = next(frame_views(instance_run, "instance"))
+    for c in view.candidates["hog"]:
+        panels = candidate_panels(view, c)
+        assert panels.of_fit == (c.fit is not None) == (panels.predicted is not None)
+        if c.fit is None or panels.predicted is None:
+            continue
+        rows, columns = crop_window(shown_area(c), view.measured.shape)
+        # the window holds the end of the car, half a box beyond the box, and the dashes are white there
+        end = min(c.fit.seen.silhouette_px[2], view.measured.shape[1])
+        assert columns.start < c.xyxy_px[2] < end <= columns.stop
+        shown = pixels(panels.picture).astype(int)
+        zoom = shown.shape[1] / (columns.stop - columns.start)
+        at = round((end - columns.start) * zoom)
+        if at >= shown.shape[1] - 2:
+            continue
+        top, bottom = (round((y - rows.start) * zoom) for y in c.xyxy_px[[1, 3]])
+        side = shown[max(top, 0) : bottom, at - 1 : at + 2].min(axis=2).max(axis=1)
+        assert 0.2 < (side > 200).mean() < 0.8
+    other = next(frame_views(instance_run, "paper"))
+    assert not any(candidate_panels(other, c).of_fit for c in other.candidates["hog"])

@@ -171,6 +171,6 @@ def test_wrong_settings_are_one_line(tmp_path: Path, text: str, message: str) ->
 
 
 def test_unknown_preset() -> None:
-    known = "demo, paper, tiny, weight-study"
+    known = "demo, paper, streets, tiny, weight-study"
     with pytest.raises(RescoreError, match=f"preset: expected one of {known}, got 'x'"):
         run_preset("x")

@@ -137,6 +137,67 @@ def test_ranges_where_a_function_is_positive() -> None:
 
 @pytest.mark.parametrize("cue", CUES)
 def test_every_cue_has_words(cue: str) -> None:
-    told = words_of(cue, 1.5).told(0.5)
+    # 0.8: more than a nat where the logarithm is kept
+    told = words_of(cue, 1.5).told(0.8)
     assert "{" not in told
     assert any(c.isdigit() for c in told)
+
+
+def instance_model(**knots: list[float]) -> EvidenceModel:
+    """Each named cue speaks for a car between its second and third knot."""
+    at = {name: np.array(values) for name, values in knots.items()}
+    return EvidenceModel(
+        Registration.INSTANCE, at, {name: np.array([-1.0, 1.0, 1.0, -1.0]) for name in at}, 0.0, 0.5, {}
+    )
+
+
+def instance_rows(model: EvidenceModel, cues: np.ndarray, status: list[str]) -> dict[str, np.ndarray]:
+    rows = rows_of(model, cues)
+    return rows | {
+        "difference_instance": rows["difference_metric"],
+        "status_instance": np.array(status, object),
+    }
+
+
+def test_where_the_car_ends_is_told_by_its_side_of_the_box() -> None:
+    model = instance_model(overlap=[0.4, 0.6, 1.0, 1.2], end_right=[-0.3, -0.1, 0.1, 0.3])
+    ends = (0.95, -0.4, 0.01, 1.5)
+    cues = np.stack([cues_with(overlap=0.8, end_right=v) for v in ends])
+    found = explain(instance_rows(model, cues, ["ok"] * 4), "instance", np.zeros(4, bool), model)
+    told = [next(p.text for p in e.parts if p.cue == "end_right") for e in found]
+    car, wanted = "the car that fits the depth best", "(cars 20 % inside to 20 % beyond)"
+    assert told == [
+        f"{car} reaches 95 % of the box's width beyond its right edge {wanted}",
+        f"{car} ends inside the box, 40 % of the box's width from its right edge {wanted}",
+        f"{car} ends at the box's right edge {wanted}",
+        f"{car} reaches at least 150 % of the box's width beyond its right edge {wanted}",
+    ]
+
+
+def test_other_explanations_of_the_depth_are_told_in_words() -> None:
+    plane, gap, explained = (words_of(cue) for cue in ("over_plane", "gap", "explained"))
+    assert plane.told(np.log1p(30)) == "a car explains its depth better than a flat thing, by 30 nats"
+    assert plane.told(-np.log1p(30)) == "a flat thing explains its depth better than a car, by 30 nats"
+    assert plane.told(-0.3) == "a flat thing explains its depth as well as a car"
+    assert (
+        gap.told(np.log1p(44)) == "a car elsewhere explains the depth better than one in the box, by 44 nats"
+    )
+    assert gap.told(0.0) == "no car elsewhere explains the depth better than one in the box"
+    assert explained.told(-1.8).startswith("an empty place explains the depth better than a car in the box")
+    assert range_text(0.0, [(np.log1p(2), np.inf)], plane) == "from 2 for a car"
+    assert range_text(0.0, [(-np.inf, -np.log1p(2))], plane) == "at least 2 for a flat thing"
+    assert range_text(0.0, [(-np.log1p(2), np.inf)], plane) == "at most 2 for a flat thing"
+    assert range_text(0.0, [(np.log1p(2), np.log1p(9))], plane) == "2 to 9 for a car"
+    assert range_text(0.0, [(-np.log1p(9), -np.log1p(2))], plane) == "2 to 9 for a flat thing"
+    assert range_text(9.0, [(-np.inf, np.log1p(19))], gap) == "up to 19 nats"
+
+
+def test_a_box_in_which_no_car_could_be_placed_says_so_where_stereo_measured() -> None:
+    model = instance_model(overlap=[0.4, 0.6, 1.0, 1.2])
+    cues = np.stack([cues_with(measured=1.0), cues_with(measured=0.0)])
+    rows = instance_rows(model, cues, ["no_stereo"] * 2)
+    placed, empty = explain(rows, "instance", np.ones(2, bool), model)
+    assert placed.text == (
+        "no car could be placed (the ground, or a car's distance, is not known): gets the D of no evidence"
+    )
+    assert empty.text == "too little measured depth (100 % of stereo missing): gets the D of no evidence"
