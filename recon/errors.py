@@ -23,6 +23,8 @@ class Reason(StrEnum):
     """Measurements are fewer, or agree less with each other or the ground, than where D was learned."""
     NO_CALIBRATION = "no_calibration"
     """The camera's focal length or baseline is unknown, so nothing can be measured in metres."""
+    NO_GROUND = "no_ground"
+    """No ground plane is stated and that of stereo is not trusted, so no object can be stood on it."""
     NO_PREDICTION = "no_prediction"
     """Another system was to predict depth, and gives none in the box, or its mask has no object there."""
     BOX_OUTSIDE_IMAGE = "box_outside_image"

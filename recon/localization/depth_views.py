@@ -140,8 +140,9 @@ def render_depth_views(space: ShapeSpace, height_m: float, config: DepthViewsCon
 
 
 def _coefficients(space: ShapeSpace, first: Sequence[float]) -> FloatArray:
-    """Coefficients (k,) of a shape from its first ones."""
-    return np.pad(np.array(first, float), (0, space.count - len(first)))
+    """Coefficients (k,) of a shape from its first ones; modes that the space lacks change nothing."""
+    own = np.array(first[: space.count], float)
+    return np.pad(own, (0, space.count - len(own)))
 
 
 def _relief(

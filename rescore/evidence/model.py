@@ -16,6 +16,7 @@ from scipy.special import expit
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
+from rescore.data.frames import GroundSource
 from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.cues import checks_of, cue_column, cues_of
 from rescore.evidence.registration import CLASS_MODEL, LEARNED, Registration
@@ -111,6 +112,12 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
             calibrated,
             "too few measured pixels in and around the box",
             "a calibrated camera expected, focal length or baseline is unknown",
+        )
+    if model.registration is Registration.INSTANCE:
+        grounded = ~calibrated | (table.ground != GroundSource.DEFAULT.value)
+        lost = np.where(grounded, lost, Reason.NO_GROUND.value)
+        why = np.where(
+            grounded, why, "a ground plane expected, none is stated and that of stereo is not trusted"
         )
     complete = model.complete(table.cues)
     lost = np.where(complete, Reason.STEREO_NOT_BELIEVED.value, lost)

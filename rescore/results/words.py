@@ -19,6 +19,7 @@ STATUS_TEXT: dict[str, str] = {
     Reason.NO_STEREO: "too little measured depth",
     Reason.STEREO_NOT_BELIEVED: "measured depth contradicts itself or the ground",
     Reason.NO_CALIBRATION: "camera not calibrated",
+    Reason.NO_GROUND: "ground not known",
     Reason.NO_PREDICTION: "no depth predicted in the box",
     Reason.BOX_OUTSIDE_IMAGE: "box outside the image",
     Reason.SECOND_BOX: "a second box of a car",

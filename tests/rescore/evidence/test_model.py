@@ -175,3 +175,31 @@ def test_without_calibrated_cameras_there_is_no_metric_mode() -> None:
     models = fit_modes(table_of(cues, 2), fitting, CONFIG)
     assert list(models) == [Registration.GUARDED]
     assert isinstance(models[Registration.GUARDED], EvidenceModel)
+
+
+def test_even_odds_do_not_depend_on_the_share_of_cars() -> None:
+    cues, is_car = drawn(4000, np.random.default_rng(3))
+    cues[:, cue_column("overlap")] = cues[:, cue_column("width")]
+    few = np.concatenate([np.flatnonzero(is_car)[:100], np.flatnonzero(~is_car)])
+    for rows in (np.arange(len(cues)), few):
+        share = is_car[rows].mean()
+        # where every cue is silent D is the share of what is no car, and a half at even odds
+        metric = fit_evidence(cues[rows], is_car[rows], Registration.METRIC, CONFIG).neutral
+        assert metric == pytest.approx(1 - share, abs=0.12)
+        even = fit_evidence(cues[rows], is_car[rows], Registration.INSTANCE, CONFIG).neutral
+        assert even == pytest.approx(0.5, abs=0.15)
+
+
+def test_an_instance_without_ground_or_fit_has_no_evidence() -> None:
+    cues, is_car = drawn(400, np.random.default_rng(4))
+    model = fit_evidence(cues, is_car, Registration.INSTANCE, CONFIG)
+    table = CandidateTable.of_candidates(
+        [Candidates(1, np.tile([0.0, 0, 10, 10], (3, 1)), np.zeros(3), np.full(3, 0.5))]
+    )
+    seen = np.ones((3, len(CUES)))
+    seen[1:, cue_column("overlap")] = np.nan
+    ground = np.array(["stereo", "stereo", "default"], object)
+    judged = with_difference(replace(table, cues=seen, ground=ground), model)
+    assert judged.status.tolist() == [OK, Reason.NO_STEREO.value, Reason.NO_GROUND.value]
+    assert judged.depth_difference[1:].tolist() == [model.neutral] * 2
+    assert "a ground plane expected" in judged.reason_detail[2]
