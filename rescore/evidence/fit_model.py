@@ -73,7 +73,7 @@ def fit_evidence(
         known = np.isfinite(values)
         at = np.unique(np.quantile(values[known], quantiles)) if known.any() else np.zeros(1)
         shape = np.stack([np.interp(values[known], at, unit) for unit in np.eye(len(at))], axis=1)
-        middle = shape.mean(axis=0) if known.any() else np.zeros(len(at))
+        middle = _middle(shape, is_car[use][known], registration.even_odds)
         full = np.zeros((len(values), len(at)))
         full[known] = shape - middle
         knots[name] = at
@@ -97,6 +97,13 @@ def fit_evidence(
         if np.isfinite(values).any()
     }
     return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share, floors)
+
+
+def _middle(shape: FloatArray, is_car: BoolArray, even_odds: bool) -> FloatArray:
+    """Mean of basis functions (n, k) over candidates, or of its means over cars and others, shape (k,)."""
+    if even_odds and is_car.any() and not is_car.all():
+        return np.asarray((shape[is_car].mean(axis=0) + shape[~is_car].mean(axis=0)) / 2)
+    return shape.mean(axis=0) if len(shape) else np.zeros(shape.shape[1])
 
 
 def labelled_cues(

@@ -181,13 +181,17 @@ def test_even_odds_do_not_depend_on_the_share_of_cars() -> None:
     cues, is_car = drawn(4000, np.random.default_rng(3))
     cues[:, cue_column("overlap")] = cues[:, cue_column("width")]
     few = np.concatenate([np.flatnonzero(is_car)[:100], np.flatnonzero(~is_car)])
-    for rows in (np.arange(len(cues)), few):
-        share = is_car[rows].mean()
-        # where every cue is silent D is the share of what is no car, and a half at even odds
-        metric = fit_evidence(cues[rows], is_car[rows], Registration.METRIC, CONFIG).neutral
-        assert metric == pytest.approx(1 - share, abs=0.12)
-        even = fit_evidence(cues[rows], is_car[rows], Registration.INSTANCE, CONFIG).neutral
-        assert even == pytest.approx(0.5, abs=0.15)
+
+    def silent(rows: np.ndarray, mode: Registration) -> float:
+        return fit_evidence(cues[rows], is_car[rows], mode, CONFIG).neutral
+
+    everything = np.arange(len(cues))
+    metric = [silent(rows, Registration.METRIC) for rows in (everything, few)]
+    even = [silent(rows, Registration.INSTANCE) for rows in (everything, few)]
+    # 25 and 3 per cent are cars
+    assert metric[1] > metric[0] + 0.08 > 0.8
+    assert abs(even[1] - even[0]) < 0.08
+    assert max(even) < 0.75
 
 
 def test_an_instance_without_ground_or_fit_has_no_evidence() -> None:
