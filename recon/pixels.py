@@ -48,6 +48,16 @@ def sample_bilinear(
     return np.concatenate(parts).reshape(-1, *picture.shape[2:])[: xy.size // 2].reshape(shape)
 
 
+def sample_nearest(picture: NDArray[Any], column: NDArray[Any], row: NDArray[Any]) -> FloatArray:
+    """Values of the pixels of a picture (h, w), NaN outside it; the shape that columns and rows broadcast to.
+
+    For what must not be mixed, as values across a depth edge.
+    """
+    h, w = picture.shape
+    there = (column >= 0) & (column < w) & (row >= 0) & (row < h)
+    return np.where(there, picture[np.clip(row, 0, h - 1), np.clip(column, 0, w - 1)].astype(float), np.nan)
+
+
 def _folded(xy: FloatArray | Float32Array) -> Float32Array:
     """A list of points (n, 2) as a grid (rows, ``_COLUMNS``, 2), filled up with zeros."""
     folded = np.zeros((-(-len(xy) // _COLUMNS) * _COLUMNS, 2), np.float32)

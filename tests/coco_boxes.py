@@ -6,7 +6,7 @@ import numpy as np
 from faster_coco_eval import COCO, COCOeval_faster
 
 from recon.arrays import FloatArray, IntArray
-from rescore.data.boxes import xywh_from_xyxy
+from recon.boxes import xywh_from_xyxy
 from rescore.metrics.matching import TruthTable
 
 

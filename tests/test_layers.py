@@ -30,7 +30,7 @@ FLOORS = {
     "recon": (
         *(
             "errors arrays",
-            "files camera depth_map outlines view_bins pixels shape_matching",
+            "files boxes camera depth_map outlines view_bins pixels shape_matching",
             "shape_space view_looks",
         ),
         *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),

@@ -7,6 +7,7 @@ import numpy as np
 from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import GroundedStereo
 from recon.localization.standing_box import cam_from_ground
+from recon.pixels import sample_nearest
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,6 @@ def box_samples(
 ) -> BoxSamples:
     """The samples around one box.
 
-    The nearest pixel is taken: values across a depth edge must not be mixed.
-
     Args:
         disparity_px: Measured, shape (h, w), NaN in holes.
         xyxy_px: The box, shape (4,), pixel edges.
@@ -105,13 +104,11 @@ def box_samples(
         noise: Of the disparity.
         grid: Of the samples.
     """
-    h, w = disparity_px.shape
     (left, top, right, bottom), (width, height) = xyxy_px, xyxy_px[2:] - xyxy_px[:2]
     u = np.linspace(left - grid.beside * width, right + grid.beside * width, grid.columns)
     v = np.linspace(top - grid.above * height, bottom + grid.below * height, grid.rows)
     column, row = np.meshgrid(np.floor(u).astype(int), np.floor(v).astype(int))
-    there = (column >= 0) & (column < w) & (row >= 0) & (row < h)
-    seen = np.where(there, disparity_px[np.clip(row, 0, h - 1), np.clip(column, 0, w - 1)], np.nan)
+    seen = sample_nearest(disparity_px, column, row).astype(np.float32)
     uv = np.stack([column, row], axis=-1).astype(float)
     ground = np.nan_to_num(seen_from.ground_disparity_px(uv)).astype(np.float32)
     area_px = max(1.0, u[1] - u[0]) * max(1.0, v[1] - v[0])
@@ -120,7 +117,7 @@ def box_samples(
     return BoxSamples(
         uv,
         inside,
-        seen.astype(np.float32),
+        seen,
         ray.astype(np.float32),
         ground,
         _log_background(seen, ground, noise),
@@ -129,7 +126,7 @@ def box_samples(
     )
 
 
-def _log_background(seen_px: FloatArray, ground_px: Float32Array, noise: DisparityNoise) -> Float32Array:
+def _log_background(seen_px: Float32Array, ground_px: Float32Array, noise: DisparityNoise) -> Float32Array:
     anything = 1 / noise.largest_px
     off = (seen_px - ground_px) / noise.ground_sd_px
     on_ground = np.exp(-0.5 * off**2) / (np.sqrt(2 * np.pi) * noise.ground_sd_px)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import softmax
 
 from recon.arrays import Float32Array, FloatArray, IntArray
+from recon.boxes import paired_overlap
 from recon.camera import GroundedStereo
 from recon.localization.box_samples import BoxSamples, DisparityNoise, SampleGrid, box_samples
 from recon.localization.depth_views import DepthViews, DepthViewsConfig
@@ -87,8 +88,6 @@ class PlacedInstance:
 
     pose: Poses
     """One pose."""
-    size_m: FloatArray
-    """Length, width and height, shape (3,)."""
     box: StandingBox
     """The 3D box in the ground frame."""
     place_sd: FloatArray
@@ -97,21 +96,13 @@ class PlacedInstance:
     not tell is as uncertain as ``SearchConfig.unknown_sd`` says."""
     silhouette_px: FloatArray
     """Box around the silhouette, cut off at the picture's edge, pixel edges, shape (4,)."""
-    log_ratio: Float32Array
-    """See ``Explained``, shape (rows, columns)."""
-    disparity_px: Float32Array
-    """Predicted, shape (rows, columns); NaN beside the silhouette."""
-    spread_px: Float32Array
-    """Standard deviation of what is measured around it, shape (rows, columns)."""
-    residual: Float32Array
-    """Measured less predicted disparity in standard deviations, shape (rows, columns)."""
-    weight: Float32Array
-    """Number of independent measurements that a sample counts as, shape (rows, columns)."""
+    explained: Explained
+    """What it says of the samples, each array of their shape (rows, columns)."""
 
     @property
     def total(self) -> float:
         """Log likelihood ratio of the instance against a place without objects, nats."""
-        return float(self.log_ratio.sum())
+        return float(self.explained.log_ratio.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +156,7 @@ class DisparityFit:
             self._placed(grid, ratio + weight * box_density, _Target(samples, xyxy_px, weight, looks))
             for weight in (c.box.framed, c.box.seen)
         )
-        overlap = float(softmax(ratio.astype(float)) @ _overlaps(boxes, xyxy_px))
+        overlap = float(softmax(ratio.astype(float)) @ paired_overlap(boxes, xyxy_px)[0])
         return BoxFit(samples, framed, seen, overlap)
 
     def _weighed(self, looks: FloatArray) -> FloatArray:
@@ -262,19 +253,12 @@ class DisparityFit:
     def _placed(self, grid: Poses, score: FloatArray, target: "_Target") -> PlacedInstance:
         """The instance that the best poses of the grid lead to."""
         pose = self._moved(grid, score, target)
-        found = self._explain(pose, target.samples, fine=True)
-        rows = target.samples.known.shape
         return PlacedInstance(
             pose,
-            pose.size_m(self.views)[0],
             pose.standing_box(0, self.views),
             self._deviations(pose, target),
             silhouette_boxes(pose, self.views, self.seen_from.left)[0],
-            found.log_ratio.reshape(rows),
-            found.disparity_px.reshape(rows),
-            found.spread_px.reshape(rows),
-            found.residual.reshape(rows),
-            found.weight.reshape(rows),
+            self._explain(pose, target.samples, fine=True).on_grid(target.samples),
         )
 
     def _deviations(self, pose: Poses, target: "_Target") -> FloatArray:
@@ -365,11 +349,3 @@ def _apart(poses: Poses, score: FloatArray, count: int, views: DepthViews) -> In
 
 _LOOKED_AT = 400
 """Best poses of the grid among which those that differ are looked for."""
-
-
-def _overlaps(boxes: FloatArray, xyxy_px: FloatArray) -> FloatArray:
-    """Intersection over union of boxes (m, 4) with one box (4,), shape (m,)."""
-    low, high = np.maximum(boxes[:, :2], xyxy_px[:2]), np.minimum(boxes[:, 2:], xyxy_px[2:])
-    both = np.prod(np.clip(high - low, 0, None), axis=1)
-    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) + np.prod(xyxy_px[2:] - xyxy_px[:2])
-    return np.asarray(both / np.maximum(areas - both, 1e-9))

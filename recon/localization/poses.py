@@ -1,6 +1,6 @@
 """Poses of instances of a class on the ground: what each predicts of a box and of disparity."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -97,6 +97,10 @@ class Explained:
     """Measured less predicted disparity in standard deviations, shape (m, n); NaN as both are."""
     weight: Float32Array
     """Number of independent measurements that a sample counts as, shape (m, n)."""
+
+    def on_grid(self, samples: BoxSamples) -> "Explained":
+        """What one pose says, each array of the shape (rows, columns) of the samples."""
+        return Explained(*(getattr(self, f.name).reshape(samples.known.shape) for f in fields(self)))
 
 
 def explain(

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
+from recon.boxes import iou_matrix
 from recon.localization.box_samples import BoxSamples
 from recon.localization.disparity_fit import BoxFit, PlacedInstance
-from rescore.data.boxes import iou_matrix
 
 FRAMING = (
     "overlap",
@@ -72,7 +72,7 @@ def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: 
         config: Settings.
     """
     framed, seen, samples = fit.framed, fit.seen, fit.samples
-    on_framed = np.isfinite(framed.residual)
+    on_framed = np.isfinite(framed.explained.residual)
     ends = _ends(seen.silhouette_px, xyxy_px, picture, config.most)
     beside, above = _around(framed, samples)
     gap = np.log1p(max(0.0, seen.total - framed.total))
@@ -83,8 +83,8 @@ def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: 
         "gap": gap if on_framed.sum() >= config.fewest else np.nan,
         "explained": _explained(framed, on_framed, config),
         "over_plane": _over_plane(framed, samples, config),
-        "seen_through": _share(framed.residual < -config.outlier_sd, on_framed, config),
-        "hidden": _share(framed.residual > config.outlier_sd, on_framed, config),
+        "seen_through": _share(framed.explained.residual < -config.outlier_sd, on_framed, config),
+        "hidden": _share(framed.explained.residual > config.outlier_sd, on_framed, config),
         "beyond_box": _beyond(seen, samples, config),
         "goes_on_beside": _share(_at_depth(framed, samples, config), beside & samples.standing, config),
         "goes_on_above": _share(_at_depth(framed, samples, config), above & samples.standing, config),
@@ -113,26 +113,26 @@ _AT_THE_EDGE_PX = 2.0
 
 
 def _explained(framed: PlacedInstance, on_framed: BoolArray, config: FramingConfig) -> float:
-    weight = float(framed.weight[on_framed].sum())
+    weight = float(framed.explained.weight[on_framed].sum())
     return framed.total / weight if on_framed.sum() >= config.fewest and weight > 0 else np.nan
 
 
 def _at_depth(placed: PlacedInstance, samples: BoxSamples, config: FramingConfig) -> BoolArray:
     """Mask of the samples (rows, columns) that lie at the middle depth of an instance."""
-    on = np.isfinite(placed.disparity_px)
-    middle = float(np.median(placed.disparity_px[on])) if on.any() else np.nan
+    on = np.isfinite(placed.explained.disparity_px)
+    middle = float(np.median(placed.explained.disparity_px[on])) if on.any() else np.nan
     tolerance = max(config.same_px, config.same_share * middle)
     return np.asarray(np.abs(samples.disparity_px - middle) < tolerance)
 
 
 def _beyond(seen: PlacedInstance, samples: BoxSamples, config: FramingConfig) -> float:
-    own = np.abs(seen.residual) < config.outlier_sd
+    own = np.abs(seen.explained.residual) < config.outlier_sd
     return _share(~samples.inside, own, config)
 
 
 def _around(placed: PlacedInstance, samples: BoxSamples) -> tuple[BoolArray, BoolArray]:
     """Masks of the samples (rows, columns) beside and above the silhouette."""
-    (left, top, right, bottom), off = placed.silhouette_px, ~np.isfinite(placed.disparity_px)
+    (left, top, right, bottom), off = placed.silhouette_px, ~np.isfinite(placed.explained.disparity_px)
     width, height = right - left, bottom - top
     u, v = samples.uv_px[..., 0] + 0.5, samples.uv_px[..., 1] + 0.5
     out = np.maximum(left - u, u - right)
@@ -148,11 +148,11 @@ def _over_plane(framed: PlacedInstance, samples: BoxSamples, config: FramingConf
     The plane is any in space, so linear in (u, v, disparity); its errors are taken to be spread as those of
     the instance, with the same share of other things.
     """
-    use = np.isfinite(framed.residual) & (framed.weight > 0)
+    use = np.isfinite(framed.explained.residual) & (framed.explained.weight > 0)
     if use.sum() < max(config.fewest, 4):
         return np.nan
-    seen, weight = samples.disparity_px[use].astype(float), framed.weight[use].astype(float)
-    spread, own = framed.spread_px[use].astype(float), framed.residual[use].astype(float)
+    seen, weight = samples.disparity_px[use].astype(float), framed.explained.weight[use].astype(float)
+    spread, own = framed.explained.spread_px[use].astype(float), framed.explained.residual[use].astype(float)
     u, v = (samples.uv_px[use] - samples.uv_px[use].mean(axis=0)).T
     basis = np.stack([np.ones_like(u), u, v], axis=1)
     residual = own

@@ -12,6 +12,7 @@ import numpy as np
 
 from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.camera import GroundedStereo, StereoCamera
+from recon.pixels import sample_nearest
 
 SURROUNDINGS = (
     "width",
@@ -114,20 +115,16 @@ SAMPLES_V = (np.arange(44) + 0.5) / 44 * 1.6 - 0.35
 def sample_boxes(picture: Float32Array, xyxy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The values at the grid of each box, (n, 44, 56), NaN outside the picture; their pixels (n, 44, 56, 2).
 
-    The nearest pixel is taken: values across a depth edge must not be mixed.
-
     Args:
         picture: shape (h, w).
         xyxy_px: boxes, shape (n, 4), pixel edges.
     """
-    height, width = picture.shape
     size = xyxy_px[:, 2:] - xyxy_px[:, :2]
     x = np.floor(xyxy_px[:, :1] + SAMPLES_U * size[:, :1]).astype(int)
     y = np.floor(xyxy_px[:, 1:2] + SAMPLES_V * size[:, 1:]).astype(int)
-    inside = ((y >= 0) & (y < height))[:, :, None] & ((x >= 0) & (x < width))[:, None, :]
-    values = picture[np.clip(y, 0, height - 1)[:, :, None], np.clip(x, 0, width - 1)[:, None, :]]
-    uv_px = np.stack(np.broadcast_arrays(x[:, None, :], y[:, :, None]), axis=-1).astype(float)
-    return np.where(inside, values.astype(float), np.nan), uv_px
+    column, row = x[:, None, :], y[:, :, None]
+    uv_px = np.stack(np.broadcast_arrays(column, row), axis=-1).astype(float)
+    return sample_nearest(picture, column, row), uv_px
 
 
 def _region(u: tuple[float, float], v: tuple[float, float]) -> BoolArray:

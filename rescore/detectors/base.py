@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from recon.arrays import FloatArray, UInt8Array
-from rescore.data.boxes import suppress
+from recon.boxes import suppress
 from rescore.data.frames import FrameRecord, Truth
 from rescore.detectors.windows import clip_boxes
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, ndtr, ndtri
 
 from recon.arrays import BoolArray, FloatArray
-from rescore.data.boxes import iou_matrix, paired_overlap
+from recon.boxes import iou_matrix, paired_overlap
 from rescore.detectors.windows import clip_boxes
 
 FLOOR = -1.386

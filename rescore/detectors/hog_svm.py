@@ -1,7 +1,7 @@
 """Dalal and Triggs: histograms of oriented gradients and a linear SVM (CVPR 2005).
 
 OpenCV computes the descriptors and scans; scikit-learn trains. OpenCV's grouping of hits is off, since
-it drops lone hits and their scores; suppression happens in ``rescore.data.boxes``.
+it drops lone hits and their scores; suppression happens in ``recon.boxes``.
 """
 
 from collections.abc import Mapping

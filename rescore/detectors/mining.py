@@ -9,8 +9,8 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
+from recon.boxes import iou_matrix, suppress
 from recon.errors import RescoreError
-from rescore.data.boxes import iou_matrix, suppress
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.pictures import read_rgb
 from rescore.detectors.base import Detections, Detector

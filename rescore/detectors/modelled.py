@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
+from recon.boxes import iou_matrix, suppress
 from recon.errors import RescoreError
-from rescore.data.boxes import iou_matrix, suppress
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.rendered_kinds import BACKGROUND_KINDS, VEHICLE_KINDS, read_instances
 from rescore.detectors.base import Detections, SuppressionConfig

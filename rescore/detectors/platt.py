@@ -7,8 +7,8 @@ import numpy as np
 from scipy.special import expit
 
 from recon.arrays import BoolArray, FloatArray
+from recon.boxes import iou_matrix, paired_overlap
 from recon.errors import RescoreError
-from rescore.data.boxes import iou_matrix, paired_overlap
 from rescore.data.frames import Truth
 from rescore.detectors.base import Detections
 from rescore.files import read_json, write_json

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
-from rescore.data.boxes import suppress
+from recon.boxes import suppress
 from rescore.detectors.base import Detections
 
 TOLERANCE = 0.25

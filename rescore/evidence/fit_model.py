@@ -10,7 +10,7 @@ from recon.errors import RescoreError
 from rescore.data.splits import FittingSet
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.cues import checks_of, cue_column, cues_of
-from rescore.evidence.model import EvidenceModel
+from rescore.evidence.model import EvidenceModel, enough_cues
 from rescore.evidence.registration import LEARNED, Registration
 from rescore.metrics.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
 
@@ -55,9 +55,7 @@ def fit_evidence(
     if not names:
         raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
     columns = cues[:, [cue_column(n) for n in names]]
-    use = np.isfinite(columns).mean(axis=1) >= config.min_share
-    if registration.needs in names and registration.needs not in checks_of(registration):
-        use &= np.isfinite(cues[:, cue_column(registration.needs)])
+    use = enough_cues(cues, names, registration, config.min_share)
     n_cars = int(is_car[use].sum())
     if n_cars < config.min_cars or n_cars == int(use.sum()):
         raise RescoreError(

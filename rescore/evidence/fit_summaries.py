@@ -101,7 +101,7 @@ def _disparity(
 ) -> Float32Array:
     """Predicted disparity of an instance at other samples, shape (rows, columns)."""
     found = explain(placed.pose, views, samples, config.noise, config.surface, fine=True)
-    return found.disparity_px.reshape(samples.known.shape)
+    return found.on_grid(samples).disparity_px
 
 
 _INSTANCES = ("framed", "seen")

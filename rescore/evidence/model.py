@@ -6,7 +6,7 @@ Hastie and Tibshirani 1990), fitted by penalised logistic regression. So what ea
 a candidate can be read off.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -76,13 +76,7 @@ class EvidenceModel:
 
     def complete(self, cues: FloatArray) -> BoolArray:
         """Whether each candidate's cues (n, k) are enough of those that the model reads, shape (n,)."""
-        own = cues[:, [cue_column(name) for name in self.knots]]
-        enough = np.asarray(np.isfinite(own).mean(axis=1) >= self.min_share)
-        needed = self.registration.needs
-        # a check that could not be made is passed
-        if needed is None or needed not in self.knots or needed in checks_of(self.registration):
-            return enough
-        return np.asarray(enough & np.isfinite(cues[:, cue_column(needed)]))
+        return enough_cues(cues, tuple(self.knots), self.registration, self.min_share)
 
     def believable(self, cues: FloatArray) -> BoolArray:
         """Whether each candidate's cues (n, k) pass all checks of plausibility, shape (n,)."""
@@ -90,6 +84,23 @@ class EvidenceModel:
         for name, floor in self.floors.items():
             passed &= ~(cues[:, cue_column(name)] < floor)
         return passed
+
+
+def enough_cues(cues: FloatArray, names: Sequence[str], mode: Registration, min_share: float) -> BoolArray:
+    """Whether candidates have ``min_share`` of some cues, and the one that their mode needs, shape (n,).
+
+    Args:
+        cues: Shape (n, k), columns ``CUES``; NaN where one is missing.
+        names: The cues of the mode that are read.
+        mode: The mode.
+        min_share: In [0, 1].
+    """
+    own = cues[:, [cue_column(name) for name in names]]
+    enough = np.asarray(np.isfinite(own).mean(axis=1) >= min_share)
+    # a check that could not be made is passed
+    if mode.needs not in names or mode.needs in checks_of(mode):
+        return enough
+    return np.asarray(enough & np.isfinite(own[:, names.index(mode.needs)]))
 
 
 def with_difference(table: CandidateTable, model: EvidenceModel | None) -> CandidateTable:

@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import BaseModel, FiniteFloat, TypeAdapter, create_model
 
 from recon.arrays import FloatArray
+from recon.boxes import xywh_from_xyxy, xyxy_from_xywh
 from recon.errors import RescoreError
 from recon.files import atomic_path
-from rescore.data.boxes import xywh_from_xyxy, xyxy_from_xywh
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS, Candidates, CandidateTable, RescoredTable

@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
 
 from recon.arrays import FloatArray
+from recon.boxes import xyxy_from_xywh
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from rescore.data.boxes import xyxy_from_xywh
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
-from rescore.data.boxes import xywh_from_xyxy
 from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
 from rescore.files import write_json
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from recon.arrays import FloatArray
+from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
-from rescore.data.boxes import xywh_from_xyxy
 from rescore.data.frames import DataSet, frame_names
 from rescore.formats import coco, coco_dataset
 from rescore.formats.box_files import class_names, is_kitti_text, read_yolo

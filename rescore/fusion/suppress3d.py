@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
+from recon.boxes import paired_overlap
 from recon.errors import Reason
-from rescore.data.boxes import paired_overlap
 from rescore.evidence.candidates import CandidateTable, RescoredTable
 from rescore.metrics.boxes3d import footprint_shares
 

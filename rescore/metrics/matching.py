@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.data.boxes import paired_overlap
+from recon.boxes import paired_overlap
 from rescore.data.frames import DataSet
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.data.boxes import paired_overlap
+from recon.boxes import paired_overlap
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet, Truth
 from rescore.formats.coco import DetectionFile

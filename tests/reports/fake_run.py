@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from recon.boxes import xywh_from_xyxy
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.depth_map import DepthMap
 from recon.errors import Failure
 from recon.reconstruction.reconstruct import Reconstruction
 from recon.stereo.sgbm import SgbmConfig, write_disparity
-from rescore.data.boxes import xywh_from_xyxy
 from rescore.data.frames import DataSet, load_frame
 from rescore.evidence.align_depth import AlignConfig, align_depth, measured_depth
 from rescore.evidence.candidates import NUMBERS

@@ -12,12 +12,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from recon.boxes import xywh_from_xyxy
 from recon.class_model import ClassModel
 from recon.localization.depth_views import DepthViewsConfig
 from recon.localization.disparity_fit import DisparityFitConfig
 from recon.localization.standing_box import StandingBox
 from recon.stereo.sgbm import write_disparity
-from rescore.data.boxes import xywh_from_xyxy
 from rescore.evidence.cues import cues_of
 from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration

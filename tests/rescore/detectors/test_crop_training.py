@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from recon.boxes import iou_matrix
 from recon.errors import RescoreError
 from rescore.cli import app
-from rescore.data.boxes import iou_matrix
 from rescore.detectors.boosted import BoostedConfig
 from rescore.detectors.boosting import BoostConfig
 from rescore.detectors.crop_training import (

@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.boxes import iou_matrix
 from recon.errors import RescoreError
-from rescore.data.boxes import iou_matrix
 from rescore.detectors.boosted import BoostedConfig, train_boosted
 from rescore.detectors.boosting import BoostConfig
 from rescore.detectors.fragments import (

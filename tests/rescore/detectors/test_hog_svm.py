@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.boxes import iou_matrix
 from recon.errors import RescoreError
-from rescore.data.boxes import iou_matrix
 from rescore.detectors.hog_svm import (
     HogConfig,
     HogDetector,

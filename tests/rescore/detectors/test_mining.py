@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.boxes import iou_matrix
 from recon.errors import RescoreError
-from rescore.data.boxes import iou_matrix
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections
 from rescore.detectors.mining import (

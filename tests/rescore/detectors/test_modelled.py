@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from recon.arrays import FloatArray
+from recon.boxes import iou_matrix
 from recon.errors import RescoreError
-from rescore.data.boxes import iou_matrix
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.box_noise import (
     BAD_BOXES,

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rescore.data.boxes import iou_matrix
+from recon.boxes import iou_matrix
 from rescore.metrics.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
 
 CAR = [0.0, 0.0, 10.0, 10.0]

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rescore.data.boxes import iou_matrix, suppress, xywh_from_xyxy, xyxy_from_xywh
+from recon.boxes import iou_matrix, suppress, xywh_from_xyxy, xyxy_from_xywh
 
 corner_size = arrays(
     np.float64, st.tuples(st.integers(1, 25), st.just(4)), elements=st.integers(1, 40).map(float)
