@@ -290,12 +290,6 @@ class MeshDraft:
         self._vertices = [v @ rotation.T + shift for v in self._vertices]
         self._normals = [n @ rotation.T for n in self._normals]
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing was added so far."""
-        self._flush()
-        return not self._faces
-
     def mesh(self) -> Mesh:
         """Everything added so far as one mesh."""
         self._flush()

@@ -13,7 +13,7 @@ from recon.arrays import BoolArray, Float32Array, IntArray, UInt8Array
 MISS = -1
 FLAT_M = 0.3
 """Things that stay below this height above level ground, like roads, share the tree of those that cast a
-shadow: one cast serves both, and a sheet on the ground shades nothing."""
+shadow: one cast serves both; what is so low shades little beside itself."""
 BANKED_M = 1.0
 """Height that flat things stay below on ground that rises and falls: kerbs and crossfall add up there."""
 

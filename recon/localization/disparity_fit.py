@@ -17,7 +17,7 @@ from recon.camera import GroundedStereo
 from recon.localization.box_samples import BoxSamples, DisparityNoise, SampleGrid, box_samples
 from recon.localization.depth_views import DepthViews, DepthViewsConfig
 from recon.localization.poses import Explained, Poses, SurfaceNoise, explain, silhouette_boxes
-from recon.localization.standing_box import StandingBox, cam_from_ground
+from recon.localization.standing_box import StandingBox, cam_from_ground, wrapped
 
 
 @dataclass(frozen=True)
@@ -339,8 +339,7 @@ def _apart(poses: Poses, score: FloatArray, count: int, views: DepthViews) -> In
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable")[:_LOOKED_AT]:
         distance, _, heading, _ = (poses.place[i] - poses.place[kept]).T
-        turn = np.abs((heading + np.pi) % (2 * np.pi) - np.pi)
-        if ((turn > turned) | (np.abs(distance) > far)).all():
+        if ((np.abs(wrapped(heading)) > turned) | (np.abs(distance) > far)).all():
             kept.append(int(i))
         if len(kept) == count:
             break

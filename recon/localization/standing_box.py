@@ -100,6 +100,11 @@ def polygon_area(polygon: FloatArray) -> float:
     return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
+def wrapped(angle_rad: FloatArray) -> FloatArray:
+    """Angles brought into [-pi, pi) by whole turns."""
+    return np.asarray((angle_rad + np.pi) % (2 * np.pi) - np.pi)
+
+
 def angle_between(a_rad: float, b_rad: float, period_rad: float = 2 * np.pi) -> float:
     """Absolute difference of two angles in [0, period / 2]."""
     return float(abs((a_rad - b_rad + period_rad / 2) % period_rad - period_rad / 2))

@@ -34,8 +34,8 @@ def publish_defaults(run_dir: Path, out: Path, detector: str | None = None) -> P
     """
     folder = RunFolder(run_dir)
     config = read_run_config(folder.config)
-    name = detector or str(config.config.everything.get("detectors", ["hog"])[0])
-    if Registration.INSTANCE not in config.config.everything.get("registrations", []):
+    name = detector or next(iter(config.config.detectors), "hog")
+    if Registration.INSTANCE not in config.config.registrations:
         raise RescoreError(
             f"{run_dir}: expected a finished run with mode {Registration.INSTANCE}, got one without; run "
             '`rescore reproduce` with "instance" in registrations'

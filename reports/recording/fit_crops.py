@@ -15,8 +15,6 @@ from reports.run.fitted_cars import dashes, error_m, instance_depth
 from reports.run.frame_view import CandidateView, FrameView
 
 _DASH_PX = 3.0
-_ERROR_PX = 2.0
-"""An error of disparity that is no news: colours end no nearer than what it does to depth."""
 
 
 def log_fit_crops(
@@ -34,7 +32,7 @@ def log_fit_crops(
         return np.asarray(crop.cut(depth, cv2.INTER_NEAREST, np.nan), np.float32)
 
     measured, seen, framed = cut(view.measured), cut(seen), cut(framed)
-    coarse_m = error_m(view, float(np.nanmedian(framed)), _ERROR_PX) if np.isfinite(framed).any() else 0.0
+    coarse_m = error_m(view, float(np.nanmedian(framed))) if np.isfinite(framed).any() else 0.0
     near, far = depth_range(measured, np.stack([seen, framed]), max(coarse_m, 0.5))
     for name, depth in (("measured_depth", measured), ("seen_depth", seen), ("framed_depth", framed)):
         log_depth(rec, f"{root}/{name}", depth, range_m=(near, far))

@@ -21,8 +21,6 @@ RESIDUAL_LIMIT_M = 1.0
 """Residuals beyond this are drawn in the end colours."""
 _DEPTH_WIDTH_PX = 240
 """Narrower depth maps are enlarged by whole numbers, so that their pixels stay sharp."""
-_ERROR_PX = 2.0
-"""An error of disparity that is no news: residuals of fitted cars end no nearer than it shifts depth."""
 _DASH_PX = 7.0
 _MARGIN = 0.2
 _ASPECT = 1.8
@@ -78,7 +76,7 @@ def candidate_panels(view: FrameView, c: CandidateView) -> CandidatePanels:
     has = bool(np.isfinite(predicted).any())
     limit = RESIDUAL_LIMIT_M if view.metric else (far - near) / 4
     if c.fit is not None and has:
-        limit = max(limit, error_m(view, float(np.nanmedian(predicted)), _ERROR_PX))
+        limit = max(limit, error_m(view, float(np.nanmedian(predicted))))
     residual = colourise(measured - predicted, -limit, limit, RESIDUAL_COLOURS)
 
     def depth(values: Float32Array) -> Picture:

@@ -38,9 +38,13 @@ _MOSTLY = 0.5
 """A pixel is on the instance where more than this share of the samples around it is."""
 
 
-def error_m(view: FrameView, depth_m: float, error_px: float) -> float:
-    """What an error of disparity does to depth at a distance, in metres."""
-    return error_px * depth_m**2 / StereoCamera(view.seen_from.camera, view.baseline).focal_baseline
+_ERROR_PX = 2.0
+"""An error of disparity that a matcher makes now and then; colours of depth span at least what it does."""
+
+
+def error_m(view: FrameView, depth_m: float) -> float:
+    """What ``_ERROR_PX`` of disparity do to depth at a distance, in metres."""
+    return _ERROR_PX * depth_m**2 / StereoCamera(view.seen_from.camera, view.baseline).focal_baseline
 
 
 def _inside(sampled_px: FloatArray, size: int) -> IntArray:

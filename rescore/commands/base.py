@@ -43,9 +43,8 @@ Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default
 Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
 TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
-RegistrationMode = Annotated[
-    str, typer.Option("--registration", help="What D comes from: paper (eq. 6), guarded or metric.")
-]
+REGISTRATION_HELP = "What D comes from: paper (eq. 6), guarded, metric or instance."
+RegistrationMode = Annotated[str, typer.Option("--registration", help=REGISTRATION_HELP)]
 EvidenceModelFile = Annotated[
     Path | None,
     typer.Option(
@@ -149,13 +148,14 @@ def with_share(
 ) -> "tuple[EvidenceModel | None, float]":
     """The evidence model, for the share of cars among the candidates if asked, and its shift; says it."""
     from rescore.evidence.car_share import with_share_of
+    from rescore.evidence.registration import LEARNED
 
     if not adapt:
         return learned, 0.0
     if learned is None:
         raise RescoreError(
-            "--adapt-share: expected --registration guarded or metric, got paper, whose D is no probability; "
-            "leave the option out"
+            f"--adapt-share: expected --registration {', '.join(LEARNED)}, got paper, whose D is no "
+            "probability; leave the option out"
         )
     adapted = with_share_of(learned, table)
     say(f"D for a share of {adapted.share:.0%} cars: log odds moved by {adapted.log_odds_shift:+.2f}")

@@ -9,6 +9,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    REGISTRATION_HELP,
     AdaptShare,
     AsJson,
     Changes,
@@ -81,7 +82,7 @@ def apply(
     registration: Annotated[
         str | None,
         typer.Option(
-            help="What D comes from: paper (eq. 6), guarded, metric or instance.",
+            help=REGISTRATION_HELP,
             show_default="paper where another option names what rescores",
         ),
     ] = None,

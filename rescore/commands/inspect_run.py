@@ -28,7 +28,9 @@ def inspect(
     detector: Annotated[str | None, typer.Option(show_default="the first")] = None,
     mode: Annotated[
         str | None,
-        typer.Option(help="Way of rescoring: paper, guarded or metric.", show_default="the last of the run"),
+        typer.Option(
+            help="Way of rescoring: paper, guarded, metric or instance.", show_default="the last of the run"
+        ),
     ] = None,
     only: Annotated[
         str,

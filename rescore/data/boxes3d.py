@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
+from recon.localization.standing_box import wrapped
 
 CAMERA_UP = np.array([0.0, -1.0, 0.0])
 """Up as KITTI takes it: against the camera's y axis, shape (3,)."""
-KITTI_NO_PLACE = -1000.0
-"""Coordinate of a location that KITTI's files do not know."""
-
 BoxValues = tuple[float, float, float, float, float, float, float]
 """One box in the order of ``bbox3d`` in files: x, y, z of the centre, length, width, height, rotation_y."""
 
@@ -41,20 +39,14 @@ class Boxes3D:
     rotation_y_rad: FloatArray
     """Turn of the nose about the camera's y axis as KITTI has it, shape (n,): the nose points along
     (cos, 0, -sin)."""
-    centre_sd_m: FloatArray | None = None
-    """Standard deviations of the centre, shape (n, 3), NaN where unknown; None where all are. The three
-    fields of deviations are there together or not at all."""
-    size_sd_m: FloatArray | None = None
-    """Standard deviations of the size, shape (n, 3)."""
-    rotation_sd_rad: FloatArray | None = None
-    """Standard deviation of the turn, shape (n,)."""
+    deviations: FloatArray | None = None
+    """Standard deviations of ``values``, shape (n, 7), NaN where unknown; None where all are."""
 
     def __post_init__(self) -> None:
         n = len(self.rotation_y_rad)
-        deviations = (self.centre_sd_m, self.size_sd_m, self.rotation_sd_rad)
-        given = [d for d in deviations if d is not None]
-        shapes = [a.shape for a in (self.centre_cam_m, self.size_m, self.rotation_y_rad, *given)]
-        if len(given) not in (0, 3) or shapes != [(n, 3), (n, 3), (n,)] * (len(shapes) // 3):
+        spread = (n, 7) if self.deviations is None else self.deviations.shape
+        shapes = [self.centre_cam_m.shape, self.size_m.shape, self.rotation_y_rad.shape, spread]
+        if shapes != [(n, 3), (n, 3), (n,), (n, 7)]:
             raise ValueError(f"3D boxes: {shapes}")
         _check_rows("3D box", self.values)
         if (self.size_m <= 0).any():
@@ -86,11 +78,9 @@ class Boxes3D:
         return np.column_stack([self.centre_cam_m, self.size_m, self.rotation_y_rad])
 
     @property
-    def deviations(self) -> FloatArray | None:
-        """Standard deviations of ``values``, shape (n, 7); None where all are unknown."""
-        if self.centre_sd_m is None or self.size_sd_m is None or self.rotation_sd_rad is None:
-            return None
-        return np.column_stack([self.centre_sd_m, self.size_sd_m, self.rotation_sd_rad])
+    def deviations_or_nan(self) -> FloatArray:
+        """Standard deviations of ``values``, shape (n, 7), NaN where unknown."""
+        return np.full((len(self), 7), np.nan) if self.deviations is None else self.deviations
 
     @property
     def nose_cam(self) -> FloatArray:
@@ -119,11 +109,9 @@ class Boxes3D:
     def of_values(values: FloatArray, deviations: FloatArray | None = None) -> "Boxes3D":
         """The boxes of rows (n, 7) in the order of ``BoxValues``, with their deviations (n, 7)."""
         v = np.asarray(values, float).reshape(-1, 7)
-        boxes = Boxes3D(v[:, :3], v[:, 3:6], v[:, 6])
         if deviations is None or np.isnan(deviations).all():
-            return boxes
-        d = np.asarray(deviations, float).reshape(-1, 7)
-        return Boxes3D(boxes.centre_cam_m, boxes.size_m, boxes.rotation_y_rad, d[:, :3], d[:, 3:6], d[:, 6])
+            return Boxes3D(v[:, :3], v[:, 3:6], v[:, 6])
+        return Boxes3D(v[:, :3], v[:, 3:6], v[:, 6], np.asarray(deviations, float).reshape(-1, 7))
 
     @staticmethod
     def of_rows(
@@ -145,11 +133,24 @@ class Boxes3D:
         return Boxes3D.of_values(np.full((n, 7), np.nan))
 
     @staticmethod
+    def filled(boxes: "Boxes3D | None", n: int) -> "Boxes3D":
+        """The boxes of n objects, none for any where None is given."""
+        return Boxes3D.none(n) if boxes is None else boxes
+
+    def or_else(self, other: "Boxes3D | None") -> "Boxes3D":
+        """Boxes with those of another in the rows that hold none."""
+        if other is None:
+            return self
+        own = self.known[:, None]
+        deviations = np.where(own, self.deviations_or_nan, other.deviations_or_nan)
+        return Boxes3D.of_values(np.where(own, self.values, other.values), deviations)
+
+    @staticmethod
     def concatenate(parts: "Sequence[Boxes3D]") -> "Boxes3D":
         """The boxes of one part below those of the other."""
         values = np.concatenate([np.zeros((0, 7)), *(p.values for p in parts)])
-        deviations = [np.full((len(p), 7), np.nan) if p.deviations is None else p.deviations for p in parts]
-        return Boxes3D.of_values(values, np.concatenate([np.zeros((0, 7)), *deviations]))
+        deviations = np.concatenate([np.zeros((0, 7)), *(p.deviations_or_nan for p in parts)])
+        return Boxes3D.of_values(values, deviations)
 
     @staticmethod
     def of_kitti(
@@ -177,11 +178,6 @@ class Boxes3D:
     def kitti_size_m(self) -> FloatArray:
         """Height, width and length, shape (n, 3): KITTI's order."""
         return self.size_m[:, ::-1]
-
-
-def wrapped(angle_rad: FloatArray) -> FloatArray:
-    """Angles brought into [-pi, pi) by whole turns."""
-    return np.asarray((angle_rad + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _filled(rows: Sequence[Sequence[float] | None]) -> FloatArray:

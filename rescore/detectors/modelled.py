@@ -4,16 +4,18 @@ No modern detector runs on rendered frames as on real ones. This one knows the a
 a detector does (rescore.detectors.box_noise), so that depth evidence can be fitted to and judged on them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects
 
 from recon.arrays import FloatArray, UInt8Array
 from recon.boxes import iou_matrix, suppress
+from recon.camera import default_camera
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.rendered_kinds import BACKGROUND_KINDS, VEHICLE_KINDS, read_instances
@@ -49,11 +51,7 @@ class ModelledDetector:
         Raises:
             RescoreError: the frame is not rendered.
         """
-        boxes = self.drawn(record, truth)
-        return Detections(
-            np.array([box.xyxy_px for box in boxes]).reshape(-1, 4),
-            np.array([box.score for box in boxes], dtype=float),
-        )
+        return _as_detections(self.drawn(record, truth))
 
     def drawn(self, record: FrameRecord, truth: Truth) -> list[DrawnBox]:
         """What ``detect_frame`` reports, best first, each with its kind.
@@ -63,10 +61,9 @@ class ModelledDetector:
         """
         street = street_of(record, truth)
         boxes = draw_boxes(street, np.random.default_rng([self.seed, record.image_id]))
-        limits = self.config.suppression
-        score = np.array([box.score for box in boxes], dtype=float)
-        xyxy = np.array([box.xyxy_px for box in boxes]).reshape(-1, 4)
-        return [boxes[i] for i in suppress(xyxy, score, limits.max_iou, limits.max_count)]
+        limits, found = self.config.suppression, _as_detections(boxes)
+        kept = suppress(found.xyxy_px, found.score, limits.max_iou, limits.max_count)
+        return [boxes[i] for i in kept]
 
     def detect(self, rgb: UInt8Array) -> Detections:
         """Nothing: a picture does not hold the truth.
@@ -122,15 +119,23 @@ def street_of(record: FrameRecord, truth: Truth) -> Street:
     whole, visible = _annotated(seen, truth)
     kinds = record.instance_kinds
     others = [i for i, kind in kinds.items() if kind not in BACKGROUND_KINDS | VEHICLE_KINDS]
-    camera = record.camera
+    known = record.camera
+    camera = default_camera(record.width_px, record.height_px) if known is None else known.left
     return Street(
         seen_xyxy_px=seen,
         whole_xyxy_px=whole,
         visible_share=visible,
         is_car=np.array([kinds[int(i)] == "car" for i in numbers], dtype=bool),
         things=np.where(np.isin(instances, others), instances, 0).astype(np.uint16),
-        fx_px=camera.left.fx_px if camera is not None else float(record.width_px),
-        axis_row_px=camera.left.cy_px if camera is not None else record.height_px / 2,
+        fx_px=camera.fx_px,
+        axis_row_px=camera.cy_px,
+    )
+
+
+def _as_detections(boxes: Sequence[DrawnBox]) -> Detections:
+    return Detections(
+        np.array([box.xyxy_px for box in boxes]).reshape(-1, 4),
+        np.array([box.score for box in boxes], dtype=float),
     )
 
 
@@ -159,9 +164,9 @@ def _annotated(seen_xyxy_px: FloatArray, truth: Truth) -> tuple[FloatArray, Floa
 def _extents(instances: NDArray[np.uint16], kinds: Mapping[int, str]) -> tuple[NDArray[np.intp], FloatArray]:
     """Numbers (n,) of the vehicles that are seen, and the extents (n, 4) of what is seen of them."""
     numbers, boxes = [], []
-    for number in sorted(i for i, kind in kinds.items() if kind in VEHICLE_KINDS):
-        y, x = np.nonzero(instances == number)
-        if len(y):
+    for number, found in enumerate(find_objects(instances), 1):
+        if found is not None and kinds.get(number) in VEHICLE_KINDS:
+            rows, columns = found
             numbers.append(number)
-            boxes.append([x.min(), y.min(), x.max() + 1, y.max() + 1])
+            boxes.append([columns.start, rows.start, columns.stop, rows.stop])
     return np.array(numbers, dtype=np.intp), np.array(boxes, dtype=float).reshape(-1, 4)

@@ -210,7 +210,7 @@ def _rows(
 def _joined_boxes3d(tables: Sequence[CandidateTable]) -> Boxes3D | None:
     if all(t.boxes3d is None for t in tables):
         return None
-    return Boxes3D.concatenate([Boxes3D.none(len(t)) if t.boxes3d is None else t.boxes3d for t in tables])
+    return Boxes3D.concatenate([Boxes3D.filled(t.boxes3d, len(t)) for t in tables])
 
 
 @dataclass(frozen=True, eq=False)

@@ -242,20 +242,16 @@ def _known_cues(cues: FloatArray) -> dict[str, float]:
 
 def _boxes(table: CandidateTable, data: DataSet) -> list[dict[str, object]]:
     boxes = xywh_from_xyxy(table.xyxy_px).tolist()
-    boxes3d = Boxes3D.none(len(table)) if table.boxes3d is None else table.boxes3d
+    boxes3d = Boxes3D.filled(table.boxes3d, len(table))
     return [
         {"image_id": int(i), "category_id": data.category_id, "bbox": box}
         | ({} if np.isnan(azimuth) else {"azimuth_deg": float(azimuth)})
         | ({} if np.isnan(box3d).any() else {"bbox3d": box3d.tolist()})
         | ({} if np.isnan(deviations).any() else {"bbox3d_sd": deviations.tolist()})
         for i, box, azimuth, box3d, deviations in zip(
-            table.image_id, boxes, table.azimuth_deg, boxes3d.values, _deviations(boxes3d), strict=True
+            table.image_id, boxes, table.azimuth_deg, boxes3d.values, boxes3d.deviations_or_nan, strict=True
         )
     ]
-
-
-def _deviations(boxes3d: Boxes3D) -> FloatArray:
-    return np.full((len(boxes3d), 7), np.nan) if boxes3d.deviations is None else boxes3d.deviations
 
 
 def _write_rows(path: Path, rows: list[dict[str, object]]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
 from rescore.files import write_json
 
@@ -104,7 +105,7 @@ def _annotations(image_id: int, truth: Truth, data: DataSet) -> list[dict[str, A
         "truncated": truth.truncated,
         "occluded": truth.occluded,
     }
-    rows = []
+    rows, boxes3d = [], _boxes3d(truth)
     for i, box in enumerate(boxes):
         row = {
             "id": int(truth.annotation_id[i]),
@@ -115,11 +116,11 @@ def _annotations(image_id: int, truth: Truth, data: DataSet) -> list[dict[str, A
         }
         known = {k: v[i].item() for k, v in columns.items() if v is not None and not np.isnan(v[i])}
         shape = {"shape_id": truth.shape_id[i]} if truth.shape_id[i] else {}
-        rows.append(row | known | shape | _box3d(truth, i))
+        rows.append(row | known | shape | boxes3d[i])
     return rows
 
 
-def _box3d(truth: Truth, i: int) -> dict[str, list[float]]:
-    if truth.boxes3d is None or not truth.boxes3d.known[i]:
-        return {}
-    return {"bbox3d": truth.boxes3d.values[i].tolist()}
+def _boxes3d(truth: Truth) -> list[dict[str, list[float]]]:
+    """The 3D box of each object as its row has it; nothing where it is not known."""
+    values = Boxes3D.filled(truth.boxes3d, len(truth.annotation_id)).values
+    return [{} if np.isnan(row).any() else {"bbox3d": row.tolist()} for row in values]

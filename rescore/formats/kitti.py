@@ -15,7 +15,7 @@ import numpy as np
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.files import atomic_path
-from rescore.data.boxes3d import KITTI_NO_PLACE, Boxes3D, BoxValues
+from rescore.data.boxes3d import Boxes3D, BoxValues
 from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import pictures_in
 from rescore.evidence.candidates import CandidateTable
@@ -29,7 +29,9 @@ NEIGHBOURS = {"car": ("van",), "pedestrian": ("person_sitting",)}
 UNKNOWN_ALPHA = -10.0
 BOX_COLUMNS = ("left", "top", "right", "bottom")
 BOX3D_COLUMNS = ("height", "width", "length", "x", "y", "z", "rotation_y")
-UNKNOWN_BOX3D = (-1, -1, -1, -1000, -1000, -1000, -10)
+UNKNOWN_PLACE = -1000
+"""Coordinate of a location that is not known."""
+UNKNOWN_BOX3D = (-1, -1, -1, UNKNOWN_PLACE, UNKNOWN_PLACE, UNKNOWN_PLACE, -10)
 """What KITTI writes in the columns of a 3D box where there is none."""
 
 
@@ -88,7 +90,7 @@ def _read_box3d(where: str, words: list[str]) -> BoxValues | None:
     """Centre, length, width, height and turn; None where the columns say that there is no box."""
     columns = [number(where, what, word) for what, word in zip(BOX3D_COLUMNS, words, strict=True)]
     size, place = np.array([columns[:3]]), np.array([columns[3:6]])
-    if (size <= 0).any() or (place == KITTI_NO_PLACE).any():
+    if (size <= 0).any() or (place == UNKNOWN_PLACE).any():
         return None
     x, y, z, length, width, height, turn = Boxes3D.of_kitti(place, size, np.array(columns[6:])).values[0]
     return (x, y, z, length, width, height, turn)
@@ -191,7 +193,7 @@ def write_kitti_labels(folder: Path, data: DataSet) -> None:
         azimuth = np.full(n, np.nan) if truth.azimuth_deg is None else truth.azimuth_deg
         truncated = np.full(n, np.nan) if truth.truncated is None else truth.truncated
         occluded = np.full(n, UNKNOWN_OCCLUSION) if truth.occluded is None else truth.occluded
-        boxes3d = Boxes3D.none(n) if truth.boxes3d is None else truth.boxes3d
+        columns = _box3d_columns(Boxes3D.filled(truth.boxes3d, n))
         lines = [
             _line(
                 DONT_CARE if truth.ignore[i] else _kitti_name(data.category),
@@ -199,7 +201,7 @@ def write_kitti_labels(folder: Path, data: DataSet) -> None:
                 alpha=alpha_of_azimuth(float(azimuth[i])),
                 truncated=-1.0 if np.isnan(truncated[i]) else float(truncated[i]),
                 occluded=int(occluded[i]),
-                box3d=_box3d_columns(boxes3d, i),
+                box3d=columns[i],
             )
             for i in range(n)
         ]
@@ -213,28 +215,31 @@ def write_kitti_detections(folder: Path, table: CandidateTable, score: FloatArra
     """
     names = frame_names(data)
     lines: dict[int, list[str]] = {image_id: [] for image_id in names}
-    boxes3d = Boxes3D.none(len(table)) if table.boxes3d is None else table.boxes3d
+    boxes3d = Boxes3D.filled(table.boxes3d, len(table))
+    columns, known, alpha = _box3d_columns(boxes3d), boxes3d.known, boxes3d.alpha_rad
     for i, image_id in enumerate(table.image_id.tolist()):
         seen = alpha_of_azimuth(float(table.azimuth_deg[i]))
         line = _line(
             _kitti_name(data.category),
             table.xyxy_px[i],
-            alpha=float(boxes3d.alpha_rad[i]) if boxes3d.known[i] else seen,
+            alpha=float(alpha[i]) if known[i] else seen,
             truncated=-1.0,
             occluded=-1,
-            box3d=_box3d_columns(boxes3d, i),
+            box3d=columns[i],
         )
         lines[image_id].append(f"{line} {float(score[i])!r}")
     for image_id, own in lines.items():
         _write(folder / f"{names[image_id]}.txt", own)
 
 
-def _box3d_columns(boxes3d: Boxes3D, i: int) -> str:
-    if not boxes3d.known[i]:
-        return " ".join(map(str, UNKNOWN_BOX3D))
-    one = boxes3d[i : i + 1]
-    columns = (*one.kitti_size_m[0], *one.kitti_location_m()[0], *one.rotation_y_rad)
-    return " ".join(repr(float(v)) for v in columns)
+def _box3d_columns(boxes3d: Boxes3D) -> list[str]:
+    """The seven columns of each box as text."""
+    numbers = [boxes3d.kitti_size_m, boxes3d.kitti_location_m(), boxes3d.rotation_y_rad]
+    unknown = " ".join(map(str, UNKNOWN_BOX3D))
+    return [
+        " ".join(map(repr, row)) if known else unknown
+        for row, known in zip(np.column_stack(numbers).tolist(), boxes3d.known, strict=True)
+    ]
 
 
 def _line(

@@ -109,7 +109,8 @@ def rescore_frame(
     depths, azimuth_rad = instances.scaled_depths, instances.views.azimuth_rad
     fits = _fitted(frame, candidates, source, rescoring)  # past eq. 6: an instance of the class, placed in 3D
     cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues, fits))
-    placed = replace(candidates, boxes3d=boxes_of_fits(fits, frame) or candidates.boxes3d)
+    fitted = boxes_of_fits(fits, frame)
+    placed = candidates if fitted is None else replace(candidates, boxes3d=fitted.or_else(candidates.boxes3d))
     evidence = CandidateTable.of_alignments(placed, alignments, cues, frame.ground_source)
     rescored = rescoring.fuse(evidence)  # eq. 7
     return RescoredFrame(rescored, instances.views, instances.found, alignments, fits)

@@ -5,14 +5,15 @@ ones around it, which overlap less; in 3D their fitted instances stand at the sa
 by side or behind each other overlap in the picture too, but not on the ground.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
 from recon.boxes import paired_overlap
 from recon.errors import Reason
-from rescore.evidence.candidates import CandidateTable, RescoredTable
+from rescore.data.boxes3d import Boxes3D
+from rescore.evidence.candidates import RescoredTable
 from rescore.metrics.boxes3d import footprint_shares
 
 SECOND_BOX_FACTOR = 1e-15
@@ -20,18 +21,14 @@ SECOND_BOX_FACTOR = 1e-15
 which stays has in practice, and are still told apart in single precision."""
 
 
-@dataclass(frozen=True)
-class SuppressConfig:
-    """When two boxes are taken to show the same car. Chosen on 61 frames of the KITTI road benchmark
-    (docs/boxes3d.md)."""
-
-    footprint: float = 0.4
-    """Share of the smaller of the two footprints that both have in common, above which it is one car."""
-    picture: float = 0.3
-    """Share of the smaller of the two boxes in the picture that both must have in common."""
+FOOTPRINT_SHARE = 0.4
+"""Share of the smaller of two footprints that both have in common, above which it is one car. This and the
+next were chosen on 61 frames of the KITTI road benchmark (docs/boxes3d.md)."""
+PICTURE_SHARE = 0.3
+"""Share of the smaller of two boxes in the picture that both must have in common."""
 
 
-def suppress_second_boxes(rescored: RescoredTable, config: SuppressConfig | None = None) -> RescoredTable:
+def suppress_second_boxes(rescored: RescoredTable) -> RescoredTable:
     """The candidates, row by row, with second boxes of the same car ranked below all others.
 
     In each image the best posterior goes first. A later box whose 3D box shows the same car as that of one
@@ -39,11 +36,13 @@ def suppress_second_boxes(rescored: RescoredTable, config: SuppressConfig | None
     ``SECOND_BOX_FACTOR`` times its posterior. A candidate without a 3D box stays.
     """
     table, posterior = rescored.candidates, rescored.posterior.copy()
+    if table.boxes3d is None:
+        return rescored
     status, detail = table.status.copy(), table.reason_detail.copy()
     for image_id in np.unique(table.image_id):
         rows = np.flatnonzero(table.image_id == image_id)
-        one = table.take(rows)
-        for second, first in _second_boxes(one, posterior[rows], config or SuppressConfig()).items():
+        one, boxes3d = table.take(rows), table.boxes3d[rows]
+        for second, first in _second_boxes(one.xyxy_px, boxes3d, posterior[rows]).items():
             i = rows[second]
             posterior[i] *= SECOND_BOX_FACTOR
             status[i] = Reason.SECOND_BOX.value
@@ -52,12 +51,13 @@ def suppress_second_boxes(rescored: RescoredTable, config: SuppressConfig | None
     return RescoredTable(replace(table, status=status, reason_detail=detail), posterior)
 
 
-def _second_boxes(table: CandidateTable, posterior: FloatArray, config: SuppressConfig) -> dict[int, int]:
+def _second_boxes(xyxy_px: FloatArray, boxes3d: Boxes3D, posterior: FloatArray) -> dict[int, int]:
     """For each row of one image that is a second box, the row that stays in its place."""
     found: dict[int, int] = {}
     stay: list[int] = []
+    same_car = _same_car(xyxy_px, boxes3d)
     for i in np.argsort(-posterior, kind="stable").tolist():
-        same = np.flatnonzero(_same_car(table, i, stay, config))
+        same = np.flatnonzero(same_car[i, stay])
         if len(same):
             found[i] = stay[same[0]]
         else:
@@ -65,11 +65,9 @@ def _second_boxes(table: CandidateTable, posterior: FloatArray, config: Suppress
     return found
 
 
-def _same_car(table: CandidateTable, row: int, others: list[int], config: SuppressConfig) -> BoolArray:
-    """Whether a candidate shows the same car as each of others of its image, shape (len(others),)."""
-    if table.boxes3d is None:
-        return np.zeros(len(others), np.bool_)
-    box, theirs = table.xyxy_px[row], table.xyxy_px[others]
-    in_picture = np.maximum(paired_overlap(box, theirs)[1], paired_overlap(theirs, box)[1])
-    on_ground = footprint_shares(table.boxes3d[[row] * len(others)], table.boxes3d[others])
-    return np.asarray((in_picture > config.picture) & (on_ground > config.footprint))
+def _same_car(xyxy_px: FloatArray, boxes3d: Boxes3D) -> BoolArray:
+    """Whether each two of the n boxes of one image show the same car, shape (n, n)."""
+    of_own = paired_overlap(xyxy_px[:, None], xyxy_px[None])[1]
+    a, b = np.indices(of_own.shape).reshape(2, -1)
+    on_ground = footprint_shares(boxes3d[a], boxes3d[b]).reshape(of_own.shape)
+    return np.asarray((np.maximum(of_own, of_own.T) > PICTURE_SHARE) & (on_ground > FOOTPRINT_SHARE))

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.data.boxes3d import Boxes3D, wrapped
+from recon.localization.standing_box import wrapped
+from rescore.data.boxes3d import Boxes3D
 
 _CORNERS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
 """Corners of a footprint as shares of length and width, counter-clockwise."""

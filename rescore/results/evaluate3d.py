@@ -85,7 +85,7 @@ class TrueCars:
     def of(data: DataSet) -> "TrueCars | None":
         """The objects of a data set; None where no car that counts has a 3D box."""
         truths = [data.truth[f.image_id] for f in data.frames]
-        boxes3d = [Boxes3D.none(len(t.ignore)) if t.boxes3d is None else t.boxes3d for t in truths]
+        boxes3d = [Boxes3D.filled(t.boxes3d, len(t.ignore)) for t in truths]
         cars = TrueCars(
             table=TruthTable.of(data),
             boxes3d=Boxes3D.concatenate(boxes3d),
@@ -149,17 +149,19 @@ def boxes3d_rows(
         matched: what the detections found in the picture, by mode.
     """
     table = next((f.table for f in files if f.table.boxes3d is not None), None)
-    if table is None or table.boxes3d is None:
+    if table is None or table.boxes3d is None or not matched:
         return []
     alpha = np.where(table.boxes3d.known, table.boxes3d.alpha_rad, _alphas(table.azimuth_deg))
+    found = [Ranked(match.image, table.xyxy_px, table.boxes3d, alpha, match) for match in matched.values()]
+    # modes rank the same boxes
+    pairs = _Pairs.of(cars, found[0])
     return [
-        _row(cars, files[0].detector, mode, Ranked(match.image, table.xyxy_px, table.boxes3d, alpha, match))
-        for mode, match in matched.items()
+        _row(cars, files[0].detector, mode, ranked, pairs)
+        for mode, ranked in zip(matched, found, strict=True)
     ]
 
 
-def _row(cars: TrueCars, detector: str, mode: str, found: Ranked) -> Boxes3DRow:
-    pairs = _Pairs.of(cars, found)
+def _row(cars: TrueCars, detector: str, mode: str, found: Ranked, pairs: "_Pairs") -> Boxes3DRow:
     return Boxes3DRow(
         detector=detector,
         mode=mode,
@@ -183,6 +185,7 @@ class _Pairs:
     of_own_area: FloatArray
     """Share of the detection's box in the picture that lies in that of the object."""
     similarity: FloatArray
+    errors: BoxErrors
 
     @staticmethod
     def of(cars: TrueCars, found: Ranked) -> "_Pairs":
@@ -190,7 +193,8 @@ class _Pairs:
         in_picture, of_own_area = paired_overlap(found.xyxy_px[detection], cars.table.xyxy_px[car])
         from_above, in_space = box_overlaps(found.boxes3d[detection], cars.boxes3d[car])
         similarity = orientation_similarity(found.alpha_rad[detection], cars.alpha_rad[car])
-        return _Pairs(detection, car, in_picture, from_above, in_space, of_own_area, similarity)
+        errors = box_errors(found.boxes3d[detection], cars.boxes3d[car])
+        return _Pairs(detection, car, in_picture, from_above, in_space, of_own_area, similarity, errors)
 
     def touching(self, overlap: FloatArray, min_iou: float) -> Touching:
         """The pairs whose overlap (p,) is larger than the limit."""
@@ -233,7 +237,7 @@ def _precision(cars: TrueCars, found: Ranked, pairs: _Pairs, level: Level) -> Pr
 def _errors(cars: TrueCars, found: Ranked, pairs: _Pairs) -> BoxErrorFigures:
     """Errors of the detections that are taken, best first, by the nearest free car within 2 m, as nuScenes
     does."""
-    apart = box_errors(found.boxes3d[pairs.detection], cars.boxes3d[pairs.car])
+    apart = pairs.errors
     near = apart.translation_m < FOUND_WITHIN_M
     taken = take_cars(
         found.image,

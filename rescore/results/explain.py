@@ -192,7 +192,7 @@ class _Teller:
                 return f"{told}{f' ({detail})' if detail else ''}: ranks below all boxes that stay"
             case Reason.NO_STEREO if self.mode == Registration.INSTANCE and measured > 0:
                 # there is depth in the box, but nothing to place an instance by
-                told, detail = "no car could be placed", "the ground, or a car's distance, is not known"
+                told, detail = "no car could be placed", "a car's distance is not known"
             case Reason.NO_STEREO if self.mode != Registration.PAPER:
                 detail = f"{100 * (1 - measured):.0f} % of stereo missing"
             case Reason.STEREO_NOT_BELIEVED:

@@ -21,23 +21,26 @@ from rescore.evidence.settings import RescoreConfig
 from rescore.files import read_json_object, versions, write_json
 from rescore.formats.checked_json import first_difference, merged, refuse_unknown_keys
 
-RETIRED = (("rescore", "cues", "guarded", "inverse_depth"), ("tune", "recall"))
-"""Settings that only older versions have, by their keys in the settings of a run. They are left out on
-reading: at their usual values, which published runs have, they changed no result."""
+RETIRED: dict[tuple[str, ...], Any] = {
+    ("rescore", "cues", "guarded", "inverse_depth"): True,
+    ("tune", "recall"): 0.7,
+}
+"""Settings that only older versions have, by their keys in the settings of a run, with their usual values. At
+these they are left out on reading: they changed no result."""
 _RESCORE = "rescore"
 """Key of the settings of rescoring in the settings of `rescore reproduce`."""
 _RESCORE_CONFIG = TypeAdapter(RescoreConfig)
 
 
-def _without(settings: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
-    """The settings without the one at a path of keys, if it is there."""
+def _without(settings: dict[str, Any], path: tuple[str, ...], usual: Any) -> dict[str, Any]:
+    """The settings without the one at a path of keys, if it is there and usual."""
     first, *rest = path
     if first not in settings:
         return settings
     if not rest:
-        return {key: value for key, value in settings.items() if key != first}
+        return {key: value for key, value in settings.items() if key != first or value != usual}
     part = settings[first]
-    return settings if not isinstance(part, dict) else {**settings, first: _without(part, tuple(rest))}
+    return settings if not isinstance(part, dict) else {**settings, first: _without(part, tuple(rest), usual)}
 
 
 class RunSettings(BaseModel):
@@ -54,6 +57,10 @@ class RunSettings(BaseModel):
     """The class of the run, as the data set names it."""
     split: str = "test"
     """The split that was evaluated; "all" for the whole data set."""
+    detectors: tuple[str, ...] = ()
+    """The detectors of `rescore reproduce`."""
+    registrations: tuple[str, ...] = ()
+    """The modes that `rescore reproduce` compared."""
     predicted: dict[str, Any] = {}
     """Depth that another system predicted and that led to scores of the run, by file of detections."""
     cues: CueConfig | None = Field(default=None, validation_alias=AliasPath(_RESCORE, "cues"))
@@ -67,8 +74,8 @@ class RunSettings(BaseModel):
         """Let go what is retired, keep the rest in the order of the file, and leave nulls to the defaults."""
         if not isinstance(given, dict):
             return given
-        for path in RETIRED:
-            given = _without(given, path)
+        for path, usual in RETIRED.items():
+            given = _without(given, path, usual)
         return {**{key: value for key, value in given.items() if value is not None}, "everything": given}
 
     @model_serializer

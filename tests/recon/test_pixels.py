@@ -7,6 +7,7 @@ from recon.pixels import (
     linear_from_encoded,
     linear_from_srgb,
     sample_bilinear,
+    sample_nearest,
     smooth_gradient,
     srgb_from_linear,
     srgb_from_linear_16bit,
@@ -70,3 +71,10 @@ def test_the_gradient_of_a_ramp() -> None:
     dx, dy = smooth_gradient((3 * u - 2 * v).astype(np.float32), 1.0)
     np.testing.assert_allclose(dx[6:-6, 6:-6], 3, atol=1e-4)
     np.testing.assert_allclose(dy[6:-6, 6:-6], -2, atol=1e-4)
+
+
+def test_the_nearest_pixels_and_nothing_outside() -> None:
+    picture = np.arange(12, dtype=np.float32).reshape(3, 4)
+    found = sample_nearest(picture, np.array([[-1, 0, 3, 4]]), np.array([[0], [2], [3]]))
+    nan = np.nan
+    np.testing.assert_array_equal(found, [[nan, 0, 3, nan], [nan, 8, 11, nan], [nan] * 4])

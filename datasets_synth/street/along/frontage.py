@@ -1,6 +1,5 @@
 """What stands beside a street: houses, gardens, parks, walls, yards, furniture, and what closes its end."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -27,9 +26,9 @@ _TREES = ("broadleaf", "broadleaf", "slender", "conifer")
 def house(sort: str, variant: int) -> Mesh:
     """A house of a sort, "row" or "villa", its front along x from 0, facing -y."""
     rng = np.random.default_rng([20110928, ("row", "villa").index(sort), variant])
-    if sort == "row":
-        return facade(float(rng.uniform(7, 16)), int(rng.integers(2, 6)), rng, is_seen_obliquely=True).mesh()
-    return facade(float(rng.uniform(7, 11)), int(rng.integers(2, 4)), rng, is_seen_obliquely=True).mesh()
+    widest_m, most_storeys = (16, 6) if sort == "row" else (11, 4)
+    width_m = float(rng.uniform(7, widest_m))
+    return facade(width_m, int(rng.integers(2, most_storeys)), rng, is_seen_obliquely=True).mesh()
 
 
 @lru_cache(maxsize=24)
@@ -197,10 +196,10 @@ def _fence(length_m: int, variant: int) -> Mesh:
     return draft.mesh()
 
 
-def _tree(stage: Stage, side: int, y: float, behind_m: float, kinds: Sequence[str] = _TREES) -> None:
+def _tree(stage: Stage, side: int, y: float, behind_m: float) -> None:
     """A tree behind the edge of the pavement, where no house stands."""
     rng = stage.rng
-    kind = kinds[int(rng.integers(len(kinds)))]
+    kind = _TREES[int(rng.integers(len(_TREES)))]
     mesh = plant(kind, int(rng.integers(N_VARIANTS)), coarseness(float(y)))
     x = _front(stage, side) + side * behind_m
     if y > CLEAR_M:

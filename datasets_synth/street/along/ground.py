@@ -32,7 +32,7 @@ def ground_items(road: Road, rng: np.random.Generator) -> list[Placed]:
     more = [(kerbs, "kerb"), (_marks(road, rng), "road")]
     if road.crossing is not None:
         more.append((_side_street(road, rng), "road"))
-    return items + [_placed(draft, kind) for draft, kind in more if not draft.is_empty]
+    return items + [_placed(draft, kind) for draft, kind in more if draft.n_patches]
 
 
 def _placed(draft: MeshDraft, kind: str) -> Placed:

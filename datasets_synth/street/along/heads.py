@@ -1,6 +1,5 @@
 """The stereo head on a car in the street: which rig, where it looks, and the road in its frame."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,10 +68,9 @@ def ground_of(head: Head, road: Road) -> GroundPlane:
     return plane_through(xyz)
 
 
-def plane_through(xyz_m: FloatArray | Sequence[FloatArray]) -> GroundPlane:
+def plane_through(xyz_m: FloatArray) -> GroundPlane:
     """The plane with the least squared distances from points (n, 3) of the ground, camera frame."""
-    points = np.asarray(xyz_m, float)
-    middle = points.mean(axis=0)
-    up = np.linalg.svd(points - middle, full_matrices=False)[2][2]
+    middle = xyz_m.mean(axis=0)
+    up = np.linalg.svd(xyz_m - middle, full_matrices=False)[2][2]
     up = up if up[1] < 0 else -up
     return GroundPlane(float(-up @ middle), float(np.arctan2(-up[2], -up[1])), float(np.arcsin(-up[0])))

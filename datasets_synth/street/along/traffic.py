@@ -15,18 +15,8 @@ from datasets_synth.street.prop_parts import Pictures
 SHARE_OF_TYPE = {"van": 0.5, "pickup": 0.25, "coupe": 0.5}
 """How often body types stand in a street, 1 for those not named."""
 _BY_LANE = (
-    *(
-        "goods van",
-        "goods van",
-        "minibus",
-        "truck",
-        "truck",
-        "truck with a print",
-        "bus",
-        "bus",
-        "bus",
-        "flatbed",
-    ),
+    *("goods van", "goods van", "minibus", "truck", "truck", "truck with a print"),
+    *("bus", "bus", "bus", "flatbed"),
 )
 _AT_KERB = ("goods van", "goods van", "goods van", "minibus", "truck", "flatbed")
 

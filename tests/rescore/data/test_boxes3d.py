@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from recon.camera import GroundPlane
 from recon.errors import RescoreError
-from rescore.data.boxes3d import Boxes3D, wrapped
+from recon.localization.standing_box import wrapped
+from rescore.data.boxes3d import Boxes3D
 
 CAR = (1.0, 0.5, 10.0, 4.0, 1.6, 1.5, 0.25)
 DEVIATIONS = (0.1, 0.2, 0.3, 0.4, 0.05, 0.06, 0.07)
@@ -96,4 +97,15 @@ def test_refuses_columns_of_other_lengths() -> None:
     with pytest.raises(ValueError, match="3D boxes"):
         Boxes3D(boxes.centre_cam_m, boxes.size_m[:1], boxes.rotation_y_rad)
     with pytest.raises(ValueError, match="3D boxes"):
-        Boxes3D(boxes.centre_cam_m, boxes.size_m, boxes.rotation_y_rad, centre_sd_m=boxes.size_m)
+        Boxes3D(boxes.centre_cam_m, boxes.size_m, boxes.rotation_y_rad, deviations=boxes.size_m)
+
+
+def test_rows_without_a_box_take_that_of_another() -> None:
+    nothing = (np.nan,) * 7
+    own = Boxes3D.of_values(np.array([CAR, nothing, nothing]), np.array([DEVIATIONS, nothing, nothing]))
+    moved = (2.0, *CAR[1:])
+    other = Boxes3D.of_values(np.array([moved, moved, nothing]))
+    both = own.or_else(other)
+    np.testing.assert_array_equal(both.values, [CAR, moved, nothing])
+    np.testing.assert_array_equal(both.deviations_or_nan, [DEVIATIONS, nothing, nothing])
+    assert own.or_else(None) is own

@@ -198,6 +198,6 @@ def test_a_box_in_which_no_car_could_be_placed_says_so_where_stereo_measured() -
     rows = instance_rows(model, cues, ["no_stereo"] * 2)
     placed, empty = explain(rows, "instance", np.ones(2, bool), model)
     assert placed.text == (
-        "no car could be placed (the ground, or a car's distance, is not known): gets the D of no evidence"
+        "no car could be placed (a car's distance is not known): gets the D of no evidence"
     )
     assert empty.text == "too little measured depth (100 % of stereo missing): gets the D of no evidence"

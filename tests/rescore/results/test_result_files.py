@@ -81,6 +81,16 @@ def test_published_settings_are_known_whole() -> None:
     assert read_run_config(config).as_json() == written
 
 
+def test_a_retired_setting_at_another_value_is_not_dropped(tmp_path: Path) -> None:
+    value = json.loads((PUBLISHED / "roc" / "config.json").read_text())
+    value["config"]["rescore"]["cues"]["guarded"]["inverse_depth"] = False
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps(value))
+    # a run made with it cannot be taken for one without
+    with pytest.raises(ValueError, match="inverse_depth"):
+        read_run_config(path).config.rescoring()
+
+
 def test_figures_of_another_kind_are_named_with_their_place(tmp_path: Path) -> None:
     value = json.loads((PUBLISHED / "roc" / "metrics.json").read_text())
     value["rows"][1]["auc"] = "large"
