@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rescore.data import boxes
+from recon import boxes
 from rescore.experiment.stages import Stage, run_stage, run_stage_in_place
 from rescore.fusion import fuse
 
