@@ -99,7 +99,7 @@ class LightConfig:
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """The cheap stereo head; ranges are drawn once a frame."""
+    """The cameras of a stereo head, by default a cheap one; ranges are drawn once a frame."""
 
     blur_sigma_px: tuple[float, float] = (0.6, 1.2)
     read_noise: tuple[float, float] = (0.003, 0.009)
@@ -111,6 +111,8 @@ class SensorConfig:
     """Spread of the vertical rectification error."""
     roll_error_px: float = 0.25
     """Spread of its growth over half the width."""
+    contrast: float = 1.0
+    """Exponent of the signal around middle grey, before sRGB's curve."""
 
 
 @dataclass(frozen=True)
@@ -135,10 +137,30 @@ class RigConfig:
     """Above the road."""
     horizon_share: float = 0.5
     """Row of the principal point as a share of the picture's height."""
+    sensor: SensorConfig = SensorConfig()
 
 
 RIGS = (
-    RigConfig("kitti", 1242, 375, 721.5, (0.53, 0.55), (1.60, 1.72), horizon_share=0.46),
+    RigConfig(
+        "kitti",
+        1242,
+        375,
+        721.5,
+        (0.53, 0.55),
+        (1.60, 1.72),
+        horizon_share=0.46,
+        # smooth places of KITTI's lossless frames have a noise of half a grey level, those of a cheap head two
+        sensor=SensorConfig(
+            blur_sigma_px=(0.45, 0.65),
+            read_noise=(0.0008, 0.002),
+            shot_noise=(0.003, 0.008),
+            vignetting=(0.0, 0.15),
+            eye_gain_spread=0.03,
+            row_error_px=0.1,
+            roll_error_px=0.1,
+            contrast=1.4,
+        ),
+    ),
     RigConfig("report", 640, 480, 620.0, (0.30, 0.40), (1.20, 1.70)),
     RigConfig("consumer", 960, 540, 525.0, (0.118, 0.122), (1.20, 1.60)),
 )

@@ -78,6 +78,8 @@ class Light:
     """Share of the mean sky colour that reaches every surface, scaled by how far it faces up."""
     haze_per_m: float = 0.0
     """Exponential fading towards the horizon colour."""
+    skyline: int | None = None
+    """Which of the streets around gloss mirrors (``render/skyline.py``); None for a soft band."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Imaging:
     """Standard deviation at full scale of the noise that grows with the root of the signal."""
     rectification_error_px: tuple[float, float]
     """Vertical offset of the right picture in pixels, and its growth over half the width (a small roll)."""
+    contrast: float = 1.0
+    """Exponent of the signal around middle grey, before sRGB's curve; larger than 1 is harder than sRGB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -308,8 +308,8 @@ def _wicker(rng: np.random.Generator) -> UInt8Array:
 def _road(rng: np.random.Generator) -> UInt8Array:
     """Asphalt of a driven road: fine grain, faint clouds, a few thin cracks and a mended strip."""
     size = 1024
-    grain = _blur(rng.normal(size=(size, size)).astype(np.float32), 0.7, 0.7)
-    light = 1 + 0.16 * grain + 0.035 * fractal_noise(rng, size, 3) + 0.03 * fractal_noise(rng, size, 32, 3)
+    # stones of all sizes: what a camera sees of a road is rough at each distance
+    light = 1 + 0.21 * fractal_noise(rng, size, 96, 4, 1.0) + 0.04 * fractal_noise(rng, size, 3)
     if rng.random() < 0.5:
         x, y = (int(v) for v in rng.integers(80, size - 300, 2))
         w, h = (int(v) for v in rng.integers(60, 220, 2))

@@ -1,4 +1,4 @@
-"""The model of a cheap stereo head, from radiance to bytes: blur, vignetting, exposure, noise, gamma."""
+"""The model of a cheap stereo head, from radiance to bytes: blur, vignetting, exposure, noise, tone."""
 
 import cv2
 import numpy as np
@@ -7,12 +7,15 @@ from datasets_synth.meshes.mesh import Imaging
 from recon.arrays import Float32Array, UInt8Array
 from recon.pixels import srgb_from_linear
 
+_MIDDLE_GREY = np.float32(0.18)
+"""Share of full scale that contrast leaves as it is."""
+
 
 def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Generator) -> UInt8Array:
     """The picture (h, w, 3) sRGB that one eye delivers of linear radiance (h, w, 3).
 
     In the order of a real camera: the lens blurs and darkens the corners, the sensor counts light (so noise
-    grows with the root of the signal, and read noise is added) and saturates, the electronics apply gamma.
+    grows with the root of the signal, and read noise is added) and saturates, the electronics apply contrast and gamma.
 
     Args:
         radiance: 1 is full scale at a gain of 1.
@@ -31,6 +34,8 @@ def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Ge
     signal = signal * gain[..., None]
     variance = np.float32(imaging.read_noise**2) + np.float32(imaging.shot_noise**2) * np.clip(signal, 0, 1)
     signal += np.sqrt(variance) * rng.standard_normal(signal.shape, dtype=np.float32)
+    if imaging.contrast != 1:
+        signal = _MIDDLE_GREY * (np.clip(signal, 0, None) / _MIDDLE_GREY) ** np.float32(imaging.contrast)
     return srgb_from_linear(signal)
 
 

@@ -58,4 +58,5 @@ def sample_imaging(
             float(rng.normal(0, config.row_error_px)),
             float(rng.normal(0, config.roll_error_px)),
         ),
+        contrast=config.contrast,
     )

@@ -1,13 +1,14 @@
 """Draws a street that is seen along its length: road, traffic, fronts, light and camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.meshes.mesh import Scene
 from datasets_synth.presets import SynthConfig
+from datasets_synth.render.skyline import VARIANTS
 from datasets_synth.street.along.frontage import put_frontage
 from datasets_synth.street.along.ground import ground_items
 from datasets_synth.street.along.heads import ground_of, sample_head
@@ -62,10 +63,10 @@ def sample_along(
     light, brightness = sample_light(config.light, rng)
     scene = Scene(
         items=(*ground_items(road, rng), *stage.items),
-        light=light,
+        light=replace(light, skyline=int(rng.integers(VARIANTS))),
         camera=head.camera,
         left_from_world=head.left_from_world,
-        imaging=sample_imaging(config.sensor, light, brightness, rng),
+        imaging=sample_imaging(head.rig.sensor, light, brightness, rng),
         grade=road.grade,
     )
     share = config.along.stated_share
