@@ -113,6 +113,13 @@ class CandidateTable:
     ground: NDArray[np.object_]
     """Origin of the ground plane of the frame (``rescore.data.frames.GroundSource``), "" where nothing was
     rescored; strings, shape (n,)."""
+    view_bin: NDArray[np.object_]
+    """The side from which the fitted instance shows the object, a name of ``recon.view_bins.ViewBins``, ""
+    where none was fitted; strings, shape (n,)."""
+    view_probability: FloatArray
+    """Probability of that view, shape (n,); NaN where no instance was fitted."""
+    second_view: NDArray[np.object_]
+    """The next likely view, as ``view_bin``; strings, shape (n,)."""
     boxes3d: Boxes3D | None = None
     """The 3D box of each, fitted or as the detector brought it, NaN rows where there is none; None where no
     candidate has one."""
@@ -202,6 +209,9 @@ def _rows(
         cues=np.full((n, len(CUES)), np.nan),
         azimuth_deg=np.full(n, np.nan) if candidates.azimuth_deg is None else candidates.azimuth_deg,
         ground=np.full(n, "", object),
+        view_bin=np.full(n, "", object),
+        view_probability=np.full(n, np.nan),
+        second_view=np.full(n, "", object),
         boxes3d=candidates.boxes3d,
         **solved,
     )

@@ -1,15 +1,17 @@
-"""The view of each candidate, told by its detector, by the class model, or one view for all."""
+"""The view of each candidate: from its detector, from the fit, from the class model, or one for all."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from scipy.special import logsumexp, softmax
 
 from recon.arrays import FloatArray, IntArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
+from recon.localization.disparity_fit import BoxFit
 from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
 from recon.reconstruction.view_selection import ViewSelectionConfig, best_view_bin
 from recon.view_bins import ViewBins
@@ -17,6 +19,57 @@ from rescore.evidence.candidates import Candidates
 
 NO_BIN = -1
 """View bin of a candidate that cannot be reconstructed from any."""
+
+TEMPER = 0.04
+"""Weight of what poses of the fit weigh, in nats, in the probability of a view. The fit takes samples to be
+independent whose errors are alike all over a car, so its nats are too many. The weight is the one with which
+the bins of annotated cars are likeliest, on the frames of preset ``streets`` that train and validate."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedViews:
+    """What the fit says of the side from which each candidate is seen."""
+
+    view_bin: IntArray
+    """The likeliest bin, shape (n,); ``NO_BIN`` where nothing was fitted."""
+    probability: FloatArray
+    """Probability of that bin, shape (n,); NaN where nothing was fitted."""
+    second_bin: IntArray
+    """The next bin, shape (n,); ``NO_BIN`` where nothing was fitted."""
+
+    def columns(self, bins: ViewBins) -> dict[str, Any]:
+        """The columns of ``CandidateTable``, the bins by their names."""
+        names = np.array([*(bins.name(b) for b in range(bins.count)), ""], object)
+        return {
+            "view_bin": names[self.view_bin],
+            "view_probability": self.probability,
+            "second_view": names[self.second_bin],
+        }
+
+
+def views_of_fits(fits: Sequence[BoxFit | None], bins: ViewBins, temper: float = TEMPER) -> FittedViews:
+    """The likeliest bins of the instances that boxes frame, by all poses that the fit tried.
+
+    The framed instance is one of them and mostly outweighs the others; its bin is then the likeliest.
+    """
+    n = len(fits)
+    first, second, probability = np.full(n, NO_BIN), np.full(n, NO_BIN), np.full(n, np.nan)
+    for i, fit in enumerate(fits):
+        if fit is not None:
+            weight = temper * _log_mass(fit, bins)
+            first[i], second[i] = np.argsort(-weight, kind="stable")[:2]
+            probability[i] = softmax(weight)[first[i]]
+    return FittedViews(first, probability, second)
+
+
+def _log_mass(fit: BoxFit, bins: ViewBins) -> FloatArray:
+    """Logarithm of what the poses in each bin weigh, shape (count,), nats up to a constant."""
+    width = 2 * np.pi / len(fit.heading_log_mass)
+    azimuth = np.asarray(1.5 * np.pi - width * np.arange(len(fit.heading_log_mass)), float)
+    mass = logsumexp(fit.heading_log_mass[:, None], axis=0, b=bins.shares(azimuth, width))
+    framed = bins.containing(float(fit.framed.pose.azimuth_rad[0]))
+    mass[framed] = np.logaddexp(mass[framed], fit.framed_log_mass)
+    return np.asarray(mass)
 
 
 @dataclass(frozen=True, eq=False)

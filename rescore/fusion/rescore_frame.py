@@ -19,7 +19,7 @@ from rescore.evidence.instances import DepthSource, predict_instances
 from rescore.evidence.model import EvidenceModel, with_difference
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
-from rescore.evidence.views import Views
+from rescore.evidence.views import Views, views_of_fits
 from rescore.fusion.fuse import fuse
 from rescore.fusion.suppress3d import suppress_second_boxes
 
@@ -112,6 +112,8 @@ def rescore_frame(
     fitted = boxes_of_fits(fits, frame)
     placed = candidates if fitted is None else replace(candidates, boxes3d=fitted.or_else(candidates.boxes3d))
     evidence = CandidateTable.of_alignments(placed, alignments, cues, frame.ground_source)
+    if isinstance(source, ClassModel):
+        evidence = replace(evidence, **views_of_fits(fits, source.bins).columns(source.bins))
     rescored = rescoring.fuse(evidence)  # eq. 7
     return RescoredFrame(rescored, instances.views, instances.found, alignments, fits)
 

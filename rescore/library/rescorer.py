@@ -54,6 +54,13 @@ class Rescored:
     view_bin: IntArray
     """View bin of the class model that each box was reconstructed with, shape (n,); -1 where none will do, or
     another system predicts depth."""
+    view: tuple[str, ...]
+    """The side from which the fitted instance shows each object, a name of ``recon.view_bins.ViewBins`` such
+    as "left front"; "" where none was fitted."""
+    view_probability: FloatArray
+    """Probability of that view, shape (n,); NaN where no instance was fitted."""
+    second_view: tuple[str, ...]
+    """The next likely view of each, as ``view``."""
     boxes3d: Boxes3D | None
     """The 3D box of the instance of the class that was fitted to each box and the disparity, camera frame,
     metres, with standard deviations; NaN rows where nothing is measured. None where no instance was fitted:
@@ -200,6 +207,9 @@ class Rescorer:
             cues=table.cues,
             log_odds=log_odds,
             view_bin=rescored.views.view_bin,
+            view=tuple(str(v) for v in table.view_bin),
+            view_probability=table.view_probability,
+            second_view=tuple(str(v) for v in table.second_view),
             boxes3d=table.boxes3d,
             instances=rescored.instances if instances else None,
         )

@@ -32,6 +32,11 @@ def status_text(status: str) -> str:
     return STATUS_TEXT.get(status, status.replace("_", " ") or "not rescored")
 
 
+def view_text(view: str, probability: float, second: str) -> str:
+    """Words for the side from which the fitted instance shows an object; empty where none was fitted."""
+    return f"seen from its {view} ({100 * probability:.0f} %), else from its {second}" if view else ""
+
+
 def words_of(cue: str, height_m: float | None = None) -> CueWords:
     """Words of a cue; ``height`` is told as the box's height in metres where the class's is given."""
     if cue != "height" or height_m is None:
