@@ -173,12 +173,18 @@ class CandidateTable:
     @staticmethod
     def of_alignments(
         candidates: Candidates,
-        alignments: Sequence[DepthAlignment | Failure],
+        alignments: Sequence[DepthAlignment | Failure | None],
         cues: FloatArray | None = None,
         ground: str = "",
     ) -> "CandidateTable":
-        """The candidates of one image with the outcome of eq. 6, the cues (n, k) of each, and its ground."""
-        status = [a.reason.value if isinstance(a, Failure) else OK for a in alignments]
+        """The candidates of one image with the outcome of eq. 6, the cues (n, k) of each, and its ground.
+
+        The outcome is None where eq. 6 was not looked at.
+        """
+        status = [
+            NOT_RESCORED if a is None else a.reason.value if isinstance(a, Failure) else OK
+            for a in alignments
+        ]
         table = replace(
             _rows(candidates, status, alignments), ground=np.full(len(candidates), ground, object)
         )
@@ -188,6 +194,12 @@ class CandidateTable:
 def alignment_of(numbers: Mapping[str, float]) -> DepthAlignment:
     """The outcome of eq. 6 of one candidate, from its ``NUMBERS`` by name."""
     return DepthAlignment(**{_IN_ALIGNMENT.get(name, name): numbers[name] for name in NUMBERS})
+
+
+def _status(outcome: DepthAlignment | Failure | None) -> str:
+    if outcome is None:
+        return NOT_RESCORED
+    return outcome.reason.value if isinstance(outcome, Failure) else OK
 
 
 def _rows(

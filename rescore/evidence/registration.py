@@ -34,6 +34,11 @@ class Registration(StrEnum):
         return self in (Registration.METRIC, Registration.INSTANCE)
 
     @property
+    def predicts(self) -> bool:
+        """Whether it looks at the depth that is predicted in a box."""
+        return self is not Registration.INSTANCE
+
+    @property
     def needs(self) -> str | None:
         """The cue without which a candidate has no evidence; None where any will do."""
         return _NEEDED.get(self)
