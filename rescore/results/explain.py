@@ -195,7 +195,7 @@ class _Teller:
                 told, detail = "no car could be placed", "a car's distance is not known"
             case Reason.NO_STEREO if self.mode != Registration.PAPER:
                 detail = f"{100 * (1 - measured):.0f} % of stereo missing"
-            case Reason.STEREO_NOT_BELIEVED:
+            case Reason.STEREO_NOT_BELIEVED | Reason.VIEW_NOT_LEARNED | Reason.RELIEF_TOO_SMALL:
                 detail = self._failed_checks(cues)
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
         keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")

@@ -18,6 +18,8 @@ STATUS_TEXT: dict[str, str] = {
     Reason.PARTS_NOT_PLACED: "too few parts placed",
     Reason.NO_STEREO: "too little measured depth",
     Reason.STEREO_NOT_BELIEVED: "measured depth contradicts itself or the ground",
+    Reason.VIEW_NOT_LEARNED: "seen from a side that was not learned",
+    Reason.RELIEF_TOO_SMALL: "relief too small to tell",
     Reason.NO_CALIBRATION: "camera not calibrated",
     Reason.NO_GROUND: "ground not known",
     Reason.NO_PREDICTION: "no depth predicted in the box",
