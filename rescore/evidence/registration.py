@@ -47,7 +47,7 @@ class Registration(StrEnum):
     def even_odds(self) -> bool:
         """Whether D is fitted as if half of the candidates were cars, so that it does not depend on how many
         of a detector's candidates are."""
-        return self is Registration.INSTANCE
+        return self.needs_calibration
 
 
 _NEEDED = {Registration.METRIC: "measured", Registration.INSTANCE: "overlap"}
