@@ -22,7 +22,7 @@ class Reason(StrEnum):
     STEREO_NOT_BELIEVED = "stereo_not_believed"
     """Measurements are fewer, or agree less with each other or the ground, than where D was learned."""
     VIEW_NOT_LEARNED = "view_not_learned"
-    """It is taken to be seen from another side than the candidates on which D was learned."""
+    """The side from which it is taken to be seen is none of those on which D was learned."""
     RELIEF_TOO_SMALL = "relief_too_small"
     """The relief that the class has here is less than what D can tell from what the matcher measures."""
     NO_CALIBRATION = "no_calibration"

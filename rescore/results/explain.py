@@ -6,6 +6,7 @@ import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
+from rescore.cues.look_alikes import look_alike
 from rescore.cues.surroundings import SurroundingsConfig
 from rescore.evidence.candidates import NOT_RESCORED, OK
 from rescore.evidence.cues import CUES, cue_column, cue_names
@@ -17,6 +18,9 @@ from rescore.results.words import favourable, range_text, status_text, words_of
 
 TOLD = 3
 """Largest number of cues named in an explanation."""
+
+_DOUBTED = 0.5
+"""From this D on depth says that it is no car."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ def explain(
             found.append(Explanation(f"{head}, {_eq_6(rows, i)}"))
             continue
         parts = told.parts(cues[i], weights[i])
-        found.append(Explanation(f"{head}{told.leading(parts, bool(rose[i]))}", parts))
+        kind = "" if rose[i] or d[i] < _DOUBTED else told.taken_for(cues[i])
+        found.append(Explanation(f"{head}{told.leading(parts, bool(rose[i]))}{kind}", parts))
     return tuple(found)
 
 
@@ -180,6 +185,13 @@ class _Teller:
             return f": {'; '.join(told)}"
         # it moved the other way than its own depth says: the depth of other candidates says more
         return f", cues together {total:+.2f}; {'for' if rose else 'against'} it: {'; '.join(told)}"
+
+    def taken_for(self, cues: FloatArray) -> str:
+        """What a candidate that fell is taken for, in mode "instance"; empty where nothing says it."""
+        if self.mode != Registration.INSTANCE:
+            return ""
+        kind = look_alike(dict(zip(cue_names(), cues.tolist(), strict=True)))
+        return f"; taken for {kind}" if kind else ""
 
     def without_evidence(self, why: str, detail: str, cues: FloatArray, rose: bool) -> str:
         """Why a candidate has no evidence, and what that means for its score."""
