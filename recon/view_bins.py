@@ -16,6 +16,12 @@ from recon.errors import RescoreError
 ELEVATION_RAD = float(np.deg2rad(5.0))
 """Elevation at which views are labelled: low, as in a street, but roof and hood can be seen."""
 
+NAMES = (
+    *("front", "front left", "left front", "left", "left rear", "rear left"),
+    *("rear", "rear right", "right rear", "right", "right front", "front right"),
+)
+"""Names of 12 bins, from azimuth 0 on: "front left" is nearer to the front, "left front" to the left side."""
+
 
 @dataclass(frozen=True)
 class ViewBins:
@@ -47,6 +53,27 @@ class ViewBins:
     def containing(self, azimuth_rad: float) -> int:
         """The bin whose centre is nearest to an azimuth; any real angle."""
         return round(azimuth_rad / (2 * np.pi) * self.count) % self.count
+
+    def name(self, view_bin: int) -> str:
+        """The side from which a bin is seen, in words: of 12 bins one of ``NAMES``, else its azimuth.
+
+        Raises:
+            RescoreError: no such bin.
+        """
+        self.check(view_bin)
+        return NAMES[view_bin] if self.count == len(NAMES) else f"{360 * view_bin / self.count:g} degrees"
+
+    def shares(self, azimuth_rad: FloatArray, width_rad: float) -> FloatArray:
+        """How much of intervals of azimuths lies in each bin, shape (n, count); rows sum to 1.
+
+        Args:
+            azimuth_rad: Middle of each interval, shape (n,); any real angles.
+            width_rad: Width of the intervals, at most that of a bin.
+        """
+        centre = 2 * np.pi * np.arange(self.count) / self.count
+        off = np.abs((azimuth_rad[:, None] - centre + np.pi) % (2 * np.pi) - np.pi)
+        inside = np.pi / self.count + width_rad / 2 - off
+        return np.asarray(np.clip(inside, 0, width_rad) / width_rad)
 
     def view_from_object(self, view_bin: int) -> FloatArray:
         """T_alpha, shape (3, 3): object frame to the view frame of the bin."""

@@ -9,7 +9,7 @@ a whole car that is framed well both are the same; a box on a part of a car, or 
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import logsumexp, softmax
 
 from recon.arrays import Float32Array, FloatArray, IntArray
 from recon.boxes import paired_overlap
@@ -117,6 +117,11 @@ class BoxFit:
     overlap: float
     """Expected intersection over union of the box with the box around the instance that the disparity shows,
     over all poses of the grid, in [0, 1]."""
+    heading_log_mass: FloatArray
+    """Logarithm of what the poses of the grid weigh as the instance that the box frames, for headings
+    (``Poses.place``) that are evenly spaced from 0 on, shape (headings,), nats up to a constant."""
+    framed_log_mass: float
+    """Logarithm of what ``framed`` alone weighs, which lies between the poses of the grid, nats as there."""
 
 
 class DisparityFit:
@@ -157,7 +162,11 @@ class DisparityFit:
             for weight in (c.box.framed, c.box.seen)
         )
         overlap = float(softmax(ratio.astype(float)) @ paired_overlap(boxes, xyxy_px)[0])
-        return BoxFit(samples, framed, seen, overlap)
+        # headings change fastest on the grid
+        score = (ratio + c.box.framed * box_density).astype(float).reshape(-1, c.search.headings)
+        of_framed = self._score(framed.pose, _Target(samples, xyxy_px, c.box.framed, looks), fine=False)
+        mass = np.asarray(logsumexp(score, axis=0))
+        return BoxFit(samples, framed, seen, overlap, mass, float(of_framed[0]))
 
     def _weighed(self, looks: FloatArray) -> FloatArray:
         """Log probabilities of headings with the axis and its sense weighed apart, shape (headings,)."""

@@ -84,6 +84,8 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
         lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
     elif c.status != "ok":
         lines.append(f"No evidence: {status_text(c.status)}.")
+    if c.view:
+        lines.append(f"{c.view[0].upper()}{c.view[1:]}.")
     fits = story.shows_fits(detector)
     if fits and c.fit is None:
         lines.append("No car was placed here: the pictures of one and what is left stay empty.")

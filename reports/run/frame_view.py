@@ -27,6 +27,7 @@ from rescore.evidence.settings import CameraChoice
 from rescore.formats.open import read_dataset
 from rescore.results.candidate_file import difference, of_mode, status
 from rescore.results.run_folder import Run, boxes_px
+from rescore.results.words import view_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,8 @@ class CandidateView:
     """The 3D box of the candidate, fitted or as the detector brought it; None where it has none."""
     fit: FitSummary | None = None
     """The instances fitted to the box; None in other modes than "instance", and where nothing was fitted."""
+    view: str = ""
+    """Words for the side from which the fitted instance shows the object; empty where none was fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +237,14 @@ class _Table:
             registered=None if found is None else self._registered(i, found, box, measured),
             cues=self._cues[i],
             box3d=self._box3d(i),
+            view=self._view_text(i),
         )
+
+    def _view_text(self, i: int) -> str:
+        if "view_bin" not in self._rows:
+            return ""
+        first, second = str(self._rows["view_bin"][i]), str(self._rows["second_view"][i])
+        return view_text(first, float(self._rows["view_probability"][i]), second)
 
     def _box3d(self, i: int) -> Boxes3D | None:
         if f"box3d_{BOX_NAMES[0]}" not in self._rows:

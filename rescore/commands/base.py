@@ -146,11 +146,17 @@ def mode_of(registration: str, file: Path | None) -> "tuple[Registration, Eviden
 def with_share(
     learned: "EvidenceModel | None", table: "CandidateTable", adapt: bool
 ) -> "tuple[EvidenceModel | None, float]":
-    """The evidence model, for the share of cars among the candidates if asked, and its shift; says it."""
-    from rescore.evidence.car_share import with_share_of
+    """The evidence model, for the share of cars among the candidates if asked, and its shift; says it.
+
+    Where it is not asked for and matters, that is said.
+    """
+    from rescore.evidence.car_share import share_doubt, with_share_of
     from rescore.evidence.registration import LEARNED
 
     if not adapt:
+        doubt = "" if learned is None else share_doubt(learned, table)
+        if doubt:
+            say(f"note: {doubt}")
         return learned, 0.0
     if learned is None:
         raise RescoreError(

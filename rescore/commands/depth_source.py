@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rescore.evidence.candidates import Candidates, CandidateTable
     from rescore.evidence.predicted_depth_files import PredictionFolder, Predictions
     from rescore.evidence.registration import Registration
-    from rescore.evidence.settings import RescoreConfig
+    from rescore.fusion.rescore_frame import Rescoring
 
 Model = Annotated[
     Path | None,
@@ -84,7 +84,7 @@ def evidence_of(
     data: "DataSet",
     detections: Path,
     asked: Source,
-    config: "RescoreConfig",
+    rescoring: "Rescoring",
     jobs: int,
     folder: Path | None = None,
 ) -> "tuple[ClassModel | Predictions, CandidateTable, str]":
@@ -92,7 +92,6 @@ def evidence_of(
 
     ``folder`` takes what led to each score, a folder a detector; doubts on predictions are told.
     """
-    from rescore.fusion.rescore_frame import Rescoring
     from rescore.fusion.rescore_frames import rescore_frames
 
     file = detections_of(detections, data)
@@ -102,7 +101,7 @@ def evidence_of(
         data,
         candidates,
         source,
-        Rescoring(config),
+        rescoring,
         jobs=jobs,
         evidence_dir=None if folder is None else folder / file.detector,
         progress=f"depth evidence {file.detector}",

@@ -125,7 +125,8 @@ def tune(
     data = read_data(dataset, settings.class_name)
     validation = Splits.of(data).validation
     looked = with_stereo_for(settings.rescore, validation, None)
-    source, table, detector = evidence_of(validation, detections, asked, looked, jobs)
+    finding = Rescoring(looked, predict=mode.predicts)
+    source, table, detector = evidence_of(validation, detections, asked, finding, jobs)
     learned, _ = with_share(learned, table, adapt_share)
     judged = Rescoring(looked, learned).fuse(table).candidates
     tuning = tune_on_validation(detector, judged, data, settings.tune, mode, seed)

@@ -113,6 +113,13 @@ class CandidateTable:
     ground: NDArray[np.object_]
     """Origin of the ground plane of the frame (``rescore.data.frames.GroundSource``), "" where nothing was
     rescored; strings, shape (n,)."""
+    view_bin: NDArray[np.object_]
+    """The side from which the fitted instance shows the object, a name of ``recon.view_bins.ViewBins``, ""
+    where none was fitted; strings, shape (n,)."""
+    view_probability: FloatArray
+    """Probability of that view, shape (n,); NaN where no instance was fitted."""
+    second_view: NDArray[np.object_]
+    """The next likely view, as ``view_bin``; strings, shape (n,)."""
     boxes3d: Boxes3D | None = None
     """The 3D box of each, fitted or as the detector brought it, NaN rows where there is none; None where no
     candidate has one."""
@@ -166,12 +173,18 @@ class CandidateTable:
     @staticmethod
     def of_alignments(
         candidates: Candidates,
-        alignments: Sequence[DepthAlignment | Failure],
+        alignments: Sequence[DepthAlignment | Failure | None],
         cues: FloatArray | None = None,
         ground: str = "",
     ) -> "CandidateTable":
-        """The candidates of one image with the outcome of eq. 6, the cues (n, k) of each, and its ground."""
-        status = [a.reason.value if isinstance(a, Failure) else OK for a in alignments]
+        """The candidates of one image with the outcome of eq. 6, the cues (n, k) of each, and its ground.
+
+        The outcome is None where eq. 6 was not looked at.
+        """
+        status = [
+            NOT_RESCORED if a is None else a.reason.value if isinstance(a, Failure) else OK
+            for a in alignments
+        ]
         table = replace(
             _rows(candidates, status, alignments), ground=np.full(len(candidates), ground, object)
         )
@@ -181,6 +194,12 @@ class CandidateTable:
 def alignment_of(numbers: Mapping[str, float]) -> DepthAlignment:
     """The outcome of eq. 6 of one candidate, from its ``NUMBERS`` by name."""
     return DepthAlignment(**{_IN_ALIGNMENT.get(name, name): numbers[name] for name in NUMBERS})
+
+
+def _status(outcome: DepthAlignment | Failure | None) -> str:
+    if outcome is None:
+        return NOT_RESCORED
+    return outcome.reason.value if isinstance(outcome, Failure) else OK
 
 
 def _rows(
@@ -202,6 +221,9 @@ def _rows(
         cues=np.full((n, len(CUES)), np.nan),
         azimuth_deg=np.full(n, np.nan) if candidates.azimuth_deg is None else candidates.azimuth_deg,
         ground=np.full(n, "", object),
+        view_bin=np.full(n, "", object),
+        view_probability=np.full(n, np.nan),
+        second_view=np.full(n, "", object),
         boxes3d=candidates.boxes3d,
         **solved,
     )

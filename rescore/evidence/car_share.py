@@ -21,6 +21,9 @@ from rescore.evidence.model import EvidenceModel
 LIMIT = 30.0
 """No shift is larger, in log odds either way: a factor of 1e13."""
 
+DOUBTED = float(np.log(3))
+"""From a shift of the log odds of so much on the share of cars is doubted: odds three times as high."""
+
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
@@ -67,6 +70,27 @@ def with_share_of(model: EvidenceModel, table: CandidateTable) -> Adapted:
         )
     shift = log_odds_shift(1 - d[has], share)
     return Adapted(model.shifted(shift), share, shift)
+
+
+def share_doubt(model: EvidenceModel, table: CandidateTable) -> str:
+    """Why D may be wrong for the candidates: a sentence; empty where the share of cars does not matter.
+
+    It matters in the mode whose D is fitted with the share of cars as it was, where the candidates'
+    likelihoods say another one.
+    """
+    if model.registration.even_odds:
+        return ""
+    try:
+        adapted = with_share_of(model, table)
+    except RescoreError:
+        return ""
+    if abs(adapted.log_odds_shift) < DOUBTED:
+        return ""
+    taken = float(np.nanmean(1 - model.difference(table.cues)))
+    return (
+        f"mode {model.registration}: D takes {taken:.0%} of the candidates for cars, their likelihoods say "
+        f"{adapted.share:.0%}; --adapt-share brings them together"
+    )
 
 
 def as_used_for(model: EvidenceModel, cues: FloatArray, d: FloatArray) -> EvidenceModel:

@@ -13,6 +13,7 @@ from recon.arrays import Float32Array, FloatArray
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from recon.localization.disparity_fit import BoxFit
+from recon.view_bins import ViewBins
 from rescore.cues.framing import FRAMING, FramingConfig, framing
 from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
@@ -58,21 +59,32 @@ Columns = Mapping[str, FloatArray]
 
 
 def relief(given: CueInput) -> Columns:
-    """The cues ``GUARDED`` and ``depth_ratio``: predicted depth against measured depth, inside the box."""
+    """The cues ``GUARDED``, ``depth_ratio`` and ``relief_px``: predicted depth against measured depth, inside
+    the box."""
     frame, limit = given.frame, given.config.depth_ratio_limit
     fits = np.full((len(given.xyxy_px), len(GUARDED)), np.nan)
-    ratio = np.full(len(given.xyxy_px), np.nan)
+    ratio, predicted_px = np.full((2, len(given.xyxy_px)), np.nan)
     for i, depth in enumerate(given.predicted):
         if depth is None:
             continue
         fit = guarded_alignment(depth, frame.disparity_px, given.xyxy_px[i], given.config.guarded)
         if fit is None:
             continue
-        fits[i] = fit.cues
+        fits[i], predicted_px[i] = fit.cues, fit.predicted_px
         if frame.camera is not None:
             logarithm = _depth_ratio(depth, frame.disparity_px, given.xyxy_px[i], frame.camera)
             ratio[i] = np.clip(logarithm, -limit, limit)
-    return {**dict(zip(GUARDED, fits.T, strict=True)), "depth_ratio": ratio}
+    return {**dict(zip(GUARDED, fits.T, strict=True)), "depth_ratio": ratio, "relief_px": predicted_px}
+
+
+def turned(given: CueInput) -> Columns:
+    """The cue ``side_on``: how much of its side an object shows, by the view bin that it is taken for."""
+    bins = ViewBins()
+    known = np.isfinite(given.azimuth_rad)
+    side_on = np.full(len(given.azimuth_rad), np.nan)
+    middle = [bins.azimuth_rad(bins.containing(a)) for a in given.azimuth_rad[known].tolist()]
+    side_on[known] = np.abs(np.sin(middle))
+    return {"side_on": side_on}
 
 
 def around(given: CueInput) -> Columns:
@@ -263,6 +275,20 @@ CUES: dict[str, Cue] = {
         "",
         frozenset(),
         frozenset(_CALIBRATED),
+    ),
+    "relief_px": Cue(
+        relief,
+        CueWords("a car's relief is {} of disparity here", float, "{:.2f} px"),
+        "",
+        frozenset(),
+        frozenset({Registration.GUARDED}),
+    ),
+    "side_on": Cue(
+        turned,
+        share("{} of a side view"),
+        "",
+        frozenset(),
+        frozenset({Registration.GUARDED}),
     ),
 }
 """The cues by name, in the order of the columns of ``CandidateTable.cues``."""

@@ -1,9 +1,10 @@
 """Fit the models of depth evidence to labelled candidates, on frames that tune and test nothing."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import mannwhitneyu
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
@@ -30,6 +31,11 @@ class EvidenceConfig:
     evidence: nothing is known of such measurements."""
     min_cars: int = 10
     """Fewer cars among the candidates fit nothing that could be trusted."""
+    folds: int = 5
+    """Parts of the candidates that are held out in turn, to see where the evidence tells nothing."""
+    relief_steps_px: tuple[float, ...] = (0.1, 0.15, 0.2, 0.25)
+    """Predicted relief, in pixels of disparity, below which mode "guarded" may be silent: up to what the
+    matcher is taken to be off by (``GuardedConfig.noise_px``)."""
 
 
 def fit_evidence(
@@ -54,24 +60,45 @@ def fit_evidence(
     names = tuple(name for name in cues_of(registration) if name not in without)
     if not names:
         raise ValueError(f"mode {registration} has a formula, there is nothing to fit")
-    columns = cues[:, [cue_column(n) for n in names]]
     use = enough_cues(cues, names, registration, config.min_share)
-    n_cars = int(is_car[use].sum())
-    if n_cars < config.min_cars or n_cars == int(use.sum()):
+    cues, is_car = cues[use], is_car[use]
+    n_cars = int(is_car.sum())
+    if n_cars < config.min_cars or n_cars == len(is_car):
         raise RescoreError(
             f"depth evidence ({registration}): expected at least {config.min_cars} cars and some other "
-            f"things among candidates with measured depth, got {n_cars} cars of {int(use.sum())}; "
+            f"things among candidates with measured depth, got {n_cars} cars of {len(is_car)}; "
             "add frames to the splits 'train' and 'calibration'"
         )
+    model = _fitted(cues, is_car, registration, names, config)
+    checked = {name: cues[:, cue_column(name)] for name in checks_of(registration)}
+    floors = {
+        name: float(np.nanquantile(values, config.floor_quantile))
+        for name, values in checked.items()
+        if np.isfinite(values).any()
+    }
+    if _RELIEF in floors:
+        floors[_RELIEF] = _least_relief_px(cues, is_car, registration, names, config)
+    return replace(model, floors=floors)
+
+
+def _fitted(
+    cues: FloatArray,
+    is_car: BoolArray,
+    registration: Registration,
+    names: Sequence[str],
+    config: EvidenceConfig,
+) -> EvidenceModel:
+    """The model without its floors, from candidates that have evidence."""
     quantiles = np.linspace(0.02, 0.98, config.knots)
     knots: dict[str, FloatArray] = {}
     shapes: list[FloatArray] = []
     middles: list[FloatArray] = []
-    for name, values in zip(names, columns[use].T, strict=True):
+    for name in names:
+        values = cues[:, cue_column(name)]
         known = np.isfinite(values)
         at = np.unique(np.quantile(values[known], quantiles)) if known.any() else np.zeros(1)
         shape = np.stack([np.interp(values[known], at, unit) for unit in np.eye(len(at))], axis=1)
-        middle = _middle(shape, is_car[use][known], registration.even_odds)
+        middle = _middle(shape, is_car[known], registration.even_odds)
         full = np.zeros((len(values), len(at)))
         full[known] = shape - middle
         knots[name] = at
@@ -84,17 +111,51 @@ def fit_evidence(
         max_iter=5000,
         tol=1e-8,
         class_weight="balanced" if registration.even_odds else None,
-    ).fit(np.hstack(shapes), is_car[use])
+    ).fit(np.hstack(shapes), is_car)
     splits = np.cumsum([len(m) for m in middles])[:-1]
     parts = np.split(fitted.coef_[0], splits)
     log_odds = {n: part - float(part @ m) for n, part, m in zip(names, parts, middles, strict=True)}
-    checked = {name: cues[use, cue_column(name)] for name in checks_of(registration)}
-    floors = {
-        name: float(np.nanquantile(values, config.floor_quantile))
-        for name, values in checked.items()
-        if np.isfinite(values).any()
-    }
-    return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share, floors)
+    return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share, {})
+
+
+_RELIEF = "relief_px"
+
+
+def _least_relief_px(
+    cues: FloatArray,
+    is_car: BoolArray,
+    registration: Registration,
+    names: Sequence[str],
+    config: EvidenceConfig,
+) -> float:
+    """The predicted relief, in pixels of disparity, below which the evidence is silent.
+
+    It is the largest of ``config.relief_steps_px`` below which evidence that was fitted without them does not
+    tell cars from other candidates: 0 where it tells them at every step.
+    """
+    held_out = np.full(len(is_car), np.nan)
+    # candidates of an image stand together, so folds cut few images
+    fold = np.arange(len(is_car)) * config.folds // len(is_car)
+    for k in range(config.folds):
+        rest = fold != k
+        if not is_car[rest].any() or is_car[rest].all():
+            return max(config.relief_steps_px)
+        model = _fitted(cues[rest], is_car[rest], registration, names, config)
+        held_out[fold == k] = model.contributions(cues[fold == k]).sum(axis=1)
+    relief_px = cues[:, cue_column(_RELIEF)]
+    silent = [s for s in config.relief_steps_px if not _tells(held_out, is_car, relief_px < s)]
+    return max(silent, default=0.0)
+
+
+def _tells(log_odds: FloatArray, is_car: BoolArray, some: BoolArray) -> bool:
+    """Whether cars have higher log odds than others among some candidates, beyond chance (2.5 %)."""
+    cars, others = log_odds[some & is_car], log_odds[some & ~is_car]
+    if not len(cars) or not len(others):
+        return False
+    return float(mannwhitneyu(cars, others, alternative="greater").pvalue) < _CHANCE
+
+
+_CHANCE = 0.025
 
 
 def _middle(shape: FloatArray, is_car: BoolArray, even_odds: bool) -> FloatArray:

@@ -49,6 +49,8 @@ class GuardedAlignment:
     the noise of the matcher added; positive where the predicted relief is there."""
     roughness: float
     """Mean capped distance from the flat surface, as a share of the depth."""
+    predicted_px: float
+    """Mean distance of the predicted relief from flat, in pixels of disparity: what is to be told."""
 
     @property
     def cues(self) -> FloatArray:
@@ -82,7 +84,8 @@ def guarded_alignment(
     best, flat = int(np.argmin(distance[:-1])), float(distance[-1])
     residual = float(distance[best])
     gain = float(np.log((flat + noise) / (residual + noise)))
-    return GuardedAlignment(float(np.log(scales[best])), residual, gain, flat)
+    predicted_px = float(np.abs(model - np.median(model)).mean() * np.median(disparity))
+    return GuardedAlignment(float(np.log(scales[best])), residual, gain, flat, predicted_px)
 
 
 def _relief(values: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from scipy.special import expit
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
+from rescore.cues.plausibility import CHECKS
 from rescore.data.frames import GroundSource
 from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.cues import checks_of, cue_column, cues_of
@@ -81,9 +82,13 @@ class EvidenceModel:
     def believable(self, cues: FloatArray) -> BoolArray:
         """Whether each candidate's cues (n, k) pass all checks of plausibility, shape (n,)."""
         passed = np.ones(len(cues), np.bool_)
-        for name, floor in self.floors.items():
-            passed &= ~(cues[:, cue_column(name)] < floor)
+        for name in self.floors:
+            passed &= ~self.fails(cues, name)
         return passed
+
+    def fails(self, cues: FloatArray, check: str) -> BoolArray:
+        """Whether each candidate's cues (n, k) fail one check, shape (n,)."""
+        return np.asarray(cues[:, cue_column(check)] < self.floors.get(check, -np.inf))
 
 
 def enough_cues(cues: FloatArray, names: Sequence[str], mode: Registration, min_share: float) -> BoolArray:
@@ -131,14 +136,29 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
             grounded, why, "a ground plane expected, none is stated and that of stereo is not trusted"
         )
     complete = model.complete(table.cues)
-    lost = np.where(complete, Reason.STEREO_NOT_BELIEVED.value, lost)
-    why = np.where(complete, "fewer or less consistent measurements than wherever evidence was learned", why)
+    for name, (reason, detail) in _FAILED.items():
+        fails = complete & model.fails(table.cues, name)
+        lost, why = np.where(fails, reason.value, lost), np.where(fails, detail, why)
     return replace(
         table,
         depth_difference=np.where(has, d, model.neutral),
         status=np.where(has, OK, lost).astype(object),
         reason_detail=np.where(has, "", why).astype(object),
     )
+
+
+_FAILED = {
+    "side_on": (Reason.VIEW_NOT_LEARNED, "seen more from an end than wherever evidence was learned"),
+    "relief_px": (Reason.RELIEF_TOO_SMALL, "the relief of a car is less than the evidence can tell"),
+    **dict.fromkeys(
+        ("measured", *CHECKS),
+        (
+            Reason.STEREO_NOT_BELIEVED,
+            "fewer or less consistent measurements than wherever evidence was learned",
+        ),
+    ),
+}
+"""What it means that a candidate fails a check; of several the last one counts."""
 
 
 def save_models(path: Path, models: Mapping[Registration, EvidenceModel]) -> None:

@@ -34,6 +34,11 @@ class Registration(StrEnum):
         return self in (Registration.METRIC, Registration.INSTANCE)
 
     @property
+    def predicts(self) -> bool:
+        """Whether it looks at the depth that is predicted in a box."""
+        return self is not Registration.INSTANCE
+
+    @property
     def needs(self) -> str | None:
         """The cue without which a candidate has no evidence; None where any will do."""
         return _NEEDED.get(self)
@@ -42,7 +47,7 @@ class Registration(StrEnum):
     def even_odds(self) -> bool:
         """Whether D is fitted as if half of the candidates were cars, so that it does not depend on how many
         of a detector's candidates are."""
-        return self is Registration.INSTANCE
+        return self.needs_calibration
 
 
 _NEEDED = {Registration.METRIC: "measured", Registration.INSTANCE: "overlap"}

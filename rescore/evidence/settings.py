@@ -36,9 +36,11 @@ class RescoreConfig:
     """Settings of rescoring."""
 
     camera: CameraChoice = CameraChoice.CALIBRATED
-    view_bin: int | Literal["model"] = 3
-    """The bin that a candidate is taken to be seen from where its detector does not say; 3 is the left side
-    of a car. "model": the one that the class model explains it best with."""
+    view_bin: int | Literal["fit", "model"] = "fit"
+    """The bin that a candidate is taken to be seen from where its detector does not say. "fit": that of the
+    instance of the class fitted to its box and disparity; where none is fitted, as in all frames without
+    ground or with a class model without shape space, bin 3, the left side of a car. "model": the one that the
+    class model explains it best with, tried one after another."""
     stereo: SgbmConfig = field(default_factory=SgbmConfig)
     """Used where a data set gives a right picture but no disparity."""
     nearest_m: float = 2.0

@@ -1,22 +1,77 @@
-"""The view of each candidate, told by its detector, by the class model, or one view for all."""
+"""The view of each candidate: from its detector, from the fit, from the class model, or one for all."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from scipy.special import logsumexp, softmax
 
 from recon.arrays import FloatArray, IntArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
+from recon.localization.disparity_fit import BoxFit
 from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
 from recon.reconstruction.view_selection import ViewSelectionConfig, best_view_bin
 from recon.view_bins import ViewBins
 from rescore.evidence.candidates import Candidates
 
+UNSEEN = 3
+"""View bin of candidates where neither a detector nor a fit says one: the left side, as in the report."""
 NO_BIN = -1
 """View bin of a candidate that cannot be reconstructed from any."""
+
+TEMPER = 0.04
+"""Weight of what poses of the fit weigh, in nats, in the probability of a view. The fit takes samples to be
+independent whose errors are alike all over a car, so its nats are too many. The weight is the one with which
+the bins of annotated cars are likeliest, on the frames of preset ``streets`` that train and validate."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedViews:
+    """What the fit says of the side from which each candidate is seen."""
+
+    view_bin: IntArray
+    """The likeliest bin, shape (n,); ``NO_BIN`` where nothing was fitted."""
+    probability: FloatArray
+    """Probability of that bin, shape (n,); NaN where nothing was fitted."""
+    second_bin: IntArray
+    """The next bin, shape (n,); ``NO_BIN`` where nothing was fitted."""
+
+    def columns(self, bins: ViewBins) -> dict[str, Any]:
+        """The columns of ``CandidateTable``, the bins by their names."""
+        names = np.array([*(bins.name(b) for b in range(bins.count)), ""], object)
+        return {
+            "view_bin": names[self.view_bin],
+            "view_probability": self.probability,
+            "second_view": names[self.second_bin],
+        }
+
+
+def views_of_fits(fits: Sequence[BoxFit | None], bins: ViewBins, temper: float = TEMPER) -> FittedViews:
+    """The likeliest bins of the instances that boxes frame, by all poses that the fit tried.
+
+    The framed instance is one of them and mostly outweighs the others; its bin is then the likeliest.
+    """
+    n = len(fits)
+    first, second, probability = np.full(n, NO_BIN), np.full(n, NO_BIN), np.full(n, np.nan)
+    for i, fit in enumerate(fits):
+        if fit is not None:
+            weight = temper * _log_mass(fit, bins)
+            first[i], second[i] = np.argsort(-weight, kind="stable")[:2]
+            probability[i] = softmax(weight)[first[i]]
+    return FittedViews(first, probability, second)
+
+
+def _log_mass(fit: BoxFit, bins: ViewBins) -> FloatArray:
+    """Logarithm of what the poses in each bin weigh, shape (count,), nats up to a constant."""
+    width = 2 * np.pi / len(fit.heading_log_mass)
+    azimuth = np.asarray(1.5 * np.pi - width * np.arange(len(fit.heading_log_mass)), float)
+    mass = logsumexp(fit.heading_log_mass[:, None], axis=0, b=bins.shares(azimuth, width))
+    framed = bins.containing(float(fit.framed.pose.azimuth_rad[0]))
+    mass[framed] = np.logaddexp(mass[framed], fit.framed_log_mass)
+    return np.asarray(mass)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,60 +94,89 @@ NO_VIEWS = Views(np.zeros(0, np.int64), np.zeros(0), {})
 def views_of(
     rgb: UInt8Array,
     candidates: Candidates,
-    view_bin: int | Literal["model"],
+    view_bin: int | Literal["fit", "model"],
     model: ClassModel,
     config: ReconstructConfig,
+    fitted: FittedViews | None = None,
 ) -> Views:
     """The view of each candidate: the detector's azimuth where it gives one, else ``view_bin``.
 
     Args:
         rgb: the picture, shape (h, w, 3); looked at for "model" alone.
         candidates: the boxes.
-        view_bin: of candidates without azimuth: one bin for all, or "model" for the bin that the class model
-            explains each best with (``recon.reconstruction.view_selection.best_view_bin``).
+        view_bin: of candidates without azimuth: one bin for all; "fit" for the bin of the fitted instance, or
+            ``UNSEEN`` where there is none; or "model" for the bin that the class model explains each best
+            with (``recon.reconstruction.view_selection.best_view_bin``).
         model: the class model.
         config: settings of the reconstruction.
+        fitted: what the fit says of each candidate; None where nothing was fitted.
 
     Raises:
         RescoreError: the model has no such bin.
     """
     n = len(candidates)
-    said = np.full(n, np.nan) if candidates.azimuth_deg is None else np.deg2rad(candidates.azimuth_deg)
-    fixed = NO_BIN if view_bin == "model" else view_bin
-    bins, failures = np.full(n, fixed, np.int64), dict[int, Failure]()
-    azimuth_rad = said.copy()
-    if view_bin != "model":
-        azimuth_rad[np.isnan(said)] = model.bins.azimuth_rad(view_bin)
+    said = _said(candidates)
+    bins, failures = _bins_without_detector(n, view_bin, fitted), dict[int, Failure]()
+    if isinstance(view_bin, int):
+        model.bins.check(view_bin)
+    azimuth_rad = np.where(np.isnan(said), _middle_rad(bins, model.bins), said)
     have = {v.view_bin for v in model.views}
     selection = ViewSelectionConfig(reconstruct=config)
     for i in range(n):
         if np.isfinite(said[i]):
             bins[i] = model.bins.containing(float(said[i]))
-            if int(bins[i]) not in have:
-                failures[i] = _no_view(model, int(bins[i]), float(np.rad2deg(said[i])))
         elif view_bin == "model":
             choice = best_view_bin(rgb, candidates.xyxy_px[i], model, selection)
             if isinstance(choice, Failure):
                 failures[i] = choice
-            else:
-                bins[i], azimuth_rad[i] = choice.view_bin, model.bins.azimuth_rad(choice.view_bin)
+                continue
+            bins[i], azimuth_rad[i] = choice.view_bin, model.bins.azimuth_rad(choice.view_bin)
+        chosen = np.isfinite(said[i]) or view_bin == "fit"
+        if chosen and int(bins[i]) not in have:
+            failures[i] = _no_view(model, int(bins[i]), float(np.rad2deg(azimuth_rad[i])))
     bins[list(failures)] = NO_BIN
     return Views(bins, azimuth_rad, failures)
 
 
-def views_without_model(candidates: Candidates, view_bin: int | Literal["model"]) -> Views:
+def _said(candidates: Candidates) -> FloatArray:
+    """Azimuth that the detector says of each candidate, shape (n,), radians; NaN where it says none."""
+    if candidates.azimuth_deg is None:
+        return np.full(len(candidates), np.nan)
+    return np.asarray(np.deg2rad(candidates.azimuth_deg))
+
+
+def _bins_without_detector(
+    n: int, view_bin: int | Literal["fit", "model"], fitted: FittedViews | None
+) -> IntArray:
+    """The bin of each candidate (n,) where the detector says none; ``NO_BIN`` for "model"."""
+    if view_bin == "model":
+        return np.full(n, NO_BIN, np.int64)
+    if view_bin != "fit":
+        return np.full(n, view_bin, np.int64)
+    found = np.full(n, NO_BIN, np.int64) if fitted is None else fitted.view_bin
+    return np.where(found == NO_BIN, UNSEEN, found)
+
+
+def _middle_rad(bins: IntArray, of: ViewBins) -> FloatArray:
+    """Azimuth of the middle of each bin, shape (n,); NaN for ``NO_BIN``."""
+    return np.where(bins == NO_BIN, np.nan, 2 * np.pi * bins / of.count)
+
+
+def views_without_model(candidates: Candidates, view_bin: int | Literal["fit", "model"]) -> Views:
     """The view of each candidate where no class model is used: no bins, and the azimuths of ``views_of``.
 
     Args:
         candidates: the boxes.
-        view_bin: as there; nothing chooses for "model", which leaves azimuths unknown.
+        view_bin: as there; nothing is fitted for "fit", and nothing chooses for "model", which leaves
+            azimuths unknown.
 
     Raises:
         RescoreError: no such bin.
     """
-    n = len(candidates)
-    said = np.full(n, np.nan) if candidates.azimuth_deg is None else np.deg2rad(candidates.azimuth_deg)
-    assumed = np.nan if view_bin == "model" else ViewBins().azimuth_rad(view_bin)
+    n, said = len(candidates), _said(candidates)
+    if isinstance(view_bin, int):
+        ViewBins().check(view_bin)
+    assumed = _middle_rad(_bins_without_detector(n, view_bin, None), ViewBins())
     return Views(np.full(n, NO_BIN, np.int64), np.where(np.isnan(said), assumed, said), {})
 
 

@@ -41,6 +41,9 @@ class Detection(BaseModel):
     cues: dict[str, FiniteFloat] = {}
     azimuth_deg: FiniteFloat | None = None
     ground: str = ""
+    view_bin: str = ""
+    view_probability: FiniteFloat | None = None
+    second_view: str = ""
     bbox3d: Box3D | None = None
     bbox3d_sd: Box3DDeviations | None = None
 
@@ -198,6 +201,9 @@ def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
         ),
         azimuth_deg=column("azimuth_deg"),
         ground=np.array([d.ground for d, _ in kept], dtype=object),
+        view_bin=np.array([d.view_bin for d, _ in kept], dtype=object),
+        view_probability=column("view_probability"),
+        second_view=np.array([d.second_view for d, _ in kept], dtype=object),
         boxes3d=Boxes3D.of_rows([d.bbox3d for d, _ in kept], [d.bbox3d_sd for d, _ in kept]),
     )
 
@@ -218,7 +224,8 @@ def write_rescored(
     """Write rescored detections: ``score`` is the posterior, and what led to it lies beside it.
 
     Numbers of a candidate without depth evidence are null; its ``status`` says why. ``cues`` holds the parts
-    of the evidence that it has, ``ground`` says where the ground plane of its frame came from.
+    of the evidence that it has, ``ground`` says where the ground plane of its frame came from, and
+    ``view_bin``, ``view_probability`` and ``second_view`` what the fitted instance says of the view.
     """
     table, posterior = rescored.candidates, rescored.posterior
     columns: Mapping[str, FloatArray] = {name: getattr(table, name) for name in ("likelihood", *NUMBERS)}
@@ -232,12 +239,21 @@ def write_rescored(
             | {"status": table.status[i], "reason_detail": table.reason_detail[i], "w": w}
             | {"registration": registration.value, "cues": _known_cues(table.cues[i])}
             | {"ground": table.ground[i]}
+            | _view(table, i)
         )
     _write_rows(path, rows)
 
 
 def _known_cues(cues: FloatArray) -> dict[str, float]:
     return {name: float(v) for name, v in zip(CUES, cues, strict=True) if np.isfinite(v)}
+
+
+def _view(table: CandidateTable, i: int) -> dict[str, object]:
+    """What a row says of the side from which the object is seen; nothing where no instance was fitted."""
+    if not table.view_bin[i]:
+        return {}
+    told = {"view_bin": table.view_bin[i], "second_view": table.second_view[i]}
+    return told | {"view_probability": float(table.view_probability[i])}
 
 
 def _boxes(table: CandidateTable, data: DataSet) -> list[dict[str, object]]:

@@ -15,11 +15,11 @@ from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTabl
 from rescore.evidence.cues import CueInput, frame_cues
 from rescore.evidence.files import Predicted
 from rescore.evidence.instance_fits import boxes_of_fits, fit_instances
-from rescore.evidence.instances import DepthSource, predict_instances
+from rescore.evidence.instances import DepthSource, Instances, candidate_views, predict_instances
 from rescore.evidence.model import EvidenceModel, with_difference
 from rescore.evidence.registration import Registration
 from rescore.evidence.settings import RescoreConfig
-from rescore.evidence.views import Views
+from rescore.evidence.views import Views, views_of_fits
 from rescore.fusion.fuse import fuse
 from rescore.fusion.suppress3d import suppress_second_boxes
 
@@ -40,6 +40,9 @@ class Rescoring:
     alone."""
     suppress: bool = False
     """Whether second boxes of a car are ranked below all others (``rescore.fusion.suppress3d``)."""
+    predict: bool = True
+    """Whether depth is predicted in each box and compared by eq. 6; a mode that does not look at that can do
+    without (``Registration.predicts``)."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.w <= 1:
@@ -68,9 +71,11 @@ class RescoredFrame:
     views: Views
     """View of each candidate: the side that it is taken to be seen from."""
     instances: tuple[Predicted, ...]
-    """The 3D instance of each candidate, or the depth that another system predicts in its box."""
+    """The 3D instance of each candidate, or the depth that another system predicts in its box; empty where
+    none was asked for (``Rescoring.predict``)."""
     alignments: tuple[DepthAlignment | Failure, ...]
-    """The outcome of eq. 6 of each candidate; why nothing is predicted where nothing is."""
+    """The outcome of eq. 6 of each candidate; why nothing is predicted where nothing is; empty where none
+    was asked for."""
     fits: tuple[BoxFit | None, ...]
     """The instances fitted to each box and the disparity; None where none was."""
 
@@ -103,15 +108,22 @@ def rescore_frame(
         RescoreError: see ``predict_instances``.
     """
     config = rescoring.config
-    instances = predict_instances(frame, candidates, source, config)  # Zi
-    measured = measured_depth(frame.disparity_px, frame.camera, inverse=instances.inverse)  # Zs
-    alignments = align_instances(instances.found, measured, candidates.xyxy_px, config.align)  # eq. 6
-    depths, azimuth_rad = instances.scaled_depths, instances.views.azimuth_rad
     fits = _fitted(frame, candidates, source, rescoring)  # past eq. 6: an instance of the class, placed in 3D
+    if rescoring.predict:
+        instances = predict_instances(frame, candidates, source, config, fits)  # Zi
+        measured = measured_depth(frame.disparity_px, frame.camera, inverse=instances.inverse)  # Zs
+        alignments = align_instances(instances.found, measured, candidates.xyxy_px, config.align)  # eq. 6
+    else:
+        instances, alignments = Instances((), candidate_views(frame, candidates, source, config, fits)), ()
+    depths = instances.scaled_depths or (None,) * len(candidates)
+    azimuth_rad = instances.views.azimuth_rad
     cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues, fits))
     fitted = boxes_of_fits(fits, frame)
     placed = candidates if fitted is None else replace(candidates, boxes3d=fitted.or_else(candidates.boxes3d))
-    evidence = CandidateTable.of_alignments(placed, alignments, cues, frame.ground_source)
+    outcomes = alignments or (None,) * len(candidates)
+    evidence = CandidateTable.of_alignments(placed, outcomes, cues, frame.ground_source)
+    if isinstance(source, ClassModel):
+        evidence = replace(evidence, **views_of_fits(fits, source.bins).columns(source.bins))
     rescored = rescoring.fuse(evidence)  # eq. 7
     return RescoredFrame(rescored, instances.views, instances.found, alignments, fits)
 
@@ -119,8 +131,9 @@ def rescore_frame(
 def _fitted(
     frame: Frame, candidates: Candidates, source: DepthSource, rescoring: Rescoring
 ) -> tuple[BoxFit | None, ...]:
-    """Instances fitted to the boxes, where a mode may ask for them and the source can tell."""
+    """Instances fitted to the boxes, where mode or view may ask for them and the source can tell."""
     asked = rescoring.evidence_model is None or rescoring.mode is Registration.INSTANCE or rescoring.suppress
+    asked = asked or rescoring.config.view_bin == "fit"
     if not asked or not isinstance(source, ClassModel):
         return (None,) * len(candidates)
     return fit_instances(frame, candidates.xyxy_px, source, rescoring.config.fit)

@@ -4,7 +4,7 @@ A ``Rescorer`` never changes. After loading it reads no file and sets nothing th
 as the number of threads of OpenCV or of the linear algebra.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,13 +52,20 @@ class Rescored:
     """What each cue added to the log odds of a car, shape (n, k); 0 where there is no evidence, and in mode
     "paper"."""
     view_bin: IntArray
-    """View bin of the class model that each box was reconstructed with, shape (n,); -1 where none will do, or
-    another system predicts depth."""
+    """View bin of the class model that each box is taken to be seen from, shape (n,): it is reconstructed
+    with that. -1 where none will do, or another system predicts depth."""
+    view: tuple[str, ...]
+    """The side from which the fitted instance shows each object, a name of ``recon.view_bins.ViewBins`` such
+    as "left front"; "" where none was fitted."""
+    view_probability: FloatArray
+    """Probability of that view, shape (n,); NaN where no instance was fitted."""
+    second_view: tuple[str, ...]
+    """The next likely view of each, as ``view``."""
     boxes3d: Boxes3D | None
     """The 3D box of the instance of the class that was fitted to each box and the disparity, camera frame,
     metres, with standard deviations; NaN rows where nothing is measured. None where no instance was fitted:
-    that takes mode "instance", "paper" or ``suppress``, a class model with a shape space, a calibrated
-    camera, and a ground plane, stated or measured."""
+    that takes a class model with a shape space, a calibrated camera and a ground plane, stated or measured;
+    and mode "instance" or "paper", ``suppress``, or ``view_bin`` "fit"."""
     instances: tuple[Predicted, ...] | None
     """The 3D instance in each box, or the depth that another system predicts there, or why there is none;
     None where they were not asked for."""
@@ -107,7 +114,7 @@ class Rescorer:
 
     def __post_init__(self) -> None:
         _ = self._rescoring
-        if self.class_model is not None and self.config.view_bin != "model":
+        if self.class_model is not None and isinstance(self.config.view_bin, int):
             self.class_model.view(self.config.view_bin)
         if self.suppress and (self.class_model is None or self.class_model.shape_space is None):
             raise RescoreError(
@@ -184,7 +191,8 @@ class Rescorer:
         candidates = boxes.candidates(self.scaling)
         loaded = frame.loaded(self.config.stereo, self.config.nearest_m)
         source = self._source(predicted)
-        rescored = rescore_frame(loaded, candidates, source, self._rescoring)
+        rescoring = replace(self._rescoring, predict=instances or self.mode.predicts)
+        rescored = rescore_frame(loaded, candidates, source, rescoring)
         table, model = rescored.candidates, self.evidence_model
         d = table.depth_difference if model is None else model.difference(table.cues)
         has_evidence, log_odds = np.isfinite(d), np.zeros_like(table.cues)
@@ -200,6 +208,9 @@ class Rescorer:
             cues=table.cues,
             log_odds=log_odds,
             view_bin=rescored.views.view_bin,
+            view=tuple(str(v) for v in table.view_bin),
+            view_probability=table.view_probability,
+            second_view=tuple(str(v) for v in table.second_view),
             boxes3d=table.boxes3d,
             instances=rescored.instances if instances else None,
         )

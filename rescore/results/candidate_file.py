@@ -132,6 +132,9 @@ _ADDED_COLUMNS = {
 ``difference_<mode>`` (D), ``posterior_<mode>``, ``w_<mode>``, ``status_<mode>``, ``outcome_<mode>`` and
 ``annotation_id_<mode>`` of each mode but that of the paper."""
 
+_VIEW_COLUMNS = {"view_bin": pa.string(), "view_probability": pa.float64(), "second_view": pa.string()}
+"""Columns of what the fitted instance says of the view, where a candidate has one."""
+
 _STAND_INS = {
     "posterior": score_column(ALONE),
     "outcome": f"outcome_{ALONE}",
@@ -186,7 +189,13 @@ def detector_columns(
     for other in own:
         if other.registration in matched and other.registration is not Registration.PAPER:
             columns |= _mode_columns(other, matched[other.registration])
-    return columns | _box3d_columns(own) | {"kind": kind}
+    return columns | _box3d_columns(own) | _view_columns(own) | {"kind": kind}
+
+
+def _view_columns(own: Sequence[DetectionFile]) -> dict[str, NDArray[Any]]:
+    """The views of the first file that tells some; no column where none does."""
+    table = next((f.table for f in own if f.table.view_bin.any()), None)
+    return {} if table is None else {name: getattr(table, name) for name in _VIEW_COLUMNS}
 
 
 def _box3d_columns(own: Sequence[DetectionFile]) -> dict[str, NDArray[Any]]:
@@ -231,7 +240,8 @@ def _column(part: Columns, name: str) -> NDArray[Any]:
     if start in _STAND_INS:
         return part[_STAND_INS[start]]
     n = len(part["image_id"])
-    return np.full(n, NOT_RESCORED, dtype=object) if start == "status" else np.full(n, np.nan)
+    text = start == "status" or _VIEW_COLUMNS.get(name) == pa.string()
+    return np.full(n, NOT_RESCORED, dtype=object) if text else np.full(n, np.nan)
 
 
 def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
@@ -240,7 +250,7 @@ def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
     Raises:
         ValueError: a column of ``CANDIDATE_COLUMNS`` is missing, or one is unknown.
     """
-    kinds = dict(CANDIDATE_COLUMNS)
+    kinds = CANDIDATE_COLUMNS | {name: kind for name, kind in _VIEW_COLUMNS.items() if name in columns}
     for name in columns:
         for start, kind in _ADDED_COLUMNS.items():
             if name.startswith(f"{start}_"):

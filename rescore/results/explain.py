@@ -6,6 +6,7 @@ import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
+from rescore.cues.look_alikes import look_alike
 from rescore.cues.surroundings import SurroundingsConfig
 from rescore.evidence.candidates import NOT_RESCORED, OK
 from rescore.evidence.cues import CUES, cue_column, cue_names
@@ -17,6 +18,9 @@ from rescore.results.words import favourable, range_text, status_text, words_of
 
 TOLD = 3
 """Largest number of cues named in an explanation."""
+
+_DOUBTED = 0.5
+"""From this D on depth says that it is no car."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ def explain(
             found.append(Explanation(f"{head}, {_eq_6(rows, i)}"))
             continue
         parts = told.parts(cues[i], weights[i])
-        found.append(Explanation(f"{head}{told.leading(parts, bool(rose[i]))}", parts))
+        kind = "" if rose[i] or d[i] < _DOUBTED else told.taken_for(cues[i])
+        found.append(Explanation(f"{head}{told.leading(parts, bool(rose[i]))}{kind}", parts))
     return tuple(found)
 
 
@@ -181,6 +186,13 @@ class _Teller:
         # it moved the other way than its own depth says: the depth of other candidates says more
         return f", cues together {total:+.2f}; {'for' if rose else 'against'} it: {'; '.join(told)}"
 
+    def taken_for(self, cues: FloatArray) -> str:
+        """What a candidate that fell is taken for, in mode "instance"; empty where nothing says it."""
+        if self.mode != Registration.INSTANCE:
+            return ""
+        kind = look_alike(dict(zip(cue_names(), cues.tolist(), strict=True)))
+        return f"; taken for {kind}" if kind else ""
+
     def without_evidence(self, why: str, detail: str, cues: FloatArray, rose: bool) -> str:
         """Why a candidate has no evidence, and what that means for its score."""
         if why == NOT_RESCORED:
@@ -195,7 +207,7 @@ class _Teller:
                 told, detail = "no car could be placed", "a car's distance is not known"
             case Reason.NO_STEREO if self.mode != Registration.PAPER:
                 detail = f"{100 * (1 - measured):.0f} % of stereo missing"
-            case Reason.STEREO_NOT_BELIEVED:
+            case Reason.STEREO_NOT_BELIEVED | Reason.VIEW_NOT_LEARNED | Reason.RELIEF_TOO_SMALL:
                 detail = self._failed_checks(cues)
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
         keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")

@@ -18,6 +18,8 @@ STATUS_TEXT: dict[str, str] = {
     Reason.PARTS_NOT_PLACED: "too few parts placed",
     Reason.NO_STEREO: "too little measured depth",
     Reason.STEREO_NOT_BELIEVED: "measured depth contradicts itself or the ground",
+    Reason.VIEW_NOT_LEARNED: "seen from a side that was not learned",
+    Reason.RELIEF_TOO_SMALL: "relief too small to tell",
     Reason.NO_CALIBRATION: "camera not calibrated",
     Reason.NO_GROUND: "ground not known",
     Reason.NO_PREDICTION: "no depth predicted in the box",
@@ -30,6 +32,11 @@ STATUS_TEXT: dict[str, str] = {
 def status_text(status: str) -> str:
     """Words for a status, known or not."""
     return STATUS_TEXT.get(status, status.replace("_", " ") or "not rescored")
+
+
+def view_text(view: str, probability: float, second: str) -> str:
+    """Words for the side from which the fitted instance shows an object; empty where none was fitted."""
+    return f"seen from its {view} ({100 * probability:.0f} %), else from its {second}" if view else ""
 
 
 def words_of(cue: str, height_m: float | None = None) -> CueWords:

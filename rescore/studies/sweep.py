@@ -14,6 +14,7 @@ from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.evidence.candidates import OK, CandidateTable
+from rescore.evidence.instance_fits import fit_instances
 from rescore.evidence.instances import predict_instances
 from rescore.files import write_provenance
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
@@ -214,7 +215,8 @@ def _frame_steps(
     with one_thread():
         frame = load_frame(record, run.sgbm)
         right = read_rgb(record.right_path, record.width_px, record.height_px) if record.right_path else None
-        own = predict_instances(frame, candidates, run.class_model, run.config)
+        fits = fit_instances(frame, candidates.xyxy_px, run.class_model, run.config.fit)
+        own = predict_instances(frame, candidates, run.class_model, run.config, fits)
         tables = []
         for dial, level in steps:
             spoilt = frame if dial is None else _spoilt(frame, right, dial, level, run.sgbm, seed)

@@ -45,6 +45,30 @@ def test_nearest_bin() -> None:
     assert all(bins.containing(bins.azimuth_rad(b)) == b for b in range(12))
 
 
+def test_names_go_around_the_car() -> None:
+    bins = ViewBins(12)
+    names = [bins.name(b) for b in range(12)]
+    assert [names[b] for b in (0, 3, 6, 9)] == ["front", "left", "rear", "right"]
+    assert (names[1], names[2], names[11], names[10]) == (
+        "front left", "left front", "front right", "right front",
+    )  # fmt: skip
+    assert len(set(names)) == 12
+    assert ViewBins(8).name(1) == "45 degrees"
+    with pytest.raises(RescoreError, match="expected 0 to 11, got 12"):
+        bins.name(12)
+
+
+def test_shares_of_intervals() -> None:
+    shares = ViewBins(12).shares(np.deg2rad([0.0, 15.0, 357.0, 20.0]), np.deg2rad(15))
+    np.testing.assert_allclose(shares.sum(axis=1), 1)
+    assert shares[0, 0] == pytest.approx(1)
+    # on the border of two bins, half in each
+    assert shares[1, :2] == pytest.approx([0.5, 0.5])
+    assert shares[2, 0] == pytest.approx(1)
+    # from 12.5 to 27.5 degrees, of which 2.5 lie below the border at 15
+    assert shares[3, :2] == pytest.approx([1 / 6, 5 / 6])
+
+
 def test_unknown_bin_is_refused() -> None:
     with pytest.raises(RescoreError, match="expected 0 to 11, got 12"):
         ViewBins().view_from_object(12)

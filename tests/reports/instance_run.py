@@ -62,6 +62,9 @@ def make_instance_run(source: Path, root: Path) -> Path:
     boxes = boxes_px(columns)
     values = [box_of(r) if r != NO_FIT else [np.nan] * 7 for r in columns["rank"].tolist()]
     columns |= {f"box3d_{name}": v for name, v in zip(BOX_NAMES, np.array(values).T, strict=True)}
+    fitted = columns["rank"] != NO_FIT
+    columns |= {"view_bin": np.where(fitted, "left front", ""), "second_view": np.where(fitted, "rear", "")}
+    columns["view_probability"] = np.where(fitted, 0.75, np.nan)
     pq.write_table(pa.table(columns), folder.candidates)
     for detector in dict.fromkeys(columns["detector"]):
         for image_id in np.unique(columns["image_id"]).tolist():

@@ -121,6 +121,7 @@ def test_cards_of_mode_instance_show_the_car_beside_the_measured_depth(instance_
     for c in view.candidates["hog"]:
         panels = candidate_panels(view, c)
         assert panels.of_fit == (c.fit is not None) == (panels.predicted is not None)
+        assert c.view == ("" if c.fit is None else "seen from its left front (75 %), else from its rear")
         if c.fit is None or panels.predicted is None:
             continue
         rows, columns = crop_window(shown_area(c), view.measured.shape)

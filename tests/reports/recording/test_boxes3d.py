@@ -96,7 +96,9 @@ def test_candidates_show_measured_depth_beside_both_cars(recording: Path, views:
                     assert (shown == 0).all()
                     assert not dashes[time]["LineStrips2D:strips"]
                     assert "No car was placed here" in told
+                    assert "Seen from" not in told
                     continue
+                assert "Seen from its left front (75 %), else from its rear." in told
                 np.testing.assert_allclose(shown[shown > 0] / DEPTH_UNIT, depth_m, atol=0.6 / DEPTH_UNIT)
                 assert c.fit is not None
                 silhouette = (c.fit.seen if disparity == SEEN_PX else c.fit.framed).silhouette_px

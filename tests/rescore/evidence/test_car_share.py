@@ -1,10 +1,13 @@
 """D for the share of cars among another detector's candidates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from rescore.evidence.car_share import as_used_for, log_odds_shift
+from rescore.evidence.candidates import Candidates, CandidateTable
+from rescore.evidence.car_share import as_used_for, log_odds_shift, share_doubt
 from rescore.evidence.cues import CUES, cues_of
 from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration
@@ -49,6 +52,25 @@ def test_the_shift_that_d_was_made_with_is_found_back() -> None:
     d[3] = np.nan
     assert as_used_for(fitted, cues, d).bias == pytest.approx(-0.5)
     assert as_used_for(fitted, cues, fitted.difference(cues)) is fitted
+
+
+def test_another_share_is_doubted_where_it_matters() -> None:
+    rng = np.random.default_rng(2)
+
+    def doubt(mode: Registration, likelihood: float) -> str:
+        knots = {name: np.array([0.0, 1.0]) for name in cues_of(mode)}
+        model = EvidenceModel(mode, knots, dict.fromkeys(cues_of(mode), np.array([-0.1, 0.1])), -2.2, 0.5, {})
+        candidates = Candidates(1, np.tile([0.0, 0, 9, 9], (20, 1)), np.ones(20), np.full(20, likelihood))
+        table = CandidateTable.of_candidates([candidates])
+        return share_doubt(model, replace(table, cues=rng.uniform(size=(20, len(CUES)))))
+
+    assert doubt(Registration.GUARDED, 0.8).startswith("mode guarded: D takes 10% of the candidates for cars")
+    assert "likelihoods say 80%; --adapt-share" in doubt(Registration.GUARDED, 0.8)
+    # odds of 1 to 9, less than three times as high
+    assert doubt(Registration.GUARDED, 0.2) == ""
+    # where likelihoods tell no share there is nothing to compare
+    assert doubt(Registration.GUARDED, 1.0) == ""
+    assert doubt(Registration.METRIC, 0.8) == ""
 
 
 def test_nothing_to_shift_is_refused() -> None:

@@ -36,7 +36,7 @@ from rescore.studies.ablation import groups
 
 
 def test_every_cue_that_is_computed_has_an_entry() -> None:
-    assert cue_names() == (*GUARDED, *SURROUNDINGS, "depth_ratio", *FRAMING, *CHECKS)
+    assert cue_names() == (*GUARDED, *SURROUNDINGS, "depth_ratio", *FRAMING, *CHECKS, "relief_px", "side_on")
     assert cues_of(Registration.PAPER) == ()
     assert cues_of(Registration.GUARDED) == GUARDED
     assert cues_of(Registration.METRIC) == (*GUARDED, *SURROUNDINGS, "depth_ratio")

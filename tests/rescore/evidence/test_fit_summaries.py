@@ -10,10 +10,12 @@ from recon.errors import Failure, Reason, RescoreError
 from recon.localization.depth_views import DepthViews
 from recon.localization.disparity_fit import BoxFit, DisparityFit, DisparityFitConfig
 from recon.localization.standing_box import StandingBox
+from recon.view_bins import ViewBins
 from rescore.data.frames import Frame
 from rescore.evidence.files import read_evidence, read_fits, write_evidence
 from rescore.evidence.fit_summaries import FitSummary, area_of_fit, summarise_fits
 from rescore.evidence.instance_fits import boxes_of_fits, views_of_space
+from rescore.evidence.views import NO_BIN, views_of_fits
 from tests.recon.localization import stepped_car as car
 
 CONFIG = DisparityFitConfig(views=car.VIEWS_CONFIG)
@@ -123,3 +125,25 @@ def test_what_is_shown_reaches_to_the_end_of_the_car_but_not_far_beyond_the_box(
     np.testing.assert_array_equal(near, [90, 100, 260, 160])
     far = area_of_fit(box, np.array([-90.0, 110, 900, 140]))
     np.testing.assert_array_equal(far, [-50, 100, 350, 150])
+
+
+def test_the_view_is_that_of_the_framed_instance(fits: tuple[BoxFit | None, ...]) -> None:
+    bins = ViewBins()
+    found = views_of_fits(fits, bins)
+    whole = fits[0]
+    assert whole is not None
+    # the car's nose points 15 degrees away from the picture's right: its right side is seen
+    assert found.view_bin[0] == bins.containing(float(whole.framed.pose.azimuth_rad[0])) == 9
+    assert 1 / bins.count < found.probability[0] <= 1
+    assert found.second_bin[0] != found.view_bin[0]
+    assert (found.view_bin[2], found.second_bin[2]) == (NO_BIN, NO_BIN)
+    columns = found.columns(bins)
+    assert columns["view_bin"].tolist()[::2] == ["right", ""]
+    np.testing.assert_array_equal(np.isnan(columns["view_probability"]), [False, False, True])
+
+
+def test_tempering_flattens_the_probability_and_keeps_the_bins(fits: tuple[BoxFit | None, ...]) -> None:
+    sure, unsure = (views_of_fits(fits[:2], ViewBins(), temper) for temper in (1.0, 0.01))
+    np.testing.assert_array_equal(sure.view_bin, unsure.view_bin)
+    np.testing.assert_array_equal(sure.second_bin, unsure.second_bin)
+    assert (sure.probability > unsure.probability).all()

@@ -31,6 +31,8 @@ def test_the_predicted_relief_fits_at_any_unit_of_depth() -> None:
         assert abs(fit.scale) < 0.1
         assert fit.residual < 0.005
         assert fit.gain > 0.7
+        # inverse depth from 1/11 to 1/9 around a disparity of 20 / unit px: a fraction of that varies
+        assert 0.8 < fit.predicted_px * unit < 1.4
 
 
 def test_a_flat_wall_has_nothing_to_win() -> None:

@@ -31,13 +31,14 @@ def test_cues_of_modes() -> None:
     assert Registration.PAPER not in LEARNED
     assert set(cues_of(Registration.GUARDED)) < set(cues_of(Registration.METRIC)) < set(CUES)
     used = set(cues_of(Registration.METRIC)) | set(cues_of(Registration.INSTANCE))
-    assert set(CUES) == used | set(checks_of(Registration.METRIC))
+    assert set(CUES) == used | {name for mode in LEARNED for name in checks_of(mode)}
 
 
 def test_d_is_a_calibrated_probability() -> None:
     cues, is_car = drawn(4000, np.random.default_rng(0))
     model = fit_evidence(cues[:2000], is_car[:2000], Registration.METRIC, CONFIG)
-    probability = 1 - model.difference(cues[2000:])
+    # fitted at even odds: a probability for the share of cars that there is
+    probability = 1 - model.shifted(float(logit(0.25))).difference(cues[2000:])
     assert ((probability > 0) & (probability < 1)).all()
     # in the mean, and among those that it calls likely
     assert probability.mean() == pytest.approx(0.25, abs=0.03)
@@ -142,6 +143,54 @@ def test_with_difference_says_why_there_is_none() -> None:
     assert judged.status.tolist() == [OK, "no_outline", "no_outline"]
 
 
+def test_guarded_is_silent_where_it_was_not_learned_and_where_it_cannot_tell() -> None:
+    rng = np.random.default_rng(9)
+    cues, is_car = drawn(4000, rng)
+    cues[:, cue_column("relief_gain")] = cues[:, cue_column("width")]
+    relief_px = rng.uniform(0, 0.6, len(cues))
+    cues[:, cue_column("relief_px")], cues[:, cue_column("side_on")] = relief_px, 1.0
+    # below 0.12 px a car looks as anything does
+    own = [cue_column(name) for name in cues_of(Registration.GUARDED)]
+    small = np.flatnonzero(relief_px < 0.12)
+    cues[np.ix_(small, own)] = cues[np.ix_(rng.permutation(small), own)]
+    model = fit_evidence(cues, is_car, Registration.GUARDED, CONFIG)
+    assert model.floors["relief_px"] in (0.1, 0.15)
+    assert model.floors["side_on"] == 1
+    some = cues[np.argsort(-relief_px)[:4]].copy()
+    some[1, cue_column("relief_px")] = 0.05
+    some[2, cue_column("side_on")] = 0.5
+    some[3, cue_column("relief_px")] = np.nan
+    judged = with_difference(table_of(some), model)
+    assert judged.status.tolist() == [OK, "relief_too_small", "view_not_learned", OK]
+    assert judged.depth_difference[1:3].tolist() == [model.neutral] * 2
+    assert "than the evidence can tell" in judged.reason_detail[1]
+    # metric looks at more than relief, and makes neither check
+    metric = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
+    assert not {"relief_px", "side_on"} & set(metric.floors)
+
+
+def test_relief_is_looked_at_wherever_it_tells() -> None:
+    rng = np.random.default_rng(10)
+    cues, is_car = drawn(1200, rng)
+    cues[:, cue_column("relief_gain")] = cues[:, cue_column("width")]
+    cues[:, cue_column("relief_px")] = rng.uniform(0, 0.6, len(cues))
+    assert fit_evidence(cues, is_car, Registration.GUARDED, CONFIG).floors["relief_px"] == 0
+
+
+@pytest.mark.parametrize("mode", LEARNED)
+def test_every_check_has_a_reason(mode: Registration) -> None:
+    cues, is_car = drawn(400, np.random.default_rng(11))
+    model = fit_evidence(cues, is_car, mode, CONFIG)
+    whole = cues[:1].copy()
+    whole[0, [cue_column(name) for name in checks_of(mode)]] = 1
+    reasons = {"relief_px": "relief_too_small", "side_on": "view_not_learned"}
+    for name in checks_of(mode):
+        low = whole.copy()
+        low[0, cue_column(name)] = -1
+        (status,) = with_difference(table_of(low), replace(model, floors={name: 0.0})).status
+        assert status == reasons.get(name, "stereo_not_believed")
+
+
 def data_set(splits: dict[str, int], n: int) -> DataSet:
     frames, truth = [], {}
     for split, image_id in splits.items():
@@ -186,12 +235,14 @@ def test_even_odds_do_not_depend_on_the_share_of_cars() -> None:
         return fit_evidence(cues[rows], is_car[rows], mode, CONFIG).neutral
 
     everything = np.arange(len(cues))
-    metric = [silent(rows, Registration.METRIC) for rows in (everything, few)]
-    even = [silent(rows, Registration.INSTANCE) for rows in (everything, few)]
+    cues[:, cue_column("relief_gain")] = cues[:, cue_column("width")]
+    guarded = [silent(rows, Registration.GUARDED) for rows in (everything, few)]
     # 25 and 3 per cent are cars
-    assert metric[1] > metric[0] + 0.08 > 0.8
-    assert abs(even[1] - even[0]) < 0.08
-    assert max(even) < 0.75
+    assert guarded[1] > guarded[0] + 0.08 > 0.8
+    for mode in (Registration.METRIC, Registration.INSTANCE):
+        even = [silent(rows, mode) for rows in (everything, few)]
+        assert abs(even[1] - even[0]) < 0.08
+        assert max(even) < 0.75
 
 
 def test_an_instance_without_ground_or_fit_has_no_evidence() -> None:

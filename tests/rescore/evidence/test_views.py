@@ -1,6 +1,7 @@
 """Candidates of one frame that are seen from different sides."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from rescore.data.frames import Frame
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.evidence.cues import cue_column
 from rescore.evidence.settings import RescoreConfig
-from rescore.evidence.views import NO_BIN
+from rescore.evidence.views import NO_BIN, UNSEEN, FittedViews, views_of
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from tests.bank_judge import stored_judge
 from tests.single_car import CarPicture, car_from
@@ -57,7 +58,7 @@ def same(a: Reconstruction | Failure, b: Reconstruction | Failure) -> bool:
 def test_the_azimuth_of_a_candidate_picks_its_bin(car: CarPicture, frame: Frame, model: ClassModel) -> None:
     given = boxes(car, [0.0, 50.0, np.nan, 355.0, 180.0])
     found = rescore_frame(frame, given, model, Rescoring(CONFIG))
-    bins = [0, 2, CONFIG.view_bin, 0, 6]
+    bins = [0, 2, UNSEEN, 0, 6]
     assert found.views.view_bin.tolist() == bins
     np.testing.assert_allclose(np.rad2deg(found.views.azimuth_rad), [0, 50, 90, 355, 180])
     for instance, view_bin in zip(found.instances, bins, strict=True):
@@ -107,6 +108,19 @@ def test_the_class_model_chooses(car: CarPicture, frame: Frame, model: ClassMode
     assert np.isnan(found.candidates.cues[2, cue_column("width")])
     # of the front or the rear, which look alike, with what stands between them and the sides
     assert choice.view_bin in {0, 1, 5, 6, 7, 11}
+
+
+def test_a_fit_says_the_view_where_no_detector_does(car: CarPicture, frame: Frame, model: ClassModel) -> None:
+    given = boxes(car, [180.0, np.nan, np.nan])
+    fitted = FittedViews(np.array([1, 11, NO_BIN]), np.array([0.9, 0.6, np.nan]), np.array([0, 5, NO_BIN]))
+    look = partial(views_of, frame.left_rgb, given, model=model, config=CONFIG.reconstruct, fitted=fitted)
+    assert look(view_bin="fit").view_bin.tolist() == [6, 11, UNSEEN]
+    np.testing.assert_allclose(np.rad2deg(look(view_bin="fit").azimuth_rad), [180, 330, 90])
+    # a bin that is asked for by number is that of all
+    assert look(view_bin=4).view_bin.tolist() == [6, 4, 4]
+    few = look(view_bin="fit", model=replace(model, views=(model.view(3), model.view(6))))
+    assert few.view_bin.tolist() == [6, NO_BIN, 3]
+    assert few.failures[1].detail.startswith("a labelled view of bin 11 expected for azimuth 330 degrees")
 
 
 def test_a_bin_that_the_model_does_not_have(car: CarPicture, frame: Frame, model: ClassModel) -> None:

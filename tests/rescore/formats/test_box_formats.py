@@ -112,6 +112,9 @@ def detections_of(data: DataSet) -> CandidateTable:
         "cues": np.full((3, table.cues.shape[1]), np.nan),
         "azimuth_deg": np.array([10.0, np.nan, 300.0]),
         "ground": np.array(["", "", ""], dtype=object),
+        "view_bin": np.array(["", "", ""], dtype=object),
+        "view_probability": np.full(3, np.nan),
+        "second_view": np.array(["", "", ""], dtype=object),
     }
     rest = ("depth_difference", "scale", "offset", "valid_share", "stereo_low", "stereo_span")
     return CandidateTable(**rows, **{name: np.full(3, np.nan) for name in rest})

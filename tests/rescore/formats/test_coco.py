@@ -1,5 +1,6 @@
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +210,15 @@ def test_raw_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
 def test_rescored_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
     outcome = (DepthAlignment(0.25, -1.5, 0.125, 0.75, 8.0, 2.0), Failure(Reason.NO_OUTLINE, "gone"))
     table = CandidateTable.of_alignments(candidates(), outcome, ground="stereo")
+    seen = {
+        "view_bin": ["left front", ""],
+        "view_probability": [0.75, np.nan],
+        "second_view": ["right rear", ""],
+    }
+    table = replace(
+        table,
+        **{name: np.array(v, None if name == "view_probability" else object) for name, v in seen.items()},
+    )
     posterior = np.array([0.0, 0.2])
     write_rescored(
         tmp_path / "r.json",
@@ -241,6 +251,9 @@ def test_rescored_detections_round_trip(tmp_path: Path, data: DataSet) -> None:
         np.testing.assert_array_equal(getattr(back.table, name), getattr(table, name), err_msg=name)
     assert back.table.reason_detail.tolist() == ["", "gone"]
     assert back.table.ground.tolist() == ["stereo", "stereo"]
+    for name, values in seen.items():
+        np.testing.assert_array_equal(getattr(back.table, name), values, err_msg=name)
+    assert "view_bin" not in rows[1]
     write_rescored(
         tmp_path / "again.json",
         "hog",

@@ -13,6 +13,7 @@ import pytest
 
 import rescore.defaults
 from recon.camera import GroundPlane
+from recon.view_bins import ViewBins
 from rescore import Boxes, Camera, Rescored, RescoreError, Rescorer, StereoFrame
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
@@ -188,3 +189,19 @@ def test_a_rescorer_that_cannot_suppress_says_so(default: Rescorer) -> None:
     assert default.class_model is not None
     with pytest.raises(RescoreError, match="expected a class model with a shape space for suppress=True"):
         replace(default, class_model=replace(default.class_model, shape_space=None), suppress=True)
+
+
+def test_mode_instance_does_without_predicted_depth(default: Rescorer) -> None:
+    frame, boxes = frame_of(), Boxes(shipped.boxes_px(), likelihood=np.array(shipped.LIKELIHOODS))
+    plain, whole = (default.rescore(frame, boxes, instances=wanted) for wanted in (False, True))
+    np.testing.assert_array_equal(plain.posterior, whole.posterior)
+    assert plain.status == whole.status
+    assert plain.instances is None
+    assert whole.instances is not None
+    assert len(whole.instances) == len(plain.posterior)
+    # what the fit says of the view is that of the 3D box
+    assert plain.view == whole.view
+    assert plain.boxes3d is not None
+    turned = [ViewBins().name(ViewBins().containing(a)) for a in np.radians(plain.boxes3d.azimuth_deg)]
+    assert list(plain.view) == turned
+    assert plain.view_bin.tolist() == [ViewBins().containing(a) for a in np.radians(plain.azimuth_deg)]

@@ -17,6 +17,12 @@ def test_candidates_table_round_trip(tmp_path: Path) -> None:
     assert list(back) == list(CANDIDATE_COLUMNS)
     np.testing.assert_array_equal(back["depth_difference"], [0.25, np.nan])
     assert back["status"].tolist() == ["a", ""]
+    views = {"view_bin": np.array(["rear", ""], object), "view_probability": np.array([0.5, np.nan])}
+    views["second_view"] = np.array(["front", ""], object)
+    write_candidates(path, columns | views)
+    seen = read_candidates(path)
+    assert seen["view_bin"].tolist() == ["rear", ""]
+    np.testing.assert_array_equal(seen["view_probability"], [0.5, np.nan])
     with pytest.raises(ValueError, match="columns differ: \\['kind'\\]"):
         write_candidates(path, {n: c for n, c in columns.items() if n != "kind"})
     path.write_text("no table")

@@ -174,6 +174,18 @@ def test_where_the_car_ends_is_told_by_its_side_of_the_box() -> None:
     ]
 
 
+def test_what_fell_is_told_by_what_it_is_taken_for() -> None:
+    model = instance_model(overlap=[0.4, 0.6, 1.0, 1.2], end_right=[-0.3, -0.1, 0.1, 0.3])
+    part = {"overlap": 0.2, "end_right": 0.8, "beyond_box": 0.6, "explained": 2.0}
+    cues = np.stack([cues_with(**part), cues_with(**part | {"overlap": 0.8, "end_right": 0.0})])
+    rows = instance_rows(model, cues, ["ok"] * 2)
+    fell, whole = explain(rows, "instance", np.zeros(2, bool), model)
+    assert fell.text.endswith("; taken for a part of a car")
+    assert "taken for" not in whole.text
+    rose, _ = explain(rows, "instance", np.ones(2, bool), model)
+    assert "taken for" not in rose.text
+
+
 def test_other_explanations_of_the_depth_are_told_in_words() -> None:
     plane, gap, explained = (words_of(cue) for cue in ("over_plane", "gap", "explained"))
     assert plane.told(np.log1p(30)) == "a car explains its depth better than a flat thing, by 30 nats"

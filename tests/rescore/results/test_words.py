@@ -3,7 +3,7 @@ from pathlib import Path
 
 from recon.errors import Reason
 from rescore.evidence.candidates import OK
-from rescore.results.words import STATUS_TEXT, status_text
+from rescore.results.words import STATUS_TEXT, status_text, view_text
 
 GLOSSARY = Path(__file__).parents[3] / "docs" / "glossary.md"
 
@@ -22,3 +22,8 @@ def test_words_of_a_status() -> None:
     assert status_text("no_stereo") == "too little measured depth"
     assert status_text("of_tomorrow") == "of tomorrow"
     assert status_text("") == "not rescored"
+
+
+def test_words_of_a_view() -> None:
+    assert view_text("left front", 0.814, "rear") == "seen from its left front (81 %), else from its rear"
+    assert view_text("", float("nan"), "") == ""
