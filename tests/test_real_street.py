@@ -1,4 +1,4 @@
-"""Three real stereo pairs with a detector's boxes, rescored as a newcomer does, by what comes with the package.
+"""Three real stereo pairs with boxes of a detector, rescored as a newcomer does, by the shipped rescorer.
 
 Nothing is fitted to these frames: the shipped rescorer has not seen them, nor their camera.
 """
