@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-stereo published-recording published-report published-defaults published-street bench docs clean
+	published-evidence published-stereo published-recording published-report published-defaults \
+	published-street published-real bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -81,6 +82,17 @@ published-street: setup
 	$(BIN)/rescore evaluate $(STREET) runs/real_street/rescored.json --out runs/real_street
 	$(BIN)/python -m reports.publishing.real_street runs/real_street reports/published/real_street \
 	    "make published-street"
+
+# the README's first table; ROAD= and KITTI= name folders of real pairs with annotated cars and detections.json
+ROAD ?=
+REAL := runs/real
+published-real: setup
+	$(BIN)/rescore apply $(ROAD) $(ROAD)/detections.json --out $(REAL)/kitti_road.json
+	$(BIN)/rescore evaluate $(ROAD) $(REAL)/kitti_road.json --out $(REAL)/kitti_road --no-report
+	$(BIN)/rescore apply $(KITTI) $(KITTI)/detections.json --out $(REAL)/kitti.json
+	$(BIN)/rescore evaluate $(KITTI) $(REAL)/kitti.json --out $(REAL)/kitti --no-report
+	$(BIN)/python -m reports.publishing.real_figures reports/published/streets/real.json \
+	    "make published-real" $(REAL)/kitti_road $(REAL)/kitti
 
 bench: setup
 	$(BIN)/python tests/bench.py

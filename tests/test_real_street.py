@@ -6,6 +6,7 @@ Nothing is fitted to these frames: the shipped rescorer has not seen them, nor t
 import json
 import re
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import load_frame
 from rescore.evidence.settings import RescoreConfig, with_stereo_for
 from rescore.formats.open import read_dataset
-from tests.conftest import ROOT, run_rescore
+from tests.conftest import REAL_STREET, run_rescore
 
-STREET = ROOT / "examples" / "real_street"
 MOST_BYTES = 1_500_000
 SUN, SNOW, RAIN = 1, 2, 3
 """Image ids in the order of names."""
@@ -26,13 +26,12 @@ CAR_M = np.array([[3.4, 1.4, 1.2], [5.4, 2.15, 2.1]])
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+def rows(real_street_run: Path) -> list[dict[str, Any]]:
     """The rescored boxes with what they show, best detector score first."""
-    out = tmp_path_factory.mktemp("street") / "rescored.json"
-    done = run_rescore("apply", STREET, STREET / "detections.json", "--out", out, "--jobs", 2)
-    assert done.returncode == 0, done.stderr
-    shows = {box_of(r): r["shows"] for r in json.loads((STREET / "detections.json").read_text())}
-    found = [r | {"shows": shows[box_of(r)]} for r in json.loads(out.read_text())]
+    shows = {box_of(r): r["shows"] for r in json.loads((REAL_STREET / "detections.json").read_text())}
+    found = [
+        r | {"shows": shows[box_of(r)]} for r in json.loads((real_street_run / "rescored.json").read_text())
+    ]
     assert len(found) == len(shows) == 21
     return sorted(found, key=lambda r: -r["detector_score"])
 
@@ -51,7 +50,7 @@ def place(rows: list[dict[str, Any]], row: dict[str, Any], key: str) -> int:
 
 
 def test_the_doctor_has_no_fault_to_find() -> None:
-    done = run_rescore("doctor", STREET, "--json")
+    done = run_rescore("doctor", REAL_STREET, "--json")
     assert done.returncode == 0, done.stderr
     findings = json.loads(done.stdout)
     assert any("3 frames" in str(f) for f in findings)
@@ -59,7 +58,7 @@ def test_the_doctor_has_no_fault_to_find() -> None:
 
 
 def test_the_boxes_lie_in_three_pictures_of_one_size() -> None:
-    data = read_dataset(STREET, "car")
+    data = read_dataset(REAL_STREET, "car")
     assert [r.image_id for r in data.frames] == [SUN, SNOW, RAIN]
     assert {(r.width_px, r.height_px) for r in data.frames} == {(1280, 720)}
     for record in data.frames:
@@ -69,13 +68,13 @@ def test_the_boxes_lie_in_three_pictures_of_one_size() -> None:
 
 
 def test_it_is_small_and_names_its_source_and_changes() -> None:
-    files = [f for f in STREET.rglob("*") if f.is_file()]
+    files = [f for f in REAL_STREET.rglob("*") if f.is_file()]
     assert sum(f.stat().st_size for f in files) < MOST_BYTES
-    text = re.sub(r"\s+", " ", (STREET / "README.md").read_text())
+    text = re.sub(r"\s+", " ", (REAL_STREET / "README.md").read_text())
     for needed in ("CC BY 4.0", "arXiv 2407.04908", "University of Michigan-Dearborn", "Changes: "):
         assert needed in text
     for folder in ("left", "right"):
-        for picture in (STREET / folder).iterdir():
+        for picture in (REAL_STREET / folder).iterdir():
             assert f"`{picture.stem}`" in text
 
 
@@ -114,7 +113,7 @@ def test_the_nearest_car_stays_first_and_its_3d_box_stands_on_the_ground(
     box = Boxes3D.of_values(np.array([first["bbox3d"]]))
     assert (box.size_m[0] > CAR_M[0]).all()
     assert (box.size_m[0] < CAR_M[1]).all()
-    data = read_dataset(STREET, "car")
+    data = read_dataset(REAL_STREET, "car")
     record = next(r for r in data.frames if r.image_id == image_id)
     frame = load_frame(record, with_stereo_for(RescoreConfig(), data, None).stereo)
     assert frame.seen_from is not None
