@@ -27,8 +27,9 @@ _RINGS_M = (10, 20, 30)
 
 
 def draw_birds_eye(ax: Axes, view: FrameView, boxes: Sequence[StreetBox], text_px: float) -> None:
-    """Draw measured points, rings of distance and the 3D boxes: those that depth speaks for solid, the others
-    dashed, where a car would have to stand.
+    """Draw measured points, rings of distance and 3D boxes.
+
+    Boxes are solid where depth speaks for a car, and dashed, where one would have to stand, where it does not.
 
     Args:
         ax: axes that fill their part of the figure.
