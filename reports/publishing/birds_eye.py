@@ -29,7 +29,7 @@ _RINGS_M = (10, 20, 30)
 def draw_birds_eye(ax: Axes, view: FrameView, boxes: Sequence[StreetBox], text_px: float) -> None:
     """Draw measured points, rings of distance and 3D boxes.
 
-    Boxes are solid where depth speaks for a car, and dashed, where one would have to stand, where it does not.
+    Boxes are solid where depth speaks for a car; else dashed, where one would have to stand.
 
     Args:
         ax: axes that fill their part of the figure.
