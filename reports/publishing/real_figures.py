@@ -77,7 +77,7 @@ def figures_table(runs: Mapping[str, Metrics]) -> Table:
     first, *others = (f"{100 * float(r):.0f} %" for r in RECALLS)
     level = f"{100 * float(LEVEL):.0f} %"
     head = (
-        *("frames, detector", "area (ROC)", "average precision"),
+        *("frames, scores", "area (ROC)", "average precision"),
         *(f"FP/image at {first}", *others[:-1], f"{others[-1]} of all cars"),
         f"fewer FP at {level}, times (95 %)",
     )
@@ -89,7 +89,7 @@ def _rows(title: str, metrics: Metrics) -> list[tuple[str, ...]]:
     gains = {(c.detector, c.mode): factor(c.reduction.get(LEVEL)) for c in metrics.comparisons}
     return [
         (
-            f"{title}, alone" if row.mode == ALONE else f"{title}, rescored",
+            f"{title}, detector alone" if row.mode == ALONE else f"{title}, rescored",
             number(row.auc),
             number(row.average_precision),
             *(number(row.fppi_at_recall.get(r), 2) for r in RECALLS),

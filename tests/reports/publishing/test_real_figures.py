@@ -53,7 +53,7 @@ def test_figures_and_table_are_those_of_the_run(named: Path, readme: Path, tmp_p
     assert readme.read_text().startswith("before\n")
     assert readme.read_text().endswith("after\n")
     for row, told in zip(metrics.rows, table.rows, strict=True):
-        assert told[0] == f"KITTI road, small detector, {'alone' if row.mode == ALONE else 'rescored'}"
+        assert told[0] == f"KITTI road, {'detector alone' if row.mode == ALONE else 'rescored'}"
         assert told[2] == f"{row.average_precision:.3f}"
         assert told[5] == f"{row.fppi_at_recall['0.7']:.2f}"
         assert bool(told[-1]) is (row.mode != ALONE)
