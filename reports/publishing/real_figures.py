@@ -20,8 +20,8 @@ README = Path(__file__).resolve().parents[2] / "README.md"
 BEGIN, END = "<!-- real streets: begin -->", "<!-- real streets: end -->"
 """Marks in the README around the table."""
 TITLES: Mapping[str, str] = {
-    "kitti_road": "KITTI road, small detector",
-    "kitti": "KITTI object, strong detector",
+    "kitti_road": "KITTI road",
+    "kitti": "KITTI object",
 }
 """What each run is, by the name of its folder."""
 _FORMAT = "real streets 1"
