@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import shlex
 import subprocess
 import sys
 from collections import defaultdict
@@ -56,19 +57,22 @@ REAL_STREET = ROOT / "examples" / "real_street"
 
 @pytest.fixture(scope="session")
 def real_street_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The run folder of the committed real pairs, rescored by what comes with the package; never write to
-    it."""
+    """The run folder of the committed real pairs, made by the README's commands; never write to it."""
     with made_once(tmp_path_factory, "real_street") as out:
-        if not (out / "metrics.json").is_file():
-            rescored = out / "rescored.json"
-            given = (REAL_STREET, REAL_STREET / "detections.json")
-            for command in (
-                ("apply", *given, "--out", rescored, "--evidence", out / "evidence", "--jobs", 2),
-                ("evaluate", REAL_STREET, rescored, "--out", out, "--no-report"),
-            ):
-                done = run_rescore(*command)
+        if not (out / "recording.rrd").is_file():
+            for words in readme_commands("A real street in one minute"):
+                done = run_rescore(*(word.replace("runs/street", str(out)) for word in words))
                 assert done.returncode == 0, done.stderr
     return out
+
+
+def readme_commands(heading: str) -> list[list[str]]:
+    """The arguments of each `rescore` command in the first block below a heading of the README."""
+    below = (ROOT / "README.md").read_text().split(f"\n## {heading}\n", 1)[1]
+    block = below.split("```sh\n", 1)[1].split("```", 1)[0].replace("\\\n", " ")
+    commands = [part for line in block.splitlines() for part in line.split("&&")]
+    words = [shlex.split(command, comments=True) for command in commands]
+    return [rest for first, *rest in words if first == "rescore"]
 
 
 @pytest.fixture(scope="session")

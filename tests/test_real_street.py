@@ -16,7 +16,7 @@ from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import load_frame
 from rescore.evidence.settings import RescoreConfig, with_stereo_for
 from rescore.formats.open import read_dataset
-from tests.conftest import REAL_STREET, run_rescore
+from tests.conftest import REAL_STREET, readme_commands, run_rescore
 
 MOST_BYTES = 1_500_000
 SUN, SNOW, RAIN = 1, 2, 3
@@ -137,3 +137,14 @@ def test_the_cars_face_as_they_do_in_the_pictures(rows: list[dict[str, Any]]) ->
     across, towards = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
     assert noses[0] @ across > np.cos(np.radians(25))
     assert noses[1] @ towards > np.cos(np.radians(25))
+
+
+def test_the_commands_of_the_readme_leave_what_they_promise(real_street_run: Path) -> None:
+    assert [words[0] for words in readme_commands("A real street in one minute")] == [
+        "apply",
+        "evaluate",
+        "inspect",
+        "log",
+    ]
+    for name in ("rescored.json", "report.html", "recording.rrd"):
+        assert (real_street_run / name).stat().st_size > 10_000
