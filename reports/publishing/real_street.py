@@ -47,8 +47,9 @@ def publish_street(run_dir: Path, folder: Path, command: str) -> Path:
         draw_street(folder / f"{name}.webp", frame, np.array(crop_px, float))
     page = folder / "README.md"
     tables = {name: _table(frame).markdown() for name, frame in zip(PICTURES, frames, strict=True)}
-    text = render("reports.publishing", "real_street_page.md.j2", command=command, tables=tables)
-    page.write_text(text, encoding="utf-8")
+    values = {"command": command, "count": sum(len(f.boxes) for f in frames), "tables": tables}
+    text = render("reports.publishing", "real_street_page.md.j2", **values)
+    page.write_text(text + "\n", encoding="utf-8")
     return page
 
 

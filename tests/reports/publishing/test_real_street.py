@@ -77,6 +77,20 @@ def test_the_page_has_every_box_with_the_numbers_of_the_rescored_file(
         )
 
 
+def test_what_is_published_was_made_by_the_rescorer_that_comes_with_the_package(page: Path) -> None:
+    published = ROOT / "reports" / "published" / "real_street" / "README.md"
+    now, then = (_numbers(p.read_text()) for p in (page, published))
+    assert now.shape == (21, 3)
+    # another decoder of pictures may move a score a little
+    assert then == pytest.approx(now, abs=0.05), "run make published-street"
+
+
+def _numbers(text: str) -> np.ndarray:
+    """Likelihood, 1 - D and score of each box in the tables of a page, shape (n, 3)."""
+    rows = re.findall(r"^\| \d+ \|.*?((?: \d\.\d\d \|){3}) \d+ \| \d+ \|$", text, flags=re.MULTILINE)
+    return np.array([[float(v) for v in row.split("|")[:3]] for row in rows])
+
+
 def detections() -> list[dict[str, object]]:
     rows: list[dict[str, object]] = json.loads((REAL_STREET / "detections.json").read_text())
     return rows
