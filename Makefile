@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-stereo published-recording published-report published-defaults bench docs clean
+	published-evidence published-stereo published-recording published-report published-defaults \
+	published-street published-real bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -72,6 +73,26 @@ published-stereo: setup
 # pictures of the viewer, which draws with Vulkan: apt-get install mesa-vulkan-drivers
 published-recording: paper
 	$(BIN)/python -m reports.publishing.recording_pictures runs/paper reports/published/recording "make published-recording"
+
+# the committed real frames, rescored as a newcomer does; the first picture of the README
+STREET := examples/real_street
+published-street: setup
+	$(BIN)/rescore apply $(STREET) $(STREET)/detections.json --out runs/real_street/rescored.json \
+	    --evidence runs/real_street/evidence
+	$(BIN)/rescore evaluate $(STREET) runs/real_street/rescored.json --out runs/real_street
+	$(BIN)/python -m reports.publishing.real_street runs/real_street reports/published/real_street \
+	    "make published-street"
+
+# the README's first table; ROAD= and KITTI= name folders of real pairs with annotated cars and detections.json
+ROAD ?=
+REAL := runs/real
+published-real: setup
+	$(BIN)/rescore apply $(ROAD) $(ROAD)/detections.json --out $(REAL)/kitti_road.json
+	$(BIN)/rescore evaluate $(ROAD) $(REAL)/kitti_road.json --out $(REAL)/kitti_road --no-report
+	$(BIN)/rescore apply $(KITTI) $(KITTI)/detections.json --out $(REAL)/kitti.json
+	$(BIN)/rescore evaluate $(KITTI) $(REAL)/kitti.json --out $(REAL)/kitti --no-report
+	$(BIN)/python -m reports.publishing.real_figures reports/published/streets/real.json \
+	    "make published-real" $(REAL)/kitti_road $(REAL)/kitti
 
 bench: setup
 	$(BIN)/python tests/bench.py

@@ -10,7 +10,10 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff")
+PAGES = (
+    *("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff"),
+    "examples/real_street/README.md",
+)
 """Single files of the repository that the site shows."""
 FOLDERS = ("docs", "reports/published")
 """Folders that it shows whole, but for code."""

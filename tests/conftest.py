@@ -2,9 +2,12 @@
 
 import fcntl
 import os
+import shlex
 import subprocess
 import sys
 from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -25,22 +28,51 @@ def run_rescore(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
 
 
+@contextmanager
+def made_once(tmp_path_factory: pytest.TempPathFactory, name: str) -> Iterator[Path]:
+    """A folder that all test processes share, while nobody else makes it."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    with (shared / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield shared / name
+
+
 @pytest.fixture(scope="session")
 def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a finished run of preset "tiny", seed 0; read it, never write to it.
 
     Made once for all test processes: the first that needs it holds the lock, the others wait.
     """
-    base = tmp_path_factory.getbasetemp()
-    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    out = shared / "tiny_run"
-    with (shared / "tiny_run.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with made_once(tmp_path_factory, "tiny_run") as out:
         if not (out / "recording.rrd").is_file():
             done = run_rescore("reproduce", "--preset", "tiny", "--out", out, "--jobs", 2)
-            (shared / "tiny_run.txt").write_text(f"{done.stdout}\n{done.stderr}")
+            (out.parent / "tiny_run.txt").write_text(f"{done.stdout}\n{done.stderr}")
             assert done.returncode == 0, done.stderr
     return out
+
+
+REAL_STREET = ROOT / "examples" / "real_street"
+
+
+@pytest.fixture(scope="session")
+def real_street_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run folder of the committed real pairs, made by the README's commands; never write to it."""
+    with made_once(tmp_path_factory, "real_street") as out:
+        if not (out / "recording.rrd").is_file():
+            for words in readme_commands("A real street in one minute"):
+                done = run_rescore(*(word.replace("runs/street", str(out)) for word in words))
+                assert done.returncode == 0, done.stderr
+    return out
+
+
+def readme_commands(heading: str) -> list[list[str]]:
+    """The arguments of each `rescore` command in the first block below a heading of the README."""
+    below = (ROOT / "README.md").read_text().split(f"\n## {heading}\n", 1)[1]
+    block = below.split("```sh\n", 1)[1].split("```", 1)[0].replace("\\\n", " ")
+    commands = [part for line in block.splitlines() for part in line.split("&&")]
+    words = [shlex.split(command, comments=True) for command in commands]
+    return [rest for first, *rest in words if first == "rescore"]
 
 
 @pytest.fixture(scope="session")

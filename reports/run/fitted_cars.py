@@ -80,6 +80,19 @@ def box_axes(boxes: Boxes3D, ground: GroundPlane) -> tuple[FloatArray, FloatArra
     return apply_transform(world, boxes.centre_cam_m), np.stack([nose, np.cross(up, nose), up], axis=2)
 
 
+def solid_corners(boxes: Boxes3D, ground: GroundPlane) -> FloatArray:
+    """The corners of each box in the camera frame, shape (n, 8, 3): nose left, nose right, tail right and
+    tail left on the ground, then those above them."""
+    centre, axes = box_axes(boxes, ground)
+    corners = centre[:, None] + np.einsum("nij,nkj->nki", axes, boxes.size_m[:, None] / 2 * _SIGNS)
+    world = world_from_camera(ground)
+    return np.asarray((corners - world[:3, 3]) @ world[:3, :3])
+
+
+_SIGNS = np.array([(nose, left, up) for up in (-1, 1) for nose, left in ((1, 1), (1, -1), (-1, -1), (-1, 1))])
+"""Where each corner lies along nose, left and up."""
+
+
 def nose_marks(boxes: Boxes3D, ground: GroundPlane) -> FloatArray:
     """A triangle before the front of each box, on the ground of it, as three points (n, 3, 3) of a line."""
     centre, axes = box_axes(boxes, ground)

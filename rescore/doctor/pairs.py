@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from recon.errors import RescoreError
 from recon.stereo.features import PairMatches, match_pair
@@ -14,6 +15,8 @@ from rescore.doctor.ground import examine_ground
 from rescore.evidence.settings import automatic_stereo
 
 MIN_MATCHES = 12
+CLEAR_TREND = 0.3
+"""Rank correlation of disparity and row from which disparity rises or falls downwards."""
 
 
 def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:
@@ -53,12 +56,21 @@ def _rows(matches: PairMatches, where: str) -> Finding:
 
 
 def _sides(record: FrameRecord, matches: PairMatches, where: str) -> list[Finding]:
-    negative = float((matches.disparity_px + record.disparity_offset_px < -0.5).mean())
+    disparity = matches.disparity_px + record.disparity_offset_px
+    negative = float((disparity < -0.5).mean())
     if negative <= 0.1:
         return []
     text = f"{negative:.0%} of the features lie farther right in the right picture"
-    if negative > 0.5:
+    # what lies low in a picture is near as a rule, and near things have the larger disparity
+    downward = float(spearmanr(matches.left_uv_px[:, 1], disparity).statistic) if np.ptp(disparity) else 0.0
+    if negative > 0.9 or (negative > 0.5 and not downward > CLEAR_TREND):
         return [Finding(Level.ERROR, where, text, "left and right are swapped: exchange them")]
+    if downward < -CLEAR_TREND:
+        return [
+            Finding(Level.WARNING, where, f"{text}, most of them low in it", "left and right may be swapped")
+        ]
+    far = float(np.percentile(disparity, 5))
+    text += f", far things by {-far:.1f} px"
     return [Finding(Level.WARNING, where, text, "check principal points and rectification")]
 
 

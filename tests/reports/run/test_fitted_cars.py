@@ -2,7 +2,14 @@ import numpy as np
 import pytest
 
 from recon.camera import GroundPlane
-from reports.run.fitted_cars import box_axes, dashes, instance_depth, nose_marks, shown_area
+from reports.run.fitted_cars import (
+    box_axes,
+    dashes,
+    instance_depth,
+    nose_marks,
+    shown_area,
+    solid_corners,
+)
 from reports.run.frame_view import FrameView, frame_views
 from rescore.data.boxes3d import Boxes3D
 from rescore.results.run_folder import Run
@@ -79,3 +86,15 @@ def test_boxes_stand_upright_on_a_tilted_ground_with_the_nose_ahead() -> None:
     np.testing.assert_allclose(marks[..., 2], 0, atol=1e-9)
     # the tip lies three quarters of the length ahead of the middle
     np.testing.assert_allclose(marks[:, 1, :2] - centre[:, :2], 0.75 * 4.2 * axes[:, :2, 0], atol=1e-9)
+
+
+def test_corners_of_a_box_are_around_its_foot_and_a_height_above_it() -> None:
+    # 10 m ahead on level ground 1.6 m below the camera, nose to the right: x along its length, z across
+    ground = GroundPlane(1.6)
+    box = Boxes3D.of_kitti(np.array([[1.0, 1.6, 10.0]]), np.array([[1.5, 1.8, 4.2]]), np.zeros(1))
+    corners = solid_corners(box, ground)
+    assert corners.shape == (1, 8, 3)
+    # left of a nose that points along +x is away from the camera
+    foot = [[3.1, 1.6, 10.9], [3.1, 1.6, 9.1], [-1.1, 1.6, 9.1], [-1.1, 1.6, 10.9]]
+    np.testing.assert_allclose(corners[0, :4], foot, atol=1e-9)
+    np.testing.assert_allclose(corners[0, 4:], np.array(foot) - [0, 1.5, 0], atol=1e-9)

@@ -135,6 +135,36 @@ def test_what_is_doubtful_is_a_warning(tmp_path: Path, spoil: Callable[[Path], o
     assert any(re.search(message, text) for text in found), found
 
 
+@pytest.mark.parametrize(
+    ("top_px", "bottom_px", "level", "message"),
+    [
+        # far things above are off by 5 px, so that most features lie farther right: no reason to exchange
+        (-5, 3, Level.WARNING, r"[56]\d% of .*, far things by [45].\d px; check principal points"),
+        # the same with the pictures exchanged: what is low and near has the smaller disparity
+        (5, -3, Level.WARNING, "most of them low in it; left and right may be swapped"),
+        (2, -6, Level.ERROR, "left and right are swapped: exchange them"),
+        # all of it on the wrong side, whatever the trend
+        (-9, -3, Level.ERROR, "100% of .*left and right are swapped: exchange them"),
+    ],
+)
+def test_a_pair_that_is_off_is_told_from_a_swapped_one(
+    tmp_path: Path, top_px: int, bottom_px: int, level: Level, message: str
+) -> None:
+    own.own_folder(tmp_path)
+    shifts = np.linspace(top_px, bottom_px, own.HEIGHT)
+    for i in (1, 2):
+        left = own.pair(i)[0]
+        u, v = np.meshgrid(np.arange(own.WIDTH), np.arange(own.HEIGHT))
+        from_left = (u + shifts[:, None]).astype(np.float32)
+        right = cv2.remap(left, from_left, v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        own.write_png(tmp_path / "right" / f"{i}.png", right)
+    found = [f for f in findings(tmp_path) if "farther right" in str(f)]
+    assert len(found) == 2
+    for finding in found:
+        assert finding.level is level
+        assert re.search(message, str(finding)), finding
+
+
 def street(root: Path, true_m: float, **stated: float) -> list[str]:
     """What the doctor says of the ground in a frame with a bare street at a height, looking level."""
     left = PinholeCamera(own.FX, own.FX, 48, 32, own.WIDTH, own.HEIGHT)
