@@ -15,7 +15,7 @@ from recon.errors import RescoreError
 from recon.localization.disparity_fit import DisparityFitConfig
 from recon.shape_space import ShapeSpace
 from recon.stereo.sgbm import SgbmConfig
-from rescore.data.frames import FrameRecord, Truth, load_frame
+from rescore.data.frames import SPLITS, FrameRecord, Truth, load_frame
 from rescore.evidence.instance_fits import fit_instances
 from rescore.experiment.config import run_config
 from rescore.formats.coco_dataset import read_dataset
@@ -44,9 +44,11 @@ def study_relief(root: Path, split: str, command: str, *, seed: int, jobs: int) 
         jobs: Frames at a time.
 
     Raises:
-        RescoreError: the run is not finished, its class model has no shape space, its frames have no truth of
-            their own, or the split shows no car whole.
+        RescoreError: no such split, the run is not finished, its class model has no shape space, its frames
+            have no truth of their own, or the split shows no car whole.
     """
+    if split not in SPLITS:
+        raise RescoreError(f"--split: expected {', '.join(SPLITS)}, got {split!r}; choose one of these")
     folder, config = RunFolder(root), run_config(root)
     model = ClassModel.load(folder.class_model)
     if model.shape_space is None:

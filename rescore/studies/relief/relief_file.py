@@ -26,7 +26,7 @@ SURFACES = {
     "fit_shapes_climbed": "the same, moved to where the disparity is likeliest",
     "space_climbed": "the nearest shape of the class model, moved and bent to the likeliest",
     "framed_tilted": "the framed instance, with a free plane of disparity added",
-    "framed_strict": "the framed instance, pixels beyond its silhouette counted as wrong measurements",
+    "framed_strict": "the framed instance, what its silhouette leaves counted as wrong",
     "framed_climbed": "the framed instance, moved to where the disparity is likeliest",
     "framed_shaped": "the framed instance, moved and bent to the likeliest",
 }
@@ -37,6 +37,8 @@ DISTANCES_M = (0.0, 12.0, 18.0, 25.0, 60.0)
 TARGET_BELOW_M = 25.0
 N_RESAMPLES = 1000
 CONFIDENCE = 0.95
+FEWEST_IMAGES = 3
+"""Cars of fewer images have no interval."""
 
 
 class View(StrEnum):
@@ -93,7 +95,7 @@ class ReliefCar(StudyPart):
 
 
 class Middle(StudyPart):
-    """A median over cars with its interval over resampled images."""
+    """A median over cars with its interval over resampled images; NaN ends for cars of too few images."""
 
     value: StudyNumber
     low: StudyNumber
@@ -174,7 +176,7 @@ def relief_cell(
     rows = [np.array([i for i, c in enumerate(cars) if c.image_id == image]) for image in images]
     drawn = [
         np.concatenate([rows[k] for k in rng.integers(len(rows), size=len(rows))])
-        for _ in range(N_RESAMPLES if rows else 0)
+        for _ in range(N_RESAMPLES if len(rows) >= FEWEST_IMAGES else 0)
     ]
     middles = np.array([_medians(ratio[r]) for r in drawn]).reshape(-1, len(SURFACES))
     middle = _medians(ratio)
@@ -207,7 +209,7 @@ def _share(middle: FloatArray, drawn: FloatArray, above: str, below: str) -> Mid
 def _interval(value: float, drawn: FloatArray) -> Middle:
     """A figure with the ends of its interval; an undefined resample counts as the least at the lower end and
     as the largest at the upper one."""
-    if not np.isfinite(value):
+    if not np.isfinite(value) or not len(drawn):
         return Middle(value=value, low=np.nan, high=np.nan)
     low, high = (
         float(np.quantile(np.where(np.isnan(drawn), hidden, drawn), share, method="inverted_cdf"))
