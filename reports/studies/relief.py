@@ -84,26 +84,52 @@ def causes_table(cell: ReliefCell) -> Table:
     return Table("What stands in the way", ("surface", "median nats", "beats the plane"), tuple(rows))
 
 
-def matcher_table(cars: Sequence[ReliefCar]) -> Table:
-    """Two rows: the matcher's errors on textured and on blank pixels of all cars, medians over cars."""
-
-    def row(what: str, of: Callable[[ReliefCar], MatcherErrors]) -> tuple[str, ...]:
-        errors = [of(car) for car in cars]
-        count = np.array([e.n_pixels for e in errors], float)
-        measured = count * [e.measured_share for e in errors]
-        wrong = measured @ np.nan_to_num([e.wrong_share for e in errors]) / max(1.0, measured.sum())
-        bias = [e.bias_px for e in errors if np.isfinite(e.bias_px)]
-        return (
-            what,
-            f"{count.sum() / sum(car.n_pixels for car in cars):.0%}",
-            f"{measured.sum() / max(1.0, count.sum()):.0%}",
-            number(float(np.median(bias)) if bias else None, 2).replace("-", "−"),
-            f"{wrong:.0%}",
+def rigs_table(result: ReliefResult) -> Table:
+    """A row a stereo head: the cars of the target, and the fitted instance against the true shape."""
+    names = ("true_ideal", "true", "framed")
+    rows = [
+        (
+            rig,
+            str(cell.n_cars),
+            *(middle_text(cell.median[name]) for name in names),
+            _share_text(cell.share_of_true),
+            *(middle_text(cell.median[name]) for name in ("true_tilted", "framed_tilted")),
+            _share_text(cell.share_of_relief),
         )
+        for rig, cell in {**result.rigs, "all": result.target}.items()
+    ]
+    relief = ("true + plane", "framed + plane", "share")
+    head = ("stereo head", "cars", *(NAMES[name] for name in names), "share", *relief)
+    return Table("By stereo head", head, tuple(rows))
 
-    head = ("pixels of cars", "share", "measured", "median error (px)", "wrong by more than 2 px")
-    rows = (row("textured", lambda car: car.textured), row("blank", lambda car: car.blank))
+
+def matcher_table(cars: Sequence[ReliefCar]) -> Table:
+    """Two rows: the matcher's errors on textured and on blank pixels of all cars."""
+    rows = (
+        _matcher_row("textured", [car.textured for car in cars], cars),
+        _matcher_row("blank", [car.blank for car in cars], cars),
+    )
+    head = ("pixels of cars", "share", "measured", "median error (px)", "2 px too low", "2 px too high")
     return Table("The matcher on cars", head, rows)
+
+
+def _matcher_row(what: str, errors: Sequence[MatcherErrors], cars: Sequence[ReliefCar]) -> tuple[str, ...]:
+    """Shares over the pixels of all cars, and the median over cars of the median error."""
+    count = np.array([e.n_pixels for e in errors], float)
+    measured = count * [e.measured_share for e in errors]
+    bias = [e.bias_px for e in errors if np.isfinite(e.bias_px)]
+    low, high = (
+        float(measured @ np.nan_to_num([getattr(e, side) for e in errors])) / max(1.0, measured.sum())
+        for side in ("low_share", "high_share")
+    )
+    return (
+        what,
+        f"{count.sum() / max(1, sum(car.n_pixels for car in cars)):.0%}",
+        f"{measured.sum() / max(1.0, count.sum()):.0%}",
+        number(float(np.median(bias)) if bias else None, 2).replace("-", "−"),
+        f"{low:.0%}",
+        f"{high:.0%}",
+    )
 
 
 def middle_text(middle: Middle, digits: int = 1) -> str:
@@ -125,14 +151,22 @@ def target_sentence(cell: ReliefCell) -> str:
         )
     else:
         said += (
-            f"It reaches {_percent(cell.share_of_true)} of the true shape's ratio; "
+            f"It reaches {_share_text(cell.share_of_true)} of the true shape's ratio; "
             f"{SHARE_WANTED:.0%} are wanted. {_verdict(cell.share_of_true)}"
         )
     return (
         f"{said} With a free plane added to both, so that relief alone counts and the freedom is that of the "
         f"plane, it has {middle_text(cell.median['framed_tilted'])} of "
-        f"{middle_text(cell.median['true_tilted'])} nats, {_percent(cell.share_of_relief)}."
+        f"{middle_text(cell.median['true_tilted'])} nats: {_share_text(cell.share_of_relief)}."
     )
+
+
+def _share_text(share: Middle) -> str:
+    """A share with its interval; a dash where the true shape does not beat the plane."""
+    if not np.isfinite(share.value):
+        return "–"
+    ends = (f"{v:.0%}" if np.isfinite(v) else "any" for v in (share.low, share.high))
+    return f"{share.value:.0%} [{', '.join(ends)}]".replace("-", "−")
 
 
 def _verdict(share: Middle) -> str:
@@ -140,13 +174,6 @@ def _verdict(share: Middle) -> str:
         return "It is reached, beyond the interval."
     reached = "It is reached" if share.value >= SHARE_WANTED else "It is missed"
     return f"{reached}, but not beyond the interval." if share.high >= SHARE_WANTED else f"{reached}."
-
-
-def _percent(share: Middle) -> str:
-    if not np.isfinite(share.value):
-        return "an undefined share"
-    low, high = (f"{v:.0%}" if np.isfinite(v) else "unbounded" for v in (share.low, share.high))
-    return f"{share.value:.0%} (95 % interval {low} to {high})".replace("-", "−")
 
 
 def causes_text(result: ReliefResult) -> str:
@@ -274,13 +301,20 @@ def relief_page(result: ReliefResult) -> str:
         cells_table(result).markdown().rstrip(),
         "An ideal matcher is one whose errors are those of the noise: that is what the relief of cars is "
         "worth. What the other columns have less is lost in the matcher, the shape and the pose.",
+        "## By stereo head",
+        f"Three-quarter views and ends below {TARGET_BELOW_M:g} m. A share is the median of the fitted "
+        "instance over that of the true shape; there is none where the true shape does not beat the plane. "
+        "The last columns have a free plane of disparity added to both: the freedom that the plane has, so "
+        "that a matcher that is wrong as a plane is wrong is forgiven, and relief alone counts.",
+        rigs_table(result).markdown().rstrip(),
         "## What stands in the way",
         f"Three-quarter views and ends below {TARGET_BELOW_M:g} m:",
         causes_text(result),
         causes_table(result.target).markdown().rstrip(),
         "## The matcher on cars",
         "Measured less true disparity. A pixel is textured where the picture changes along its row by two "
-        "grey levels a pixel or more, around it on average.",
+        "grey levels a pixel or more, around it on average. Where nothing can be matched, the matcher goes on "
+        "with what is beside and above the car, which is farther away: its errors are one-sided.",
         matcher_table(result.cars).markdown().rstrip(),
     ]
     return "\n\n".join(parts) + "\n"

@@ -80,7 +80,7 @@ class _Samples:
     def of(
         one: SeenCar, where: BoolArray, noise: MeasurementNoise, rng: np.random.Generator
     ) -> "_Samples | None":
-        """Those of the measured pixels of a mask; None where they are too few."""
+        """Measured pixels of a mask, a sample of them; None where they are too few."""
         known = where & np.isfinite(one.measured_px) & np.isfinite(one.true_px)
         at = sampled(known, MOST_SAMPLES)
         if len(at) < FEWEST_SAMPLES:
@@ -171,13 +171,16 @@ def compare_car(
 def _errors(off_px: Float32Array) -> MatcherErrors:
     """What is measured less what is true at some pixels (n,), NaN in holes."""
     known = off_px[np.isfinite(off_px)].astype(float)
-    if not len(known):
-        return MatcherErrors(n_pixels=len(off_px), measured_share=0.0, bias_px=np.nan, wrong_share=np.nan)
+    bias, low, high = np.nan, np.nan, np.nan
+    if len(known):
+        bias = float(np.median(known))
+        low, high = float((known < -WRONG_PX).mean()), float((known > WRONG_PX).mean())
     return MatcherErrors(
         n_pixels=len(off_px),
-        measured_share=len(known) / len(off_px),
-        bias_px=float(np.median(known)),
-        wrong_share=float((np.abs(known) > WRONG_PX).mean()),
+        measured_share=len(known) / max(1, len(off_px)),
+        bias_px=bias,
+        low_share=low,
+        high_share=high,
     )
 
 

@@ -28,6 +28,7 @@ from rescore.studies.relief.relief_file import (
     ReliefCar,
     ReliefResult,
     relief_cells,
+    rig_cells,
     target_cell,
 )
 from rescore.studies.relief.shown_cars import RenderedTruth, shown_cars
@@ -74,6 +75,7 @@ def study_relief(root: Path, split: str, command: str, *, seed: int, jobs: int) 
         noise=NoiseRecord(**asdict(noise)),
         cells=relief_cells(cars, rng),
         target=target_cell(cars, rng),
+        rigs=rig_cells(cars, rng),
         cars=cars,
     )
 

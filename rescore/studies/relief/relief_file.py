@@ -62,8 +62,10 @@ class MatcherErrors(StudyPart):
     measured_share: float
     bias_px: StudyNumber
     """Median of measured less true disparity; NaN where nothing is measured."""
-    wrong_share: StudyNumber
-    """Share of the measured ones that are wrong by more than two pixels."""
+    low_share: StudyNumber
+    """Share of the measured ones that are too low, and so too far away, by more than two pixels."""
+    high_share: StudyNumber
+    """Share that is too high by more than two pixels."""
 
 
 class ReliefCar(StudyPart):
@@ -115,7 +117,7 @@ class ReliefCell(StudyPart):
     share_of_true: Middle
     """Median of the framed instance over that of the true shape; NaN where the latter is not above 0."""
     share_of_relief: Middle
-    """The same of both with a free plane added, so that relief alone counts."""
+    """Median of both with a free plane added, so that relief alone counts, one over the other."""
     above_plane: dict[str, float]
     """Share of the cars of which each surface explains the disparity better than the plane."""
 
@@ -141,6 +143,8 @@ class ReliefResult(StudyPart):
     """A cell a view and group of distances that has cars."""
     target: ReliefCell
     """Three-quarter views and ends below ``TARGET_BELOW_M``."""
+    rigs: dict[str, ReliefCell]
+    """The cars of ``target`` by the stereo head that sees them."""
     cars: tuple[ReliefCar, ...]
 
 
@@ -160,6 +164,12 @@ def target_cell(cars: Sequence[ReliefCar], rng: np.random.Generator) -> ReliefCe
     views = (View.THREE_QUARTER, View.END)
     own = [c for c in cars if c.view in views and c.distance_m < TARGET_BELOW_M]
     return relief_cell(own, views, (0.0, TARGET_BELOW_M), rng)
+
+
+def rig_cells(cars: Sequence[ReliefCar], rng: np.random.Generator) -> dict[str, ReliefCell]:
+    """The cells of ``target_cell`` by stereo head."""
+    rigs = sorted({c.rig for c in cars})
+    return {rig: target_cell([c for c in cars if c.rig == rig], rng) for rig in rigs}
 
 
 def relief_cell(

@@ -34,7 +34,7 @@ class ShownCar:
     xyxy_px: FloatArray
     """The annotated box, shape (4,), pixel edges."""
     seen: BoolArray
-    """Its pixels, shape (h, w)."""
+    """Mask of its pixels, shape (h, w)."""
     cam_from_object: FloatArray
     """True pose (4, 4) with the origin on the ground below the middle, metres; upright on the true ground."""
     size_m: FloatArray
@@ -49,7 +49,7 @@ class ShownCar:
 
     @property
     def inner(self) -> BoolArray:
-        """Its pixels without those at an edge, where the matcher's window shows more than the car."""
+        """Mask of its pixels but those at an edge, where the matcher's window shows more than the car."""
         kernel = np.ones((_WINDOW, _WINDOW), np.uint8)
         eroded = cv2.erode(self.seen.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         return np.asarray(eroded > 0)
