@@ -313,8 +313,8 @@ def relief_page(result: ReliefResult) -> str:
         causes_table(result.target).markdown().rstrip(),
         "## The matcher on cars",
         "Measured less true disparity. A pixel is textured where the picture changes along its row by two "
-        "grey levels a pixel or more, around it on average. Where nothing can be matched, the matcher goes on "
-        "with what is beside and above the car, which is farther away: its errors are one-sided.",
+        "grey levels a pixel or more, around it on average. Where nothing can be matched, the matcher goes "
+        "on with what is beside and above the car, which is farther away: its errors are one-sided.",
         matcher_table(result.cars).markdown().rstrip(),
     ]
     return "\n\n".join(parts) + "\n"
