@@ -177,6 +177,17 @@ def test_without_calibrated_cameras_there_is_no_metric_mode() -> None:
     assert isinstance(models[Registration.GUARDED], EvidenceModel)
 
 
+def test_cues_that_are_left_out_are_in_no_mode_and_a_mode_without_cues_is_none() -> None:
+    cues, is_car = drawn(100, np.random.default_rng(9))
+    fitting = Splits.of(data_set({"calibration": 2}, 100)).fitting_set
+    without = cues_of(Registration.GUARDED)
+    models = fit_modes(table_of(cues, 2), fitting, CONFIG, without=without)
+    assert Registration.GUARDED not in models
+    assert set(models[Registration.METRIC].knots) == set(cues_of(Registration.METRIC)) - set(without)
+    same = fit_evidence(cues, is_car, Registration.METRIC, CONFIG, without)
+    np.testing.assert_array_equal(models[Registration.METRIC].difference(cues), same.difference(cues))
+
+
 def test_even_odds_do_not_depend_on_the_share_of_cars() -> None:
     cues, is_car = drawn(4000, np.random.default_rng(3))
     cues[:, cue_column("overlap")] = cues[:, cue_column("width")]
