@@ -66,22 +66,31 @@ def cells_table(result: ReliefResult) -> Table:
             cell.views[0].value,
             _between(cell),
             str(cell.n_cars),
+            str(cell.n_fitted),
             str(cell.n_images),
             *(middle_text(cell.median[name]) for name in NAMES),
         )
         for cell in result.cells
     ]
-    head = ("view", "distance", "cars", "images", *NAMES.values())
+    head = ("view", "distance", "cars", "fitted", "images", *NAMES.values())
     return Table("Nats over the best plane", head, tuple(rows), text_columns=2)
 
 
-def causes_table(cell: ReliefCell) -> Table:
-    """A row a surface: its median ratio on the cars of one cell, and how often it beats the plane."""
+def causes_table(result: ReliefResult) -> Table:
+    """A row a surface: its median ratio on the cars of the target, how often it beats the plane, and its
+    median by stereo head."""
+    cell = result.target
     rows = [
-        (what, middle_text(cell.median[name]), f"{cell.above_plane[name]:.0%}")
+        (
+            what,
+            middle_text(cell.median[name]),
+            _percent(cell.above_plane[name]),
+            *(_signed(rig.median[name].value) for rig in result.rigs.values()),
+        )
         for name, what in SURFACES.items()
     ]
-    return Table("What stands in the way", ("surface", "median nats", "beats the plane"), tuple(rows))
+    head = ("surface", "median nats", "beats the plane", *(f"head {rig}" for rig in result.rigs))
+    return Table("What stands in the way", head, tuple(rows))
 
 
 def rigs_table(result: ReliefResult) -> Table:
@@ -91,6 +100,7 @@ def rigs_table(result: ReliefResult) -> Table:
         (
             rig,
             str(cell.n_cars),
+            str(cell.n_fitted),
             *(middle_text(cell.median[name]) for name in names),
             _share_text(cell.share_of_true),
             *(middle_text(cell.median[name]) for name in ("true_tilted", "framed_tilted")),
@@ -99,7 +109,7 @@ def rigs_table(result: ReliefResult) -> Table:
         for rig, cell in {**result.rigs, "all": result.target}.items()
     ]
     relief = ("true + plane", "framed + plane", "share")
-    head = ("stereo head", "cars", *(NAMES[name] for name in names), "share", *relief)
+    head = ("stereo head", "cars", "fitted", *(NAMES[name] for name in names), "share", *relief)
     return Table("By stereo head", head, tuple(rows))
 
 
@@ -143,7 +153,8 @@ def target_sentence(cell: ReliefCell) -> str:
     true, framed = cell.median["true"], cell.median["framed"]
     said = (
         f"Three-quarter views and ends below {TARGET_BELOW_M:g} m ({cell.n_cars} cars): the true shape has a "
-        f"median of {middle_text(true)} nats over the best plane, the framed instance {middle_text(framed)}. "
+        f"median of {middle_text(true)} nats over the best plane, the framed instance {middle_text(framed)} "
+        f"(of {cell.n_fitted} cars). "
     )
     if not np.isfinite(cell.share_of_true.value):
         said += (
@@ -185,6 +196,8 @@ def causes_text(result: ReliefResult) -> str:
         return f"{_signed(nats[name])} against {_signed(nats[other])} nats"
 
     items = [
+        f"The ground: {cell.n_cars - cell.n_fitted} of the {cell.n_cars} cars have no fit: in their frame no "
+        "ground is stated, and the one of stereo is not trusted.",
         f"The relief itself, had the matcher no errors but the noise: {_signed(nats['true_ideal'])} nats.",
         f"The matcher: with its measurements the true shape has {_signed(nats['true'])} nats. A plane "
         "follows what it gets wrong on blank panels, the true shape does not. On textured pixels alone the "
@@ -199,7 +212,7 @@ def causes_text(result: ReliefResult) -> str:
         f"{number(_median(near, lambda c: c.place_error_m), 2)} m and "
         f"{number(_median(near, lambda c: c.heading_error_deg), 1)} degrees.",
         "The silhouette: it covers "
-        f"{_median(near, lambda c: c.covered_share):.0%} of the pixels in the median; those beside it "
+        f"{_percent(_median(near, lambda c: c.covered_share))} of the pixels in the median; those beside it "
         f"counted as wrong measurements, {against('framed_strict', 'framed')}.",
         f"The edge: the true shape with the pixels at the car's edge, {against('true_edges', 'true')}.",
     ]
@@ -213,6 +226,10 @@ def _near(cars: Sequence[ReliefCar]) -> list[ReliefCar]:
 def _median(cars: Sequence[ReliefCar], of: Callable[[ReliefCar], float]) -> float:
     known = [value for car in cars if np.isfinite(value := of(car))]
     return float(np.median(known)) if known else float("nan")
+
+
+def _percent(share: float) -> str:
+    return f"{share:.0%}" if np.isfinite(share) else "–"
 
 
 def _signed(value: float) -> str:
@@ -303,18 +320,19 @@ def relief_page(result: ReliefResult) -> str:
         "worth. What the other columns have less is lost in the matcher, the shape and the pose.",
         "## By stereo head",
         f"Three-quarter views and ends below {TARGET_BELOW_M:g} m. A share is the median of the fitted "
-        "instance over that of the true shape; there is none where the true shape does not beat the plane. "
+        "instance over that of the true shape, both over the fitted cars; there is none where the true shape "
+        "does not beat the plane, and no end of its interval (any) where that is so in many resamples. "
         "The last columns have a free plane of disparity added to both: the freedom that the plane has, so "
         "that a matcher that is wrong as a plane is wrong is forgiven, and relief alone counts.",
         rigs_table(result).markdown().rstrip(),
         "## What stands in the way",
         f"Three-quarter views and ends below {TARGET_BELOW_M:g} m:",
         causes_text(result),
-        causes_table(result.target).markdown().rstrip(),
+        causes_table(result).markdown().rstrip(),
         "## The matcher on cars",
         "Measured less true disparity. A pixel is textured where the picture changes along its row by two "
-        "grey levels a pixel or more, around it on average. Where nothing can be matched, the matcher goes "
-        "on with what is beside and above the car, which is farther away: its errors are one-sided.",
+        "grey levels a pixel or more, around it on average. On blank pixels the errors are one-sided, "
+        "towards what is farther away, as what surrounds a car is.",
         matcher_table(result.cars).markdown().rstrip(),
     ]
     return "\n\n".join(parts) + "\n"

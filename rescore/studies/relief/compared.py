@@ -52,8 +52,9 @@ class SeenCar:
     true_px: Float32Array
     """True disparity, shape (h, w)."""
     seen_from: GroundedStereo
-    """The pair, and the ground that the fit was given."""
+    """The pair, and the ground that the fit was given; without a fit any."""
     fit: BoxFit | None
+    """None where no ground was trusted, or nothing is measured in the box."""
 
     @property
     def textured(self) -> BoolArray:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from joblib import delayed
 
+from recon.camera import GroundedStereo
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.localization.disparity_fit import DisparityFitConfig
@@ -93,20 +94,21 @@ class _Study:
     noise: MeasurementNoise
 
     def of_frame(self, record: FrameRecord, annotated: Truth) -> list[ReliefCar]:
-        """The cars of one frame; none where no camera or ground is known."""
+        """The cars of one frame; none of a frame without a camera."""
         with one_thread():
             truth = self.truth.of_frame(record)
             cars = list(shown_cars(record, annotated, truth.ground))
             frame = load_frame(record, self.sgbm)
-            if not cars or frame.seen_from is None:
+            if not cars or frame.camera is None:
                 return []
+            seen_from = frame.seen_from or GroundedStereo(frame.camera, truth.ground)
             boxes = np.stack([car.xyxy_px for car in cars])
             fits = fit_instances(frame, boxes, self.model, self.fit)
             rig, found = self.truth.rig(record.image_id), []
             for car, fit in zip(cars, fits, strict=True):
                 rng = np.random.default_rng([self.seed, car.annotation_id])
                 measured, true = frame.disparity_px, truth.disparity_px
-                one = SeenCar(car, frame.left_rgb, measured, true, frame.seen_from, fit)
+                one = SeenCar(car, frame.left_rgb, measured, true, seen_from, fit)
                 compared = compare_car(one, self.space, self.fit.views, self.noise, rng)
                 if compared is not None:
                     found.append(compared.model_copy(update={"image_id": record.image_id, "rig": rig}))

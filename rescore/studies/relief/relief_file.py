@@ -111,15 +111,20 @@ class ReliefCell(StudyPart):
     from_m: float
     to_m: float
     n_cars: int
+    n_fitted: int
+    """Cars to which an instance was fitted: those in whose frame a ground is stated or trusted."""
     n_images: int
     median: dict[str, Middle]
-    """Median ratio of each surface."""
+    """Median ratio of each surface, of the fitted ones over the cars that have a fit."""
     share_of_true: Middle
-    """Median of the framed instance over that of the true shape; NaN where the latter is not above 0."""
+    """Median of the framed instance over that of the true shape, both over the cars that have a fit.
+
+    NaN where the latter is not above 0.
+    """
     share_of_relief: Middle
     """Median of both with a free plane added, so that relief alone counts, one over the other."""
-    above_plane: dict[str, float]
-    """Share of the cars of which each surface explains the disparity better than the plane."""
+    above_plane: dict[str, StudyNumber]
+    """Share of the cars that have a surface of which it explains the disparity better than the plane."""
 
 
 class NoiseRecord(StudyPart):
@@ -180,45 +185,53 @@ def relief_cell(
 ) -> ReliefCell:
     """The figures of some cars; intervals resample their images, since cars of one share its light."""
     images = sorted({c.image_id for c in cars})
-    ratio = np.array([[c.ratio.get(name, np.nan) for name in SURFACES] for c in cars]).reshape(
-        -1, len(SURFACES)
-    )
+    ratio = np.array([[c.ratio.get(name, np.nan) for name in SURFACES] for c in cars])
+    ratio = ratio.reshape(-1, len(SURFACES))
     rows = [np.array([i for i, c in enumerate(cars) if c.image_id == image]) for image in images]
     drawn = [
         np.concatenate([rows[k] for k in rng.integers(len(rows), size=len(rows))])
         for _ in range(N_RESAMPLES if len(rows) >= FEWEST_IMAGES else 0)
     ]
-    middles = np.array([_medians(ratio[r]) for r in drawn]).reshape(-1, len(SURFACES))
-    middle = _medians(ratio)
+    both = [ratio, *(ratio[r] for r in drawn)]
+    middles = np.array([_medians(r) for r in both])
+    of_fitted = np.array([_medians(r[np.isfinite(r[:, list(SURFACES).index("framed")])]) for r in both])
     return ReliefCell(
         views=views,
         from_m=between_m[0],
         to_m=between_m[1],
         n_cars=len(cars),
+        n_fitted=sum("framed" in c.ratio for c in cars),
         n_images=len(images),
-        median={name: _interval(float(middle[k]), middles[:, k]) for k, name in enumerate(SURFACES)},
-        share_of_true=_share(middle, middles, "framed", "true"),
-        share_of_relief=_share(middle, middles, "framed_tilted", "true_tilted"),
-        above_plane={name: float((ratio[:, k] > 0).mean()) for k, name in enumerate(SURFACES)},
+        median={name: _interval(middles[:, k]) for k, name in enumerate(SURFACES)},
+        share_of_true=_share(of_fitted, "framed", "true"),
+        share_of_relief=_share(of_fitted, "framed_tilted", "true_tilted"),
+        above_plane={name: _above(ratio[:, k]) for k, name in enumerate(SURFACES)},
     )
 
 
 def _medians(ratio: FloatArray) -> FloatArray:
-    """Medians (surfaces,) over cars; a car without a fit counts as no better than the plane."""
-    return np.median(np.nan_to_num(ratio), axis=0) if len(ratio) else np.full(ratio.shape[1], np.nan)
+    """Medians (surfaces,) over the cars that have each; NaN where none has."""
+    columns = [column[np.isfinite(column)] for column in ratio.T]
+    return np.array([np.median(column) if len(column) else np.nan for column in columns])
 
 
-def _share(middle: FloatArray, drawn: FloatArray, above: str, below: str) -> Middle:
+def _above(ratio: FloatArray) -> float:
+    known = ratio[np.isfinite(ratio)]
+    return float((known > 0).mean()) if len(known) else float("nan")
+
+
+def _share(middles: FloatArray, above: str, below: str) -> Middle:
     """One median over another where that is above 0; a resample in which it is not may hide any share."""
-    both = np.concatenate([middle[None], drawn])
-    over, under = (both[:, list(SURFACES).index(name)] for name in (above, below))
-    share = np.divide(over, under, out=np.full(len(both), np.nan), where=under > 0)
-    return _interval(float(share[0]), share[1:])
+    over, under = (middles[:, list(SURFACES).index(name)] for name in (above, below))
+    return _interval(np.divide(over, under, out=np.full(len(middles), np.nan), where=under > 0))
 
 
-def _interval(value: float, drawn: FloatArray) -> Middle:
-    """A figure with the ends of its interval; an undefined resample counts as the least at the lower end and
-    as the largest at the upper one."""
+def _interval(figure: FloatArray) -> Middle:
+    """A figure (1 + r,) with its interval: its value on the cars as they are, then on r resamples.
+
+    An undefined resample counts as the least at the lower end and as the largest at the upper one.
+    """
+    value, drawn = float(figure[0]), figure[1:]
     if not np.isfinite(value) or not len(drawn):
         return Middle(value=value, low=np.nan, high=np.nan)
     low, high = (
