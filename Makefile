@@ -4,9 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper published published-localization published-models published-weight \
-	published-evidence published-stereo published-recording published-report published-defaults \
-	published-street published-real bench docs clean
+.PHONY: demo test setup paper streets published published-streets published-localization \
+	published-models published-weight published-evidence published-stereo published-recording \
+	published-report published-defaults published-street published-real bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -20,6 +20,9 @@ demo: setup
 
 paper: setup
 	$(BIN)/rescore reproduce --preset paper --out runs/paper --jobs $(JOBS)
+
+streets: setup
+	$(BIN)/rescore reproduce --preset streets --out runs/streets --jobs $(JOBS)
 
 test: setup
 	sh .ci/setup-tests
@@ -53,8 +56,14 @@ published-report: paper
 published-evidence: paper
 	$(BIN)/rescore study-evidence runs/paper --out reports/published/evidence --jobs $(JOBS)
 
-# what `rescore apply` uses where no model is named; STREETS= names a finished run that has mode instance
+# STREETS= names a finished run of preset streets; `make streets` makes the usual one
 STREETS ?= runs/streets
+published-streets: setup
+	$(BIN)/rescore study-class-model $(STREETS) --out reports/published/streets/class_model
+	$(BIN)/rescore study-relief $(STREETS) --out reports/published/streets/relief --jobs $(JOBS)
+	$(BIN)/python -m reports.publishing.publish $(STREETS) reports/published/streets "make published-streets"
+
+# what `rescore apply` uses where no model is named, from a finished run that has mode instance
 published-defaults: setup
 	$(BIN)/python -m reports.publishing.defaults $(STREETS)
 

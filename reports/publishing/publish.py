@@ -1,7 +1,7 @@
 """Results kept in the repository: ``python -m reports.publishing.publish RUN FOLDER COMMAND``.
 
 Copies the figures and numbers of a finished run and writes a page that shows them, so that what the README
-says can be made again with the command that the page names.
+says can be made again with the command that the page names. Pages of studies in folders of it are linked.
 """
 
 import shutil
@@ -34,6 +34,10 @@ CURVES = {
 """The figures with what a person reads in their place."""
 
 
+TITLES = {"streets": "Streets: cars in all views"}
+"""Title of the page by preset; else it is that of the report's experiment."""
+
+
 def publish(run_dir: Path, folder: Path, command: str) -> Path:
     """Copy the figures and numbers of a run to a folder, with a page that shows them; returns the page.
 
@@ -55,17 +59,25 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
     for file in (run.folder.metrics, run.folder.config):
         shutil.copyfile(file, folder / file.name)
     page = folder / "README.md"
-    page.write_text(_page(run, command, drawn), encoding="utf-8")
+    page.write_text(_page(run, command, drawn, _studies(folder)), encoding="utf-8")
     return page
 
 
-def _page(run: Run, command: str, drawn: list[str]) -> str:
+def _studies(folder: Path) -> list[str]:
+    """Links to the pages of studies that lie in folders of the page, an item a page."""
+    pages = sorted(folder.glob("*/README.md"))
+    titles = [page.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ") for page in pages]
+    return [f"- [{title}]({p.parent.name}/README.md)" for title, p in zip(titles, pages, strict=True)]
+
+
+def _page(run: Run, command: str, drawn: list[str], studies: list[str]) -> str:
     metrics = run.metrics
     parts = [
-        "# The ROC experiment",
+        f"# {TITLES.get(run.config.config.preset or '', 'The ROC experiment')}",
         f"Made by `{command}`, seed {run.config.seed}: {metrics.n_cars} annotated cars in "
         f"{metrics.n_images} test images, {metrics.n_candidates} candidates. `config.json` holds the "
         "settings and versions, `metrics.json` the numbers.",
+        *(["Studies of this run:", "\n".join(studies)] if studies else []),
         *(_section(table) for table in _tables(run, metrics) if table is not None),
         *(f"![{CURVES[name]}](curves/{name})" for name in drawn),
     ]

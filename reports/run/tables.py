@@ -295,11 +295,11 @@ def number_text(value: float, digits: int) -> str:
     return "never" if math.isinf(value) else f"{value:.{digits}f}"
 
 
-def interval_text(interval: SweptInterval) -> str:
+def interval_text(interval: SweptInterval, digits: int = 2) -> str:
     """A figure of a study with its interval for people."""
 
     def text(value: float) -> str:
-        return "-" if math.isnan(value) else "inf" if math.isinf(value) else f"{value:.2f}"
+        return "-" if math.isnan(value) else "inf" if math.isinf(value) else f"{value:.{digits}f}"
 
     return f"{text(interval.value)} [{text(interval.low)}, {text(interval.high)}]"
 

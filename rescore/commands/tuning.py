@@ -45,6 +45,12 @@ def fit_evidence(
     out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
     model: Model = None,
     predicted: Predicted = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Group of cues to leave out, such as 'class model', to see what it is worth; repeat."
+        ),
+    ] = None,
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
@@ -55,6 +61,7 @@ def fit_evidence(
     """
     from rescore.data.splits import Splits
     from rescore.evidence.candidates import CandidateTable
+    from rescore.evidence.cues import cues_of_groups
     from rescore.evidence.fit_model import fit_modes
     from rescore.evidence.model import save_models
     from rescore.evidence.registration import LEARNED
@@ -64,7 +71,7 @@ def fit_evidence(
     from rescore.fusion.rescore_frame import Rescoring
     from rescore.fusion.rescore_frames import rescore_frames
 
-    settings = config_of(preset, config)
+    settings, left_out = config_of(preset, config), cues_of_groups(without or ())
     asked = source_of(model, predicted, LEARNED)
     data = read_data(dataset, settings.class_name)
     splits = Splits.of(data)
@@ -82,9 +89,10 @@ def fit_evidence(
         ]
     )
     tell_doubts(source, table)
-    models = fit_modes(table, splits.fitting_set, settings.evidence)
+    models = fit_modes(table, splits.fitting_set, settings.evidence, without=left_out)
     save_models(out, {mode: replace(m, depth_of=asked.depth_of) for mode, m in models.items()})
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
+    parts |= {"without": list(left_out)} if left_out else {}
     write_provenance(out, "fit-evidence", parts | source_as_json(source), None)
     say(f"depth evidence for {' and '.join(models)}: {out}")
 

@@ -12,6 +12,7 @@ import numpy as np
 from recon.arrays import Float32Array, FloatArray
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
+from recon.errors import RescoreError
 from recon.localization.disparity_fit import BoxFit
 from recon.view_bins import ViewBins
 from rescore.cues.framing import FRAMING, FramingConfig, framing
@@ -307,6 +308,21 @@ def cue_column(name: str) -> int:
 def cues_of(mode: Registration) -> tuple[str, ...]:
     """Names of the parts of the evidence of a mode; none for ``PAPER``, whose D has a formula."""
     return tuple(name for name, cue in CUES.items() if mode in cue.modes)
+
+
+def cues_of_groups(groups: Sequence[str]) -> tuple[str, ...]:
+    """Names of the cues of some groups, of any mode.
+
+    Raises:
+        RescoreError: no such group.
+    """
+    known = dict.fromkeys(cue.group for cue in CUES.values() if cue.group)
+    for group in groups:
+        if group not in known:
+            raise RescoreError(
+                f"group of cues: expected {', '.join(known)}, got {group!r}; choose one of these"
+            )
+    return tuple(name for name, cue in CUES.items() if cue.group in groups)
 
 
 def checks_of(mode: Registration) -> tuple[str, ...]:

@@ -183,12 +183,17 @@ def labelled_cues(
 
 
 def fit_modes(
-    table: CandidateTable, fitting: FittingSet, config: EvidenceConfig, min_iou: float = 0.5
+    table: CandidateTable,
+    fitting: FittingSet,
+    config: EvidenceConfig,
+    min_iou: float = 0.5,
+    without: Sequence[str] = (),
 ) -> dict[Registration, EvidenceModel]:
     """The models of all learned modes from the candidates of one detector on the fitting set.
 
     See ``labelled_cues`` for what counts as a car.
-    A mode that no candidate has cues for, as ``METRIC`` without calibrated cameras, is left out.
+    A mode that no candidate has cues for, as ``METRIC`` without calibrated cameras, is left out. So is one
+    all of whose cues are among ``without``, which are left out of all modes.
 
     Raises:
         RescoreError: too few cars.
@@ -196,7 +201,8 @@ def fit_modes(
     """
     cues, is_car = labelled_cues(table, fitting, min_iou)
     return {
-        mode: fit_evidence(cues, is_car, mode, config)
+        mode: fit_evidence(cues, is_car, mode, config, without)
         for mode in LEARNED
-        if mode.needs is None or np.isfinite(cues[:, cue_column(mode.needs)]).any()
+        if set(cues_of(mode)) - set(without)
+        and (mode.needs is None or np.isfinite(cues[:, cue_column(mode.needs)]).any())
     }

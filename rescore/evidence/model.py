@@ -178,10 +178,17 @@ def models_as_json(models: Mapping[Registration, EvidenceModel]) -> dict[str, An
                 name: {"knots": at.tolist(), "log_odds": model.log_odds[name].tolist()}
                 for name, at in model.knots.items()
             },
+            **_left_out(mode, model),
         }
         for mode, model in models.items()
     }
     return {"format": FORMAT, "modes": modes}
+
+
+def _left_out(mode: Registration, model: EvidenceModel) -> dict[str, list[str]]:
+    """Names of the cues of the mode that the model was fitted without, if there are any, under "without"."""
+    names = [name for name in cues_of(mode) if name not in model.knots]
+    return {"without": names} if names else {}
 
 
 def load_models(path: Path) -> dict[Registration, EvidenceModel]:
@@ -226,7 +233,8 @@ def load_model(path: Path, mode: Registration) -> EvidenceModel:
 
 
 def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
-    if mode not in LEARNED or set(row["cues"]) != set(cues_of(mode)):
+    # a cue that is neither read nor named as left out is one that the file does not know
+    if mode not in LEARNED or {*row["cues"], *row.get("without", ())} != set(cues_of(mode)):
         raise ValueError(f"cues of mode {mode}: {sorted(row['cues'])}")
     knots = {name: np.array(c["knots"], float) for name, c in row["cues"].items()}
     log_odds = {name: np.array(c["log_odds"], float) for name, c in row["cues"].items()}

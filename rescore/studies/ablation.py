@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.cues import CUES, cues_of
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
+from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration
 from rescore.experiment.config import run_config
 from rescore.experiment.reproduce import FITTED_ON
@@ -23,7 +25,7 @@ from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.tune import TuneConfig, match_at, tune_weight
 from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
-from rescore.metrics.matching import TruthTable
+from rescore.metrics.matching import MatchTable, TruthTable
 from rescore.results.run_folder import RunFolder
 from rescore.results.sweep_file import StudyPart, SweptInterval
 from rescore.studies.sweep import RECALL
@@ -47,6 +49,17 @@ class AblationInput:
     """Candidates of splits "train" and "calibration", which evidence models are fitted to."""
     validation: CandidateTable
     test: CandidateTable
+
+    @staticmethod
+    def of_run(root: Path, data: DataSet, detector: str) -> "AblationInput":
+        """The candidates of a detector of a finished run, whose data set is given."""
+
+        def table(split: str) -> CandidateTable:
+            file = RunFolder(root).evidence_table(detector, split)
+            return read_detections(file, data.split(split)).table
+
+        fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
+        return AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
 
 
 class AblationRow(StudyPart):
@@ -73,11 +86,7 @@ def ablate(
     matches, weights = {}, []
     for name, without in left_out:
         model = fit_evidence(cues, is_car, mode, evidence, without)
-        validation = Rescoring(evidence_model=model).fuse(given.validation).candidates
-        drawn = np.random.default_rng(seed)
-        w = tune_weight(name, validation, given.splits.validation_set, tune, drawn).w
-        test = Rescoring(evidence_model=model).fuse(given.test).candidates
-        matches[name] = match_at(test, truth, w, tune.min_iou)
+        w, matches[name] = judged(given, model, tune, truth, np.random.default_rng(seed))
         weights.append(w)
     whole = left_out[0][0]
     pairs = [(name, whole) for name, _ in left_out[1:]]
@@ -98,6 +107,28 @@ def ablate(
     )
 
 
+def judged(
+    given: AblationInput,
+    model: EvidenceModel,
+    tune: TuneConfig,
+    truth: TruthTable,
+    rng: np.random.Generator,
+) -> tuple[float, MatchTable]:
+    """The w that the validation split chooses for an evidence model, and the match table of the test split.
+
+    Args:
+        given: Candidates with their cues.
+        model: What makes D of the cues.
+        tune: How w is chosen.
+        truth: Of the test split.
+        rng: Draws the images that tell how well w is known.
+    """
+    rescoring = Rescoring(evidence_model=model)
+    validation = rescoring.fuse(given.validation).candidates
+    w = tune_weight(model.registration, validation, given.splits.validation_set, tune, rng).w
+    return w, match_at(rescoring.fuse(given.test).candidates, truth, w, tune.min_iou)
+
+
 def ablate_run(root: Path, out: Path, detector: str, seed: int) -> tuple[AblationRow, ...]:
     """The worth of each part of a finished run's evidence, in mode "instance" where it has it, else "metric".
 
@@ -106,14 +137,9 @@ def ablate_run(root: Path, out: Path, detector: str, seed: int) -> tuple[Ablatio
     Raises:
         RescoreError: the run is not finished, or has no such detector.
     """
-    folder, config = RunFolder(root), run_config(root)
-    data = read_dataset(folder.data, config.class_name)
-
-    def table(split: str) -> CandidateTable:
-        return read_detections(folder.evidence_table(detector, split), data.split(split)).table
-
-    fitting = CandidateTable.concatenate([table(split) for split in FITTED_ON])
-    given = AblationInput(Splits.of(data), fitting, table("validation"), table("test"))
+    config = run_config(root)
+    data = read_dataset(RunFolder(root).data, config.class_name)
+    given = AblationInput.of_run(root, data, detector)
     with_instances = Registration.INSTANCE in config.registrations
     mode = Registration.INSTANCE if with_instances else Registration.METRIC
     rows = ablate(given, mode, config.evidence, config.tune, seed)

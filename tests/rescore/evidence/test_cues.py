@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from recon.class_model import ClassModel
+from recon.errors import RescoreError
 from rescore.cues.framing import FRAMING
 from rescore.cues.plausibility import CHECKS
 from rescore.cues.surroundings import SURROUNDINGS
@@ -23,6 +24,7 @@ from rescore.evidence.cues import (
     cue_column,
     cue_names,
     cues_of,
+    cues_of_groups,
 )
 from rescore.evidence.fit_model import EvidenceConfig, fit_modes
 from rescore.evidence.guarded import GUARDED
@@ -33,6 +35,13 @@ from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.results.words import words_of
 from rescore.studies.ablation import groups
+
+
+def test_groups_of_cues_by_name() -> None:
+    assert cues_of_groups(()) == ()
+    assert set(cues_of_groups(("class model",))) == set(FRAMING)
+    with pytest.raises(RescoreError, match=r"group of cues: expected all relief, .*, got 'relief'; choose"):
+        cues_of_groups(("class model", "relief"))
 
 
 def test_every_cue_that_is_computed_has_an_entry() -> None:

@@ -12,7 +12,14 @@ from rescore.data.splits import FittingSet, Splits
 from rescore.evidence.candidates import OK, Candidates, CandidateTable
 from rescore.evidence.cues import CUES, checks_of, cue_column, cues_of
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, fit_modes
-from rescore.evidence.model import EvidenceModel, load_models, save_models, with_difference
+from rescore.evidence.model import (
+    EvidenceModel,
+    load_models,
+    models_as_json,
+    models_of_json,
+    save_models,
+    with_difference,
+)
 from rescore.evidence.registration import LEARNED, Registration
 
 CONFIG = EvidenceConfig()
@@ -224,6 +231,25 @@ def test_without_calibrated_cameras_there_is_no_metric_mode() -> None:
     models = fit_modes(table_of(cues, 2), fitting, CONFIG)
     assert list(models) == [Registration.GUARDED]
     assert isinstance(models[Registration.GUARDED], EvidenceModel)
+
+
+def test_cues_that_are_left_out_are_in_no_mode_and_a_mode_without_cues_is_none(tmp_path: Path) -> None:
+    cues, is_car = drawn(100, np.random.default_rng(9))
+    fitting = Splits.of(data_set({"calibration": 2}, 100)).fitting_set
+    without = cues_of(Registration.GUARDED)
+    models = fit_modes(table_of(cues, 2), fitting, CONFIG, without=without)
+    assert Registration.GUARDED not in models
+    assert set(models[Registration.METRIC].knots) == set(cues_of(Registration.METRIC)) - set(without)
+    same = fit_evidence(cues, is_car, Registration.METRIC, CONFIG, without)
+    np.testing.assert_array_equal(models[Registration.METRIC].difference(cues), same.difference(cues))
+    # the file says what is left out; one that lacks a cue and does not say so is refused
+    save_models(tmp_path / "bare.json", models)
+    back = load_models(tmp_path / "bare.json")
+    np.testing.assert_array_equal(back[Registration.METRIC].difference(cues), same.difference(cues))
+    value = models_as_json(models)
+    del value["modes"]["metric"]["without"]
+    with pytest.raises(RescoreError, match="cues of mode metric"):
+        models_of_json(value, tmp_path / "old.json")
 
 
 def test_even_odds_do_not_depend_on_the_share_of_cars() -> None:

@@ -1,0 +1,158 @@
+"""The page on what the class model is worth: false positives with and without its cues, by detector."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from recon.files import atomic_path
+from reports.palette import DARK_GREY, GREEN, ORANGE, detector_name
+from reports.run.tables import Table, interval_text
+from rescore.results.candidate_file import ALONE
+from rescore.results.sweep_file import SweptInterval
+from rescore.studies.class_model_worth import (
+    RECALLS,
+    WITH,
+    WITHOUT,
+    DetectorWorth,
+    WorthResult,
+    write_worth,
+)
+
+NAMES = {ALONE: "detector alone", WITHOUT: "depth without the class model", WITH: "depth with all cues"}
+_COLOURS = {ALONE: DARK_GREY, WITHOUT: ORANGE, WITH: GREEN}
+_MARKERS = {ALONE: "s", WITHOUT: "o", WITH: "D"}
+MAIN_RECALL = "0.7"
+
+
+def write_worth_study(result: WorthResult, folder: Path) -> Path:
+    """Write the page with its figure and numbers; returns the page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_path(folder / "class_model.png") as beside:
+        draw_worth(result).savefig(beside, format="png", dpi=120, metadata={"Software": ""})
+    write_worth(folder / "class_model.json", result)
+    page = folder / "README.md"
+    with atomic_path(page) as beside:
+        beside.write_text(worth_page(result), encoding="utf-8")
+    return page
+
+
+def figures_table(result: WorthResult) -> Table:
+    """A row a detector and way of scoring: w, false positives an image by recall, average precision."""
+    rows = [
+        (
+            detector_name(one.detector, short=True),
+            NAMES[name],
+            f"{one.figures[name].w:.2f}",
+            *(interval_text(one.figures[name].fppi[f"{recall:g}"]) for recall in RECALLS),
+            interval_text(one.figures[name].average_precision, 3),
+        )
+        for one in result.detectors
+        for name in NAMES
+    ]
+    head = ("detector", "scores", "w", *(f"FP/image at {recall:.0%}" for recall in RECALLS), "AP")
+    return Table("False positives with and without the class model", head, tuple(rows), text_columns=2)
+
+
+def changes_table(result: WorthResult) -> Table:
+    """A row a detector and comparison: times fewer false positives by recall, change of average precision."""
+    rows = []
+    for one in result.detectors:
+        changes = {
+            "the class model, added to the other cues": one.class_model,
+            "depth with all cues, to the detector": one.depth[WITH],
+            "depth without the class model, to the detector": one.depth[WITHOUT],
+        }
+        for name, change in changes.items():
+            factors = (interval_text(change.factor[f"{recall:g}"]) for recall in RECALLS)
+            gain = interval_text(change.average_precision, 3)
+            rows.append((detector_name(one.detector, short=True), name, *factors, gain))
+    head = ("detector", "what is added", *(f"at {recall:.0%}" for recall in RECALLS), "AP gained")
+    return Table("Times fewer false positives", head, tuple(rows), text_columns=2)
+
+
+def worth_sentence(one: DetectorWorth) -> str:
+    """Whether the class model earns its place with a detector, by how much, how sure."""
+    factor, name = one.class_model.factor[MAIN_RECALL], detector_name(one.detector, short=True)
+    if np.isnan(factor.value):
+        return (
+            f"{name}: 70 % of the cars are not found, so that false positives cannot be compared there; "
+            f"{_gain(one.class_model.average_precision)}."
+        )
+    if factor.low > 1:
+        verdict = "it earns its place"
+    else:
+        verdict = "it makes things worse" if factor.high < 1 else "these images cannot tell whether it helps"
+    return (
+        f"{name}: where 70 % of the cars are found, the class model makes {factor.value:.2f} times fewer "
+        f"false positives (95 % interval {_end(factor.low)} to {_end(factor.high)}): {verdict}; "
+        f"{_gain(one.class_model.average_precision)}."
+    )
+
+
+def _gain(gain: SweptInterval) -> str:
+    return f"average precision changes by {gain.value:+.3f} ({gain.low:+.3f} to {gain.high:+.3f})"
+
+
+def _end(value: float) -> str:
+    return "infinity" if np.isinf(value) else f"{value:.2f}"
+
+
+def draw_worth(result: WorthResult) -> Figure:
+    """False positives an image over recall, a panel a detector, with intervals."""
+    count = len(result.detectors)
+    figure = Figure(figsize=(max(7.2, 4.4 * count), 4.4), layout="constrained")
+    axes = figure.subplots(1, count, squeeze=False)[0]
+    for ax, one in zip(axes, result.detectors, strict=True):
+        _draw_detector(ax, one)
+    axes[0].set_ylabel("false positives an image")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    return figure
+
+
+def _draw_detector(ax: Axes, one: DetectorWorth) -> None:
+    known = [i.value for f in one.figures.values() for i in f.fppi.values() if np.isfinite(i.value)]
+    top = 1.25 * max(known, default=1.0)
+    for offset, name in zip((-0.16, 0.0, 0.16), NAMES, strict=True):
+        intervals = [one.figures[name].fppi[f"{recall:g}"] for recall in RECALLS]
+        reached = [k for k, i in enumerate(intervals) if np.isfinite(i.value)]
+        x = np.array(reached) + offset
+        value, low, high = (_column(intervals, reached, end) for end in ("value", "low", "high"))
+        # an open end leaves the picture
+        ax.vlines(x, low, np.minimum(high, 10 * top), color=_COLOURS[name], lw=2, alpha=0.6)
+        ax.plot(x, value, _MARKERS[name], color=_COLOURS[name], label=NAMES[name])
+        never = [k + offset for k in range(len(RECALLS)) if k not in reached]
+        ax.plot(never, np.full(len(never), 0.97 * top), "x", color=_COLOURS[name], clip_on=False)
+    ax.set_xticks(range(len(RECALLS)), [f"{recall:.0%}" for recall in RECALLS])
+    ax.set(xlabel="share of all cars found (× at the top: not reached)", ylim=(0, top))
+    ax.set_title(detector_name(one.detector, short=True), loc="left", fontweight="bold")
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def _column(intervals: Sequence[SweptInterval], rows: Sequence[int], end: str) -> np.ndarray:
+    return np.array([getattr(intervals[k], end) for k in rows])
+
+
+def worth_page(result: WorthResult) -> str:
+    """The page in Markdown; its picture lies beside it."""
+    parts = [
+        "# Does the class model earn its place?",
+        f"Made by `{result.command}`: mode instance on {result.n_images} test images with {result.n_cars} "
+        f"annotated cars, with all of its {result.n_cues} cues, and without the {len(result.cues)} that come "
+        "of an instance of the class fitted to the box and the disparity. Both are done as in the run: "
+        "evidence fitted on the splits train and calibration, w chosen on validation. In brackets intervals "
+        "of 95 % from a bootstrap over test images, paired in the second table.",
+        "\n".join(f"- {worth_sentence(one)}" for one in result.detectors),
+        "![False positives an image with and without the class model](class_model.png)",
+        "## False positives an image",
+        "A share of cars that is never found takes infinitely many (inf).",
+        figures_table(result).markdown().rstrip(),
+        "## Times fewer false positives",
+        "Above 1 what is added makes fewer; the first row of a detector is what the class model is worth.",
+        changes_table(result).markdown().rstrip(),
+        f"Left out: {', '.join(result.cues)}.",
+    ]
+    return "\n\n".join(parts) + "\n"
