@@ -149,7 +149,7 @@ RIGS = (
         (0.53, 0.55),
         (1.60, 1.72),
         horizon_share=0.46,
-        # smooth places of KITTI's lossless frames have a noise of half a grey level, those of a cheap head two
+        # smooth places of KITTI's lossless frames have a noise of half a grey level
         sensor=SensorConfig(
             blur_sigma_px=(0.45, 0.65),
             read_noise=(0.0008, 0.002),
@@ -272,8 +272,8 @@ _PRESETS = {
     ),
     "streets": SynthConfig(
         splits={
-            "train": SplitSize(40),
-            "calibration": SplitSize(24),
+            "train": SplitSize(80),
+            "calibration": SplitSize(40),
             "validation": SplitSize(20),
             "test": SplitSize(60),
         },

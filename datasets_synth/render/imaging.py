@@ -15,7 +15,8 @@ def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Ge
     """The picture (h, w, 3) sRGB that one eye delivers of linear radiance (h, w, 3).
 
     In the order of a real camera: the lens blurs and darkens the corners, the sensor counts light (so noise
-    grows with the root of the signal, and read noise is added) and saturates, the electronics apply contrast and gamma.
+    grows with the root of the signal, and read noise is added) and saturates, the electronics apply contrast
+    and gamma.
 
     Args:
         radiance: 1 is full scale at a gain of 1.

@@ -16,7 +16,14 @@ from recon.boxes import paired_overlap
 from recon.camera import GroundedStereo
 from recon.localization.box_samples import BoxSamples, DisparityNoise, SampleGrid, box_samples
 from recon.localization.depth_views import DepthViews, DepthViewsConfig
-from recon.localization.poses import Explained, Poses, SurfaceNoise, explain, silhouette_boxes
+from recon.localization.poses import (
+    Explained,
+    Poses,
+    SurfaceNoise,
+    attainable,
+    explain,
+    silhouette_boxes,
+)
 from recon.localization.standing_box import StandingBox, cam_from_ground, wrapped
 
 
@@ -98,6 +105,8 @@ class PlacedInstance:
     """Box around the silhouette, cut off at the picture's edge, pixel edges, shape (4,)."""
     explained: Explained
     """What it says of the samples, each array of their shape (rows, columns)."""
+    attainable: float
+    """Log likelihood ratio if its surface lay exactly where all is measured, nats."""
 
     @property
     def total(self) -> float:
@@ -262,12 +271,14 @@ class DisparityFit:
     def _placed(self, grid: Poses, score: FloatArray, target: "_Target") -> PlacedInstance:
         """The instance that the best poses of the grid lead to."""
         pose = self._moved(grid, score, target)
+        explained = self._explain(pose, target.samples, fine=True).on_grid(target.samples)
         return PlacedInstance(
             pose,
             pose.standing_box(0, self.views),
             self._deviations(pose, target),
             silhouette_boxes(pose, self.views, self.seen_from.left)[0],
-            self._explain(pose, target.samples, fine=True).on_grid(target.samples),
+            explained,
+            attainable(explained, target.samples, self.config.surface),
         )
 
     def _deviations(self, pose: Poses, target: "_Target") -> FloatArray:

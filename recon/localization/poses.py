@@ -154,6 +154,17 @@ def explain(
     return Explained(ratio, predicted, spread, residual, weight)
 
 
+def attainable(explained: Explained, samples: BoxSamples, surface: SurfaceNoise) -> float:
+    """Log likelihood ratio, in nats, of an instance whose surface lies exactly where all is measured.
+
+    It is the most that ``explained.log_ratio`` of one pose, on the grid of the samples, can sum to. A narrow
+    rig, a far object and one low above the ground have less of it, however well the instance fits.
+    """
+    on = np.isfinite(explained.residual)
+    peak = (1 - surface.before) / (np.sqrt(2 * np.pi) * explained.spread_px[on])
+    return float((explained.weight[on] * (np.log(peak) - samples.log_background[on])).sum())
+
+
 def _at_heading(
     views: DepthViews,
     shape: IntArray,

@@ -23,6 +23,7 @@ FRAMING = (
     "end_bottom",
     "gap",
     "explained",
+    "seen_explained",
     "over_plane",
     "seen_through",
     "hidden",
@@ -46,20 +47,25 @@ class FramingConfig:
     """Disparities within ``same_px`` or this share of the instance's are at its depth."""
     most: float = 1.5
     """Ends of the instance beyond the box are clipped to this many extents of the box."""
+    most_share: float = 2.0
+    """Shares of the attainable log likelihood ratio are clipped to this, both ways."""
     plane_rounds: int = 5
 
 
 def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: FramingConfig) -> FloatArray:
-    """The cues of one box, shape (14,), in the order of ``FRAMING``; NaN where one cannot be had.
+    """The cues of one box, shape (15,), in the order of ``FRAMING``; NaN where one cannot be had.
 
     - ``overlap``: expected intersection over union of the box with the instance that the disparity shows;
       ``framed_overlap``: with the one that it would frame.
     - ``end_left``, ``end_top``, ``end_right``, ``end_bottom``: how far the instance that the disparity shows
       reaches beyond the box, in extents of the box; silent at the edge of the picture.
-    - ``gap``: log(1 + nats) by which the seen instance explains the disparity better than the framed one.
-    - ``explained``: nats for each independent measurement by which the framed instance explains the disparity
-      better than a place without objects does.
-    - ``over_plane``: the same against the best slanted plane, in all, as a signed log(1 + nats).
+    - ``explained``: nats by which the framed instance explains the disparity better than a place without
+      objects does, as a share of what it attains where it fits exactly; so it is alike for all rigs and
+      distances. ``seen_explained``: the same of the seen instance.
+    - ``gap``: nats by which the seen instance explains the disparity better than the framed one, as a share
+      of what the seen one attains.
+    - ``over_plane``: nats by which the framed instance explains its disparity better than the best slanted
+      plane does, as a signed log(1 + nats).
     - ``seen_through``, ``hidden``: share of the framed silhouette where something farther or nearer is seen.
     - ``beyond_box``: share of the seen instance's own measurements that lie outside the box.
     - ``goes_on_beside``, ``goes_on_above``: share of what stands beside or above the framed silhouette that
@@ -72,16 +78,16 @@ def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: 
         config: Settings.
     """
     framed, seen, samples = fit.framed, fit.seen, fit.samples
-    on_framed = np.isfinite(framed.explained.residual)
+    on_framed, on_seen = (np.isfinite(placed.explained.residual) for placed in (framed, seen))
     ends = _ends(seen.silhouette_px, xyxy_px, picture, config.most)
     beside, above = _around(framed, samples)
-    gap = np.log1p(max(0.0, seen.total - framed.total))
     values = {
         "overlap": fit.overlap,
         "framed_overlap": float(iou_matrix(framed.silhouette_px[None], xyxy_px[None])[0, 0]),
         **dict(zip(("end_left", "end_top", "end_right", "end_bottom"), ends, strict=True)),
-        "gap": gap if on_framed.sum() >= config.fewest else np.nan,
-        "explained": _explained(framed, on_framed, config),
+        "gap": _attained(seen.total - framed.total, seen, on_seen, config),
+        "explained": _attained(framed.total, framed, on_framed, config),
+        "seen_explained": _attained(seen.total, seen, on_seen, config),
         "over_plane": _over_plane(framed, samples, config),
         "seen_through": _share(framed.explained.residual < -config.outlier_sd, on_framed, config),
         "hidden": _share(framed.explained.residual > config.outlier_sd, on_framed, config),
@@ -112,9 +118,11 @@ _AT_THE_EDGE_PX = 2.0
 """A box that ends this near to the edge of the picture is cut off there."""
 
 
-def _explained(framed: PlacedInstance, on_framed: BoolArray, config: FramingConfig) -> float:
-    weight = float(framed.explained.weight[on_framed].sum())
-    return framed.total / weight if on_framed.sum() >= config.fewest and weight > 0 else np.nan
+def _attained(nats: float, placed: PlacedInstance, on: BoolArray, config: FramingConfig) -> float:
+    """Nats as a share of what an instance attains."""
+    if on.sum() < config.fewest or placed.attainable <= 0:
+        return np.nan
+    return float(np.clip(nats / placed.attainable, -config.most_share, config.most_share))
 
 
 def _at_depth(placed: PlacedInstance, samples: BoxSamples, config: FramingConfig) -> BoolArray:

@@ -52,8 +52,8 @@ class Side:
 class TwoWayWords(CueWords):
     """How a cue is told that can point two ways; ``sentence`` is told where it points neither way."""
 
-    below: Side | None
-    """How a negative value is told; None for a cue that has none."""
+    below: Side
+    """How a negative value is told."""
     beyond: Side
     """How a positive value is told."""
     least: float
@@ -91,7 +91,7 @@ class TwoWayWords(CueWords):
         return f"at least {self.value(high)}" if self._below(high) else super().at_most(high)
 
     def _below(self, stored: float) -> bool:
-        return self.below is not None and self._side(stored) is self.below
+        return self._side(stored) is self.below
 
     def _side(self, stored: float) -> Side | None:
         if abs(self.shown(stored)) < self.least:
@@ -137,18 +137,25 @@ def ends(extent: str, side: str, most: float) -> CueWords:
     )
 
 
-def signed_nats(
-    neither: str, below: Side | None, beyond: Side, form: str, *, logarithm: bool, least: float
-) -> CueWords:
-    """Words of a difference of two log likelihoods.
+def signed_share(neither: str, below: Side, beyond: Side) -> CueWords:
+    """Words of a difference of two log likelihoods as a share of the most that it can be.
 
     Args:
         neither: sentence where the difference is small.
-        below: where it is negative; None where it never is.
+        below: where it is negative.
         beyond: where it is positive.
-        form: of the amount.
-        logarithm: whether the cue is the signed log(1 + nats) in place of the nats.
-        least: smaller differences are told as none.
     """
-    shown = (lambda v: float(np.sign(v) * np.expm1(abs(v)))) if logarithm else float
-    return TwoWayWords(neither, shown, form, below, beyond, least)
+    return TwoWayWords(neither, lambda v: 100 * v, "{:.0f} %", below, beyond, least=3)
+
+
+def signed_nats(neither: str, below: Side, beyond: Side) -> CueWords:
+    """Words of a difference of two log likelihoods, kept as the signed log(1 + nats).
+
+    Args:
+        neither: sentence where the difference is small.
+        below: where it is negative.
+        beyond: where it is positive.
+    """
+    return TwoWayWords(
+        neither, lambda v: float(np.sign(v) * np.expm1(abs(v))), "{:.0f} nats", below, beyond, least=1
+    )

@@ -18,7 +18,7 @@ from recon.view_bins import ViewBins
 from rescore.cues.framing import FRAMING, FramingConfig, framing
 from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
-from rescore.cues.words import CueWords, Side, ends, metres, share, signed_nats, times
+from rescore.cues.words import CueWords, Side, ends, metres, share, signed_nats, signed_share, times
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import predicted_region
 from rescore.evidence.guarded import GUARDED, GuardedConfig, guarded_alignment
@@ -159,29 +159,25 @@ _METRIC = (Registration.METRIC,)
 _CALIBRATED = (Registration.METRIC, Registration.INSTANCE)
 _FINE = "{:.1f} %"
 _MOST = FramingConfig().most
-_GAP = signed_nats(
+_GAP = signed_share(
     "no car elsewhere explains the depth better than one in the box",
-    None,
-    Side("a car elsewhere explains the depth better than one in the box, by {}", "nats"),
-    "{:.0f} nats",
-    logarithm=True,
-    least=1.0,
+    Side("a car in the box explains the depth better than any elsewhere, by {}", "% for the box"),
+    Side("a car elsewhere explains the depth better than one in the box, by {}", "% for elsewhere"),
 )
-_EXPLAINED = signed_nats(
+_EXPLAINED = signed_share(
     "an empty place explains the depth as well as a car in the box",
-    Side("an empty place explains the depth better than a car in the box, by {}", "for none"),
-    Side("a car in the box explains the depth better than an empty place, by {}", "for a car"),
-    "{:.1f} nats a measurement",
-    logarithm=False,
-    least=0.05,
+    Side("an empty place explains the depth better than a car in the box, by {}", "% for none"),
+    Side("a car in the box explains {} of the depth that it could", "% for a car"),
+)
+_SEEN_EXPLAINED = signed_share(
+    "an empty place explains the depth as well as any car",
+    Side("an empty place explains the depth better than any car, by {}", "% for none"),
+    Side("the car that fits the depth best explains {} of what it could", "% for a car"),
 )
 _OVER_PLANE = signed_nats(
     "a flat thing explains its depth as well as a car",
     Side("a flat thing explains its depth better than a car, by {}", "for a flat thing"),
     Side("a car explains its depth better than a flat thing, by {}", "for a car"),
-    "{:.0f} nats",
-    logarithm=True,
-    least=1.0,
 )
 CUES: dict[str, Cue] = {
     **_entries(
@@ -243,6 +239,7 @@ CUES: dict[str, Cue] = {
         ("end_bottom", "class model", ends("height", "lower", _MOST)),
         ("gap", "class model", _GAP),
         ("explained", "class model", _EXPLAINED),
+        ("seen_explained", "class model", _SEEN_EXPLAINED),
         ("over_plane", "class model", _OVER_PLANE),
         (
             "seen_through",
@@ -293,6 +290,8 @@ CUES: dict[str, Cue] = {
     ),
 }
 """The cues by name, in the order of the columns of ``CandidateTable.cues``."""
+MIRRORED = (("left", "right"), ("fill_left", "fill_right"), ("end_left", "end_right"))
+"""Pairs of cues that change places where a picture is mirrored."""
 
 
 def cue_names() -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
 from rescore.data.splits import FittingSet
 from rescore.evidence.candidates import CandidateTable
-from rescore.evidence.cues import checks_of, cue_column, cues_of
+from rescore.evidence.cues import MIRRORED, checks_of, cue_column, cues_of
 from rescore.evidence.model import EvidenceModel, enough_cues
 from rescore.evidence.registration import LEARNED, Registration
 from rescore.metrics.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
@@ -69,7 +69,7 @@ def fit_evidence(
             f"things among candidates with measured depth, got {n_cars} cars of {len(is_car)}; "
             "add frames to the splits 'train' and 'calibration'"
         )
-    model = _fitted(cues, is_car, registration, names, config)
+    model = _fitted(*_with_mirrored(cues, is_car, names), registration, names, config)
     checked = {name: cues[:, cue_column(name)] for name in checks_of(registration)}
     floors = {
         name: float(np.nanquantile(values, config.floor_quantile))
@@ -79,6 +79,17 @@ def fit_evidence(
     if _RELIEF in floors:
         floors[_RELIEF] = _least_relief_px(cues, is_car, registration, names, config)
     return replace(model, floors=floors)
+
+
+def _with_mirrored(cues: FloatArray, is_car: BoolArray, names: Sequence[str]) -> tuple[FloatArray, BoolArray]:
+    """Candidates and the same in a mirrored street, where some of the cues change places by mirroring."""
+    mirrored = cues.copy()
+    for left, right in MIRRORED:
+        pair = [cue_column(left), cue_column(right)]
+        mirrored[:, pair] = cues[:, pair[::-1]]
+    if not any(left in names and right in names for left, right in MIRRORED):
+        return cues, is_car
+    return np.concatenate([cues, mirrored]), np.concatenate([is_car, is_car])
 
 
 def _fitted(

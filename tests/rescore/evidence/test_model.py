@@ -134,6 +134,7 @@ def test_with_difference_says_why_there_is_none() -> None:
     some[1, :] = np.nan
     some[2, :] = np.nan
     some[2, cue_column("measured")] = 0
+    some[0, [cue_column(name) for name in checks_of(Registration.GUARDED)]] = 9
     table = table_of(some)
     assert with_difference(table, None) is table
     judged = with_difference(table, metric)

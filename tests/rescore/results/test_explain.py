@@ -191,9 +191,7 @@ def test_other_explanations_of_the_depth_are_told_in_words() -> None:
     assert plane.told(np.log1p(30)) == "a car explains its depth better than a flat thing, by 30 nats"
     assert plane.told(-np.log1p(30)) == "a flat thing explains its depth better than a car, by 30 nats"
     assert plane.told(-0.3) == "a flat thing explains its depth as well as a car"
-    assert (
-        gap.told(np.log1p(44)) == "a car elsewhere explains the depth better than one in the box, by 44 nats"
-    )
+    assert gap.told(0.44) == "a car elsewhere explains the depth better than one in the box, by 44 %"
     assert gap.told(0.0) == "no car elsewhere explains the depth better than one in the box"
     assert explained.told(-1.8).startswith("an empty place explains the depth better than a car in the box")
     assert range_text(0.0, [(np.log1p(2), np.inf)], plane) == "from 2 for a car"
@@ -201,7 +199,8 @@ def test_other_explanations_of_the_depth_are_told_in_words() -> None:
     assert range_text(0.0, [(-np.log1p(2), np.inf)], plane) == "at most 2 for a flat thing"
     assert range_text(0.0, [(np.log1p(2), np.log1p(9))], plane) == "2 to 9 for a car"
     assert range_text(0.0, [(-np.log1p(9), -np.log1p(2))], plane) == "2 to 9 for a flat thing"
-    assert range_text(9.0, [(-np.inf, np.log1p(19))], gap) == "up to 19 nats"
+    assert range_text(0.9, [(-np.inf, 0.19)], gap) == "up to 19 % for elsewhere"
+    assert range_text(0.9, [(0.1, 0.19)], gap) == "10 to 19 % for elsewhere"
 
 
 def test_a_box_in_which_no_car_could_be_placed_says_so_where_stereo_measured() -> None:
