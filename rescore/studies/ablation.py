@@ -12,7 +12,7 @@ import numpy as np
 
 from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
-from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.cues import CUES, cues_of
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
 from rescore.evidence.model import EvidenceModel
@@ -86,8 +86,9 @@ def ablate(
     matches, weights = {}, []
     for name, without in left_out:
         model = fit_evidence(cues, is_car, mode, evidence, without)
-        w, matches[name] = judged(given, model, tune, truth, np.random.default_rng(seed))
-        weights.append(w)
+        found = judged(given, model, tune, truth, np.random.default_rng(seed))
+        matches[name] = found.match
+        weights.append(found.w)
     whole = left_out[0][0]
     pairs = [(name, whole) for name, _ in left_out[1:]]
     rng = np.random.default_rng(seed)
@@ -107,14 +108,26 @@ def ablate(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What an evidence model makes of the test split."""
+
+    w: float
+    """Weight that the validation split chooses."""
+    match: MatchTable
+    """Match table of the test split."""
+    with_evidence: float
+    """Share of its candidates with depth evidence."""
+
+
 def judged(
     given: AblationInput,
     model: EvidenceModel,
     tune: TuneConfig,
     truth: TruthTable,
     rng: np.random.Generator,
-) -> tuple[float, MatchTable]:
-    """The w that the validation split chooses for an evidence model, and the match table of the test split.
+) -> Judged:
+    """What an evidence model makes of the test split, with w chosen on the validation split.
 
     Args:
         given: Candidates with their cues.
@@ -126,7 +139,8 @@ def judged(
     rescoring = Rescoring(evidence_model=model)
     validation = rescoring.fuse(given.validation).candidates
     w = tune_weight(model.registration, validation, given.splits.validation_set, tune, rng).w
-    return w, match_at(rescoring.fuse(given.test).candidates, truth, w, tune.min_iou)
+    test = rescoring.fuse(given.test).candidates
+    return Judged(w, match_at(test, truth, w, tune.min_iou), float((test.status == OK).mean()))
 
 
 def ablate_run(root: Path, out: Path, detector: str, seed: int) -> tuple[AblationRow, ...]:

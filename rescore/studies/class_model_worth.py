@@ -23,7 +23,7 @@ from rescore.metrics.matching import TruthTable
 from rescore.results.candidate_file import ALONE
 from rescore.results.run_folder import RunFolder
 from rescore.results.sweep_file import StudyPart, SweptInterval
-from rescore.studies.ablation import AblationInput, groups, judged
+from rescore.studies.ablation import AblationInput, Judged, groups, judged
 
 MODE = Registration.INSTANCE
 GROUP = "class model"
@@ -38,6 +38,8 @@ class WorthFigures(StudyPart):
 
     w: float
     """1 is the detector alone."""
+    with_evidence: float
+    """Share of the candidates with depth evidence."""
     fppi: dict[str, SweptInterval]
     """False positives an image by recall, as "0.7"."""
     average_precision: SweptInterval
@@ -117,28 +119,31 @@ def worth_of(given: AblationInput, detector: str, config: RunConfig, seed: int) 
     """The worth of the class model for the candidates of one detector."""
     cues, is_car = labelled_cues(given.fitting, given.splits.fitting_set, config.tune.min_iou)
     truth = TruthTable.of(given.splits.test)
-    weights, matches = {ALONE: 1.0}, {ALONE: match_at(given.test, truth, 1.0, config.tune.min_iou)}
+    alone = match_at(given.test, truth, 1.0, config.tune.min_iou)
+    ways = {ALONE: Judged(1.0, alone, 0.0)}
     for name, without in ((WITH, ()), (WITHOUT, groups(MODE)[GROUP])):
         model = fit_evidence(cues, is_car, MODE, config.evidence, without)
         # the stream of the run's own choice of w
         drawn = np.random.default_rng([seed, 3])
-        weights[name], matches[name] = judged(given, model, config.tune, truth, drawn)
+        ways[name] = judged(given, model, config.tune, truth, drawn)
     pairs = [(WITHOUT, WITH), (ALONE, WITH), (ALONE, WITHOUT)]
     rng = np.random.default_rng(seed)
+    matches = {name: way.match for name, way in ways.items()}
     found = bootstrap(matches, truth.cars_of_image, pairs, rng, BootstrapConfig())
     return DetectorWorth(
         detector=detector,
         n_candidates=len(given.test),
-        figures={name: _figures(found, name, w) for name, w in weights.items()},
+        figures={name: _figures(found, name, way) for name, way in ways.items()},
         class_model=_change(found, WITHOUT, WITH),
         depth={name: _change(found, ALONE, name) for name in (WITH, WITHOUT)},
     )
 
 
-def _figures(found: Bootstrap, name: str, w: float) -> WorthFigures:
+def _figures(found: Bootstrap, name: str, way: Judged) -> WorthFigures:
     table = found.tables[name]
     return WorthFigures(
-        w=w,
+        w=way.w,
+        with_evidence=way.with_evidence,
         fppi=_by_recall(table.fppi_at_recall),
         average_precision=SweptInterval.of(table.average_precision),
     )

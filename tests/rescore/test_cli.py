@@ -81,6 +81,8 @@ def test_a_shell_completes_commands_and_options() -> None:
 
     assert completed("stu") == [
         "study-evidence",
+        "study-class-model",
+        "study-relief",
         "study-weight",
         "study-stereo",
         "study-models",
