@@ -53,7 +53,7 @@ def test_every_cue_that_is_computed_has_an_entry() -> None:
     assumed = ("width", "height", "relief", "support")
     around = tuple(name for name in SURROUNDINGS if name not in assumed)
     assert cues_of(Registration.INSTANCE) == (*around, *FRAMING)
-    assert checks_of(Registration.GUARDED) == CHECKS[:1]
+    assert checks_of(Registration.GUARDED) == (*CHECKS[:1], "relief_px", "side_on")
     assert checks_of(Registration.INSTANCE) == ("measured", *CHECKS)
     assert checks_of(Registration.METRIC) == ("measured", *CHECKS)
     for mode in (Registration.METRIC, Registration.INSTANCE):
