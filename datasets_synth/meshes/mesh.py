@@ -78,8 +78,6 @@ class Light:
     """Share of the mean sky colour that reaches every surface, scaled by how far it faces up."""
     haze_per_m: float = 0.0
     """Exponential fading towards the horizon colour."""
-    skyline: int | None = None
-    """Which of the streets around gloss mirrors (``render/skyline.py``); None for a soft band."""
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,9 @@ import cv2
 import numpy as np
 
 from datasets_synth.meshes.mesh import Light
-from datasets_synth.render.skyline import skyline
 from recon.arrays import Float32Array
 from recon.pixels import sample_bilinear
 
-STREET_ALBEDO = np.float32(0.2)
-"""A street is a grey that reflects a fifth."""
 _CLOUD_PX = 512
 
 
@@ -31,9 +28,6 @@ def environment_radiance(direction: Float32Array, light: Light) -> Float32Array:
     """Radiance (n, 3) that a mirror shows along unit world directions (n, 3): sky above, street below."""
     sky = sky_radiance(direction, light).T
     street = ground_radiance(light)[:, None]
-    if light.skyline is not None:
-        albedo, cover = skyline(direction, light.skyline)
-        return np.asarray(sky + cover * (albedo * street / STREET_ALBEDO - sky), np.float32).T
     # a soft band of houses and trees stands between the two, up to some 12 degrees
     share = np.clip((direction[:, 2] - 0.02) / 0.2, 0, 1)
     return np.asarray(street + (sky - street) * (share * share * (3 - 2 * share)), np.float32).T
@@ -45,9 +39,9 @@ def mean_sky(light: Light) -> Float32Array:
 
 
 def ground_radiance(light: Light) -> Float32Array:
-    """Colour (3,) that the street throws back upwards."""
+    """Colour (3,) that the street throws back upwards: a grey that reflects a fifth."""
     sun_up = max(light.sun_direction[2], 0.0)
-    return STREET_ALBEDO * (
+    return np.float32(0.2) * (
         np.float32(0.5 * sun_up) * np.array(light.sun_rgb, np.float32)
         + np.float32(light.ambient) * mean_sky(light)
     )

@@ -1,14 +1,13 @@
 """Draws a street that is seen along its length: road, traffic, fronts, light and camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.meshes.mesh import Scene
 from datasets_synth.presets import SynthConfig
-from datasets_synth.render.skyline import VARIANTS
 from datasets_synth.street.along.frontage import put_frontage
 from datasets_synth.street.along.ground import ground_items
 from datasets_synth.street.along.heads import ground_of, sample_head
@@ -63,7 +62,7 @@ def sample_along(
     light, brightness = sample_light(config.light, rng)
     scene = Scene(
         items=(*ground_items(road, rng), *stage.items),
-        light=replace(light, skyline=int(rng.integers(VARIANTS))),
+        light=light,
         camera=head.camera,
         left_from_world=head.left_from_world,
         imaging=sample_imaging(head.rig.sensor, light, brightness, rng),
