@@ -103,10 +103,8 @@ def run_preset(name: str) -> RunConfig:
     """
     config = RunConfig(preset=name, synth=synth_preset(name))
     if name == "streets":
-        seen_from_all_sides = ("hog_views", "boosted_views", "modelled")
-        return config.model_copy(
-            update={"detectors": seen_from_all_sides, "registrations": tuple(Registration)}
-        )
+        all_views = ("modelled", "hog_views", "boosted_views")
+        return config.model_copy(update={"detectors": all_views, "registrations": tuple(Registration)})
     if name != "tiny":
         return config
     # with three training frames every car must serve, and floors must be low for anything to be found

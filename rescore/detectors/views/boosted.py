@@ -58,12 +58,12 @@ class BoostedViewsConfig:
     """Mirrored border of each level: for cars cut by the edge."""
     floor: float = -4.0
     """Windows that score less are not reported by the scan."""
-    fragments: FragmentConfig = field(default_factory=lambda: FragmentConfig(count=480))
+    fragments: FragmentConfig = field(default_factory=lambda: FragmentConfig(count=480, sizes_px=(9, 13)))
     boosting: JointBoostConfig = field(default_factory=JointBoostConfig)
     examples: ViewExamples = field(default_factory=ViewExamples)
     mining: MiningConfig = field(
         default_factory=lambda: MiningConfig(
-            jitter_copies=4, max_car_iou=0.4, random_per_frame=40, hard_per_frame=40, rounds=1
+            jitter_copies=4, max_car_iou=0.4, random_per_frame=40, hard_per_frame=60, rounds=1
         )
     )
     suppression: SuppressionConfig = field(default_factory=lambda: SuppressionConfig(max_iou=0.4))
@@ -240,8 +240,10 @@ def _street(
     detector: BoostedViewsDetector, data: DataSet, rng: np.random.Generator, jobs: int, *, mined: bool
 ) -> _Crops:
     """Windows of street: random ones, or those that the detector takes for cars."""
+    limits, n = detector.config.mining, len(data.frames)
+    per_frame = limits.hard_of_frame(n) if mined else limits.random_of_frame(n)
     tasks = (
-        delayed(_street_of)(record, data.truth[record.image_id], detector, frame, frame_rng, mined)
+        delayed(_street_of)(record, data.truth[record.image_id], detector, frame, frame_rng, mined, per_frame)
         for frame, (record, frame_rng) in enumerate(
             zip(data.frames, rng.spawn(len(data.frames)), strict=True)
         )
@@ -256,10 +258,10 @@ def _street_of(
     frame: int,
     rng: np.random.Generator,
     mined: bool,
+    per_frame: int,
 ) -> _Crops:
     config, window = detector.config, detector.window
     picture = read_gray(record)
-    per_frame = config.mining.hard_per_frame if mined else config.mining.random_per_frame
     found = detector.scan(picture) if mined else _random_windows(detector, record, rng)
     chosen = found.take(hard_negatives(found, truth, config.mining, per_frame))
     scale = (chosen.xyxy_px[:, 3] - chosen.xyxy_px[:, 1]) / config.object_height_px
@@ -299,7 +301,7 @@ def _random_windows(
 def _even_odds(
     features: Float32Array, crops: _Crops, config: BoostedViewsConfig, rng: np.random.Generator
 ) -> FloatArray:
-    """What to add to scores (bins,) so that 0 means even odds, as told by stumps on frames not seen by them."""
+    """What to add to scores (bins,) for 0 to mean even odds, as told by stumps on frames not seen by them."""
     folds, held_out = config.examples.folds, np.zeros(crops.label.shape)
     for fold in range(folds):
         seen = crops.frame % folds != fold

@@ -1,8 +1,8 @@
 """Dalal and Triggs for all views: a linear SVM a view bin over one pyramid of gradient histograms.
 
-All filters are correlated with the same features. The window of a filter has the shape of its bin's cars, and
-the filter of a mirrored bin is the mirrored filter. In each bin a window of score 0 is as likely a car as not,
-so that scores of two bins compare.
+All filters are correlated with the same features. The window of a filter has the shape of its bin's cars; the
+filter of a mirrored bin is the mirrored filter. In each bin a window of score 0 is as likely a car as not, so
+that scores of two bins compare.
 """
 
 from collections.abc import Mapping, Sequence
@@ -218,7 +218,8 @@ def block_features(picture: UInt8Array, stride_px: int) -> Float32Array:
 
 def mirrored_blocks(blocks: Float32Array) -> Float32Array:
     """Blocks (..., rows, columns, 36) of the mirrored window."""
-    # a block is its left cells, then its right ones, each of unsigned directions from 0 to 180 degrees
+    # a block is its left cells, then its right ones, each of unsigned directions from 0 to 180 degrees;
+    # OpenCV weighs pixels about a point half a pixel beside its middle, which mirrors nearly
     inside = blocks[..., ::-1, :].reshape(*blocks.shape[:-1], 2, 2, BINS)
     return np.ascontiguousarray(inside[..., ::-1, :, ::-1]).reshape(blocks.shape)
 
@@ -384,8 +385,10 @@ def _street(
     detector: HogViewsDetector, data: DataSet, rng: np.random.Generator, jobs: int, *, mined: bool
 ) -> dict[int, list[_Rows]]:
     """Windows of street for each bin that is learned: random ones, or those that look like cars to it."""
+    limits, n = detector.config.mining, len(data.frames)
+    per_bin = limits.hard_of_frame(n) if mined else limits.random_of_frame(n)
     tasks = (
-        delayed(_street_of)(record, data.truth[record.image_id], detector, frame, frame_rng, mined)
+        delayed(_street_of)(record, data.truth[record.image_id], detector, frame, frame_rng, mined, per_bin)
         for frame, (record, frame_rng) in enumerate(
             zip(data.frames, rng.spawn(len(data.frames)), strict=True)
         )
@@ -404,12 +407,12 @@ def _street_of(
     frame: int,
     rng: np.random.Generator,
     mined: bool,
+    per_bin: int,
 ) -> list[tuple[int, _Rows]]:
     config = detector.config
     with one_thread():
         levels = pyramid(read_gray(record), config)
         places = detector.places(levels, MINING_FLOOR) if mined else _random_places(detector, levels, rng)
-    per_bin = config.mining.hard_per_frame if mined else config.mining.random_per_frame
     found = []
     for k, view in enumerate(detector.filters):
         rows = np.flatnonzero(places.filter_index == k)
@@ -430,7 +433,8 @@ def _random_places(detector: HogViewsDetector, levels: Sequence[Level], rng: np.
         reach = (np.array(view.weight.shape[:2]) - 1) * step
         room = np.array([level.blocks.shape[:2] for level in levels]) - reach
         fits = np.flatnonzero((room > 0).all(axis=1))
-        number = fits[rng.integers(len(fits), size=4 * config.mining.random_per_frame)]
+        wanted = 4 * config.mining.random_per_frame if len(fits) else 0
+        number = fits[rng.integers(len(fits), size=wanted)]
         at = rng.integers(room[number])
         zoom = np.array([level.zoom for level in levels])[number]
         boxes = view.window.boxes(

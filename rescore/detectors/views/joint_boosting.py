@@ -12,6 +12,9 @@ from scipy.sparse import csr_array
 from recon.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from recon.errors import RescoreError
 
+OF_OTHER_VIEWS = 0.1
+"""Share of the weight of a bin that cars of other bins have at first."""
+
 
 @dataclass(frozen=True, eq=False)
 class SharedStumps:
@@ -64,9 +67,9 @@ class SharedStumps:
 class JointBoostConfig:
     """How many stumps, and what each is chosen from."""
 
-    rounds: int = 120
+    rounds: int = 160
     """Number of stumps."""
-    features_per_round: int = 100
+    features_per_round: int = 120
     """Features tried in a round, drawn at random."""
     thresholds: int = 12
     """Thresholds tried of a feature: quantiles of its values."""
@@ -110,8 +113,9 @@ def joint_boost(
 ) -> SharedStumps:
     """Stumps fitted to features (f, n) and labels (n, bins) of 1, -1, and 0 for what says nothing of a bin.
 
-    Each round fits a stump to the labels under the weights exp(-label * score). In each bin cars and all else
-    start with equal total weight, whatever their numbers.
+    Each round fits a stump to the labels under the weights exp(-label * score). In each bin three groups
+    start with total weights of their own, whatever their numbers: its cars, street, and cars of other bins.
+    These have little, or stumps would part views rather than cars and street, and serve few bins.
 
     Raises:
         RescoreError: a bin has no example of a car, or nothing else.
@@ -122,7 +126,7 @@ def joint_boost(
             f"training: expected crops of cars and of street for each bin, got {cars.tolist()} of cars and "
             f"{others.tolist()} of street; add training frames"
         )
-    weight = np.where(label == 1, 0.5 / cars, 0.0) + np.where(label == -1, 0.5 / others, 0.0)
+    weight = _balanced(label)
     steps = Steps.of(features, config.thresholds)
     tried = min(config.features_per_round, len(features))
     feature, threshold, below, step = [], [], [], []
@@ -138,6 +142,15 @@ def joint_boost(
         weight /= weight.sum()
     as_float = (np.asarray(v, np.float32) for v in (threshold, below, step))
     return SharedStumps(np.array(feature, np.int64), *as_float)
+
+
+def _balanced(label: IntArray) -> FloatArray:
+    elsewhere = (label == -1) & (label == 1).any(axis=1)[:, None]
+    street = (label == -1) & ~elsewhere
+    weight = np.zeros(label.shape)
+    for group, total in ((label == 1, 0.5), (street, 0.5 - OF_OTHER_VIEWS), (elsewhere, OF_OTHER_VIEWS)):
+        weight += group * (total / np.maximum(group.sum(axis=0), 1))
+    return np.asarray(weight / weight.sum())
 
 
 def best_shared_stump(
