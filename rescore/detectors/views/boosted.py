@@ -27,7 +27,6 @@ from rescore.detectors.fragments import (
     level_features,
 )
 from rescore.detectors.mining import MiningConfig, hard_negatives, jittered
-from rescore.detectors.platt import fit_platt
 from rescore.detectors.views.examples import (
     CarViews,
     ViewExamples,
@@ -35,6 +34,7 @@ from rescore.detectors.views.examples import (
     car_views,
     cut_like_a_scan,
     read_gray,
+    score_exceeded,
     windows_of_scale,
 )
 from rescore.detectors.views.joint_boosting import JointBoostConfig, SharedStumps, joint_boost
@@ -51,14 +51,14 @@ class BoostedViewsConfig:
     """Height of a car in the window; its width is that of the bin's examples."""
     margin_px: int = 8
     """Margin around the widest car."""
-    scan: HeightRange = field(default_factory=HeightRange)
+    scan: HeightRange = field(default_factory=lambda: HeightRange(smallest_px=24.0))
     stride: int = 2
     """Step of the window in grid steps of the fragments."""
     padding_px: int = 24
     """Mirrored border of each level: for cars cut by the edge."""
     floor: float = -4.0
     """Windows that score less are not reported by the scan."""
-    fragments: FragmentConfig = field(default_factory=lambda: FragmentConfig(count=480, sizes_px=(9, 13)))
+    fragments: FragmentConfig = field(default_factory=lambda: FragmentConfig(count=240, sizes_px=(9, 11)))
     boosting: JointBoostConfig = field(default_factory=JointBoostConfig)
     examples: ViewExamples = field(default_factory=ViewExamples)
     mining: MiningConfig = field(
@@ -99,7 +99,8 @@ class BoostedViewsDetector:
         config, window, parts = self.config, self.window, []
         step = config.stride * config.fragments.grid_px
         with one_thread():
-            for zoom, level in levels_of(gray(rgb), config.object_height_px, config.scan, config.padding_px):
+            heights = config.scan.heights_px()
+            for zoom, level in levels_of(gray(rgb), config.object_height_px, heights, config.padding_px):
                 scores = self.stumps.score(level_features(level, self.dictionary, window, config.stride))
                 best = scores.argmax(axis=0)
                 score = scores.max(axis=0)
@@ -175,7 +176,7 @@ def train_boosted_views(
         crops = _Crops.joined([crops, street])
         stumps = joint_boost(features, crops.label, config.boosting, rng)
         if mined == config.mining.rounds:
-            stumps = stumps.shifted(_even_odds(features, crops, config, rng))
+            stumps = stumps.shifted(-_once_a_frame(features, crops, config, rng, len(data.frames)))
         used = stumps.used()
         detector = replace(blank, dictionary=dictionary.chosen(used), stumps=stumps.renumbered(used))
     return detector
@@ -298,19 +299,15 @@ def _random_windows(
     return Detections(np.concatenate([corner, corner + size], axis=1), rng.random(n))
 
 
-def _even_odds(
-    features: Float32Array, crops: _Crops, config: BoostedViewsConfig, rng: np.random.Generator
+def _once_a_frame(
+    features: Float32Array, crops: _Crops, config: BoostedViewsConfig, rng: np.random.Generator, n_frames: int
 ) -> FloatArray:
-    """What to add to scores (bins,) for 0 to mean even odds, as told by stumps on frames not seen by them."""
+    """The score (bins,) that street exceeds once a frame, as told by stumps on frames not seen by them."""
     folds, held_out = config.examples.folds, np.zeros(crops.label.shape)
     for fold in range(folds):
         seen = crops.frame % folds != fold
         stumps = joint_boost(features[:, seen], crops.label[seen], config.boosting, rng)
         held_out[~seen] = stumps.score(features[:, ~seen]).T
     is_street = (crops.label != 1).all(axis=1)
-    scalings = []
-    for k in range(crops.label.shape[1]):
-        # cars seen from elsewhere are left out: their own bins find them
-        rows = ~crops.is_copy & ((crops.label[:, k] == 1) | (is_street & (crops.label[:, k] == -1)))
-        scalings.append(fit_platt(held_out[rows, k], crops.label[rows, k] == 1))
-    return np.array([s.b / s.a for s in scalings])
+    bins = zip(held_out.T, crops.label.T, strict=True)
+    return np.array([score_exceeded(score[is_street & (label == -1)], n_frames) for score, label in bins])

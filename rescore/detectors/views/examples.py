@@ -30,7 +30,7 @@ class ViewExamples:
     min_height_px: float = 16.0
     """Lower cars are no examples."""
     folds: int = 2
-    """Parts of the frames: what has not seen a part tells the log odds of scores there."""
+    """Parts of the frames: what has not seen a part tells how high its street scores."""
     max_truncated: float = 0.05
     """Cars of which more lies outside the picture are no examples: their box does not tell their size."""
 
@@ -125,6 +125,11 @@ def aspects(cars: tuple[CarViews, ...], examples: ViewExamples) -> dict[int, flo
             "got fewer of each; add frames with cars to the train split"
         )
     return found
+
+
+def score_exceeded(score: FloatArray, times: int) -> float:
+    """The score of which at most so many others are greater; the least where there are fewer."""
+    return float(np.sort(score)[::-1][min(times, len(score) - 1)])
 
 
 def windows_around(xyxy_px: FloatArray, window: WindowGeometry) -> FloatArray:

@@ -1,8 +1,8 @@
 """Dalal and Triggs for all views: a linear SVM a view bin over one pyramid of gradient histograms.
 
 All filters are correlated with the same features. The window of a filter has the shape of its bin's cars; the
-filter of a mirrored bin is the mirrored filter. In each bin a window of score 0 is as likely a car as not, so
-that scores of two bins compare.
+filter of a mirrored bin is the mirrored filter. In each bin street scores above 0 once a frame, so that scores
+of two bins compare.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,6 @@ from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
 from rescore.detectors.mining import MiningConfig, hard_negatives, jittered
-from rescore.detectors.platt import fit_platt
 from rescore.detectors.views.examples import (
     CarViews,
     ViewExamples,
@@ -29,6 +28,7 @@ from rescore.detectors.views.examples import (
     car_views,
     cut_like_a_scan,
     read_gray,
+    score_exceeded,
     windows_around,
 )
 from rescore.detectors.views.levels import HeightRange, levels_of
@@ -59,7 +59,7 @@ class HogViewsConfig:
     """Mirrored border of each level: for cars cut by the edge."""
     svm_c: float = 0.03
     """Soft margin of the SVMs; looser than in the paper, since some bins have few examples."""
-    floor: float = -1.2
+    floor: float = -0.6
     """Windows that score less are not reported by the scan."""
     examples: ViewExamples = field(default_factory=ViewExamples)
     mining: MiningConfig = field(
@@ -139,7 +139,8 @@ class HogViewsDetector:
     def scan(self, rgb: UInt8Array) -> Detections:
         """All windows above the floor, each with the azimuth of its bin, before suppression and clipping."""
         with one_thread():
-            found = self.places(pyramid(gray(rgb), self.config), self.config.floor)
+            levels = pyramid(gray(rgb), self.config, self.config.scan.heights_px())
+            found = self.places(levels, self.config.floor)
         middles = np.array([self.config.examples.middle_deg(f.view_bin) for f in self.filters])
         return ordered(found.xyxy_px, found.score, middles[found.filter_index])
 
@@ -188,9 +189,9 @@ class Level:
     """Shape (rows, columns, 36), ``stride_px`` apart."""
 
 
-def pyramid(picture: UInt8Array, config: HogViewsConfig) -> list[Level]:
-    """The features of a grey picture (h, w) at all sizes of cars."""
-    levels = levels_of(picture, config.object_height_px, config.scan, config.padding_px)
+def pyramid(picture: UInt8Array, config: HogViewsConfig, heights_px: FloatArray) -> list[Level]:
+    """The features of a grey picture (h, w) at some sizes of cars."""
+    levels = levels_of(picture, config.object_height_px, heights_px, config.padding_px)
     return [Level(zoom, block_features(level, config.stride_px)) for zoom, level in levels]
 
 
@@ -232,19 +233,16 @@ class _Rows:
     """Shape (n, rows, columns, 36)."""
     frame: IntArray
     """Shape (n,): place of the frame that each comes from."""
-    is_copy: BoolArray
-    """Shape (n,): a shifted copy of another one."""
 
     def __len__(self) -> int:
         return len(self.frame)
 
     def take(self, rows: BoolArray) -> "_Rows":
-        return _Rows(self.blocks[rows], self.frame[rows], self.is_copy[rows])
+        return _Rows(self.blocks[rows], self.frame[rows])
 
     @staticmethod
     def joined(parts: "Sequence[_Rows]") -> "_Rows":
-        names = ("blocks", "frame", "is_copy")
-        return _Rows(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+        return _Rows(np.concatenate([p.blocks for p in parts]), np.concatenate([p.frame for p in parts]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,13 +268,6 @@ class _BinExamples:
         )
         return replace(self, cars=cars, others=others, street=street)
 
-    def held_out(self, fold: int, folds: int) -> tuple[Float32Array, BoolArray]:
-        """Descriptors of the frames of a fold, cars once each, and which are cars; cars seen from elsewhere
-        are left out, since their own filters find them."""
-        assert self.street is not None
-        cars, street = (r.take((r.frame % folds == fold) & ~r.is_copy) for r in (self.cars, self.street))
-        return _Rows.joined([cars, street]).blocks, np.repeat([True, False], [len(cars), len(street)])
-
     def fit(self, svm_c: float) -> ViewFilter:
         """The linear SVM between the cars and all else."""
         from sklearn.svm import LinearSVC  # noqa: PLC0415 (takes a second; fitting alone needs it)
@@ -290,20 +281,19 @@ class _BinExamples:
         weight = svm.coef_[0].astype(np.float32).reshape(rows.blocks.shape[1:])
         return ViewFilter(self.view_bin, self.window, weight, float(svm.intercept_[0]))
 
-    def fit_even_odds(self, svm_c: float, folds: int) -> ViewFilter:
-        """The same, shifted so that a score of 0 means even odds, as told by SVMs on frames not seen by them.
+    def fit_comparable(self, svm_c: float, folds: int, false_alarms: int) -> ViewFilter:
+        """The same, shifted so that street scores above 0 that often, as told by SVMs on frames not seen by them.
 
-        The slope stays that of the margin: in rare bins a slope of its own would be a guess.
+        The rates of finds would compare better still, but rare bins have too few cars to tell them.
         """
-        scores, is_car = [], []
+        assert self.street is not None
+        scores = []
         for fold in range(folds):
             unseen = self.without(fold, folds).fit(svm_c)
-            blocks, label = self.held_out(fold, folds)
+            blocks = self.street.take(self.street.frame % folds == fold).blocks
             scores.append(np.tensordot(blocks, unseen.weight, axes=3) + unseen.bias)
-            is_car.append(label)
-        scaling = fit_platt(np.concatenate(scores), np.concatenate(is_car))
         fitted = self.fit(svm_c)
-        return replace(fitted, bias=fitted.bias + scaling.b / scaling.a)
+        return replace(fitted, bias=fitted.bias - score_exceeded(np.concatenate(scores), false_alarms))
 
 
 def train_hog_views(
@@ -326,15 +316,17 @@ def train_hog_views(
         bins = {b: e.with_street(street[b]) for b, e in bins.items()}
         # bins are compared at the end alone: mining takes the best windows of each filter
         last = mined == config.mining.rounds
-        tasks = (delayed(_fit)(e, config, last) for e in bins.values())
+        tasks = (delayed(_fit)(e, config, len(data.frames), last) for e in bins.values())
         detector = _with_mirrored(Parallel(n_jobs=jobs)(tasks), config)
     return detector
 
 
-def _fit(examples: _BinExamples, config: HogViewsConfig, last: bool) -> ViewFilter:
-    if last:
-        return examples.fit_even_odds(config.svm_c, config.examples.folds)
-    return examples.fit(config.svm_c)
+def _fit(examples: _BinExamples, config: HogViewsConfig, n_frames: int, last: bool) -> ViewFilter:
+    if not last:
+        return examples.fit(config.svm_c)
+    # the street of two mirrored bins lies together
+    once_a_frame = n_frames * (1 + (config.examples.mirrored(examples.view_bin) != examples.view_bin))
+    return examples.fit_comparable(config.svm_c, config.examples.folds, once_a_frame)
 
 
 def _with_mirrored(learned: Sequence[ViewFilter], config: HogViewsConfig) -> HogViewsDetector:
@@ -366,10 +358,7 @@ def _examples_of(
             crops = cut_like_a_scan(picture, windows, window)
             mirror = np.concatenate([views.mirrored[rows], np.repeat(views.mirrored[rows], copies)])
             crops[mirror] = crops[mirror][:, :, ::-1]
-            # where a bin is its own mirrored one, each car stands there twice; its street does not
-            is_copy = np.arange(len(crops)) >= rows.sum()
-            is_copy |= mirror & (limits.mirrored(view_bin) == view_bin)
-            found.append(_Rows(_descriptors(crops, window), np.full(len(crops), frame), is_copy))
+            found.append(_Rows(_descriptors(crops, window), np.full(len(crops), frame)))
     return _BinExamples(view_bin, window, _Rows.joined(shown), _Rows.joined(others))
 
 
@@ -411,7 +400,10 @@ def _street_of(
 ) -> list[tuple[int, _Rows]]:
     config = detector.config
     with one_thread():
-        levels = pyramid(read_gray(record), config)
+        heights = config.scan.heights_px()
+        # random windows need not be of all sizes in each frame
+        some = heights if mined else np.sort(rng.choice(heights, min(4, len(heights)), replace=False))
+        levels = pyramid(read_gray(record), config, some)
         places = detector.places(levels, MINING_FLOOR) if mined else _random_places(detector, levels, rng)
     found = []
     for k, view in enumerate(detector.filters):
@@ -421,7 +413,7 @@ def _street_of(
         blocks = _blocks_at(places, chosen, levels, view, CELL_PX // config.stride_px)
         learned = min(view.view_bin, config.examples.mirrored(view.view_bin))
         blocks = blocks if learned == view.view_bin else mirrored_blocks(blocks)
-        found.append((learned, _Rows(blocks, np.full(len(blocks), frame), np.zeros(len(blocks), bool))))
+        found.append((learned, _Rows(blocks, np.full(len(blocks), frame))))
     return found
 
 

@@ -67,7 +67,7 @@ class SharedStumps:
 class JointBoostConfig:
     """How many stumps, and what each is chosen from."""
 
-    rounds: int = 160
+    rounds: int = 500
     """Number of stumps."""
     features_per_round: int = 120
     """Features tried in a round, drawn at random."""

@@ -34,14 +34,14 @@ class HeightRange:
 
 
 def levels_of(
-    picture: UInt8Array, object_height_px: int, scan: HeightRange, padding_px: int
+    picture: UInt8Array, object_height_px: int, heights_px: FloatArray, padding_px: int
 ) -> Iterator[tuple[float, UInt8Array]]:
     """Sizes of a grey picture (h, w), each with the pixels of the level over those of the picture.
 
-    At each, cars of one of the heights are ``object_height_px`` high. A mirrored border is put around it.
+    At each, cars of one of the heights (n,) are ``object_height_px`` high. A mirrored border is put around it.
     """
     height, width = picture.shape
-    for car_px in scan.heights_px():
+    for car_px in heights_px:
         zoom = object_height_px / float(car_px)
         size = max(1, round(width * zoom)), max(1, round(height * zoom))
         # area means do not alias
