@@ -42,6 +42,9 @@ from rescore.detectors.views.levels import HeightRange, levels_of
 from rescore.detectors.windows import WindowGeometry, gray
 from rescore.parallel import in_order, one_thread
 
+MINING_FLOOR = -4.0
+"""Street that scores less than this weighs next to nothing in boosting."""
+
 
 @dataclass(frozen=True)
 class BoostedViewsConfig:
@@ -96,15 +99,19 @@ class BoostedViewsDetector:
 
     def scan(self, rgb: UInt8Array) -> Detections:
         """The best bin of each window above the floor, before suppression and clipping."""
+        return self.windows(gray(rgb), self.config.floor)
+
+    def windows(self, picture: UInt8Array, floor: float) -> Detections:
+        """The best bin of each window of a grey picture (h, w) that scores more than a floor."""
         config, window, parts = self.config, self.window, []
         step = config.stride * config.fragments.grid_px
         with one_thread():
             heights = config.scan.heights_px()
-            for zoom, level in levels_of(gray(rgb), config.object_height_px, heights, config.padding_px):
+            for zoom, level in levels_of(picture, config.object_height_px, heights, config.padding_px):
                 scores = self.stumps.score(level_features(level, self.dictionary, window, config.stride))
                 best = scores.argmax(axis=0)
                 score = scores.max(axis=0)
-                at = tuple(np.argwhere(score > config.floor).T)
+                at = tuple(np.argwhere(score > floor).T)
                 corner = (np.stack(at[::-1], axis=1) * step - config.padding_px) / zoom
                 parts.append((self.boxes(corner, 1 / zoom, best[at]), score[at].astype(float), best[at]))
         boxes, score, bins = (np.concatenate(p) for p in zip(*parts, strict=True))
@@ -219,7 +226,10 @@ def _car_crops_of(
     pixels[mirror] = pixels[mirror][:, :, ::-1]
     away = np.stack([limits.away_deg(views.azimuth_deg, int(b)) for b in blank.view_bin], axis=1)
     label = np.where(away <= limits.reach_deg, 1, np.where(away > limits.apart_deg, -1, 0))[which]
-    return _Crops(pixels, label, np.full(len(which), frame), np.arange(len(which)) >= n)
+    # a car of a bin that is not learned teaches nothing
+    use = (label == 1).any(axis=1)
+    is_copy = np.arange(len(which)) >= n
+    return _Crops(pixels[use], label[use], np.full(use.sum(), frame), is_copy[use])
 
 
 def _cut_dictionary(blank: BoostedViewsDetector, crops: _Crops, rng: np.random.Generator) -> Dictionary:
@@ -263,7 +273,7 @@ def _street_of(
 ) -> _Crops:
     config, window = detector.config, detector.window
     picture = read_gray(record)
-    found = detector.scan(picture) if mined else _random_windows(detector, record, rng)
+    found = detector.windows(picture, MINING_FLOOR) if mined else _random_windows(detector, record, rng)
     chosen = found.take(hard_negatives(found, truth, config.mining, per_frame))
     scale = (chosen.xyxy_px[:, 3] - chosen.xyxy_px[:, 1]) / config.object_height_px
     windows = windows_of_scale(chosen.xyxy_px, scale, window)

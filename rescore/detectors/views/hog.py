@@ -1,8 +1,8 @@
 """Dalal and Triggs for all views: a linear SVM a view bin over one pyramid of gradient histograms.
 
 All filters are correlated with the same features. The window of a filter has the shape of its bin's cars; the
-filter of a mirrored bin is the mirrored filter. In each bin street scores above 0 once a frame, so that scores
-of two bins compare.
+filter of a mirrored bin is the mirrored filter. In each bin street scores above 0 once a frame, so that bins
+compare.
 """
 
 from collections.abc import Mapping, Sequence
@@ -282,7 +282,7 @@ class _BinExamples:
         return ViewFilter(self.view_bin, self.window, weight, float(svm.intercept_[0]))
 
     def fit_comparable(self, svm_c: float, folds: int, false_alarms: int) -> ViewFilter:
-        """The same, shifted so that street scores above 0 that often, as told by SVMs on frames not seen by them.
+        """The same, shifted so that street scores above 0 that often, as told by SVMs that have not seen it.
 
         The rates of finds would compare better still, but rare bins have too few cars to tell them.
         """

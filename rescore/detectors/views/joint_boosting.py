@@ -48,7 +48,7 @@ class SharedStumps:
         for i, (k, threshold) in enumerate(zip(self.feature, self.threshold, strict=True)):
             exceeds[i] = (features[k] > threshold).ravel()
         total = self.step.T @ exceeds + self.below.sum(axis=0, dtype=np.float32)[:, None]
-        return np.asarray(total.reshape(-1, *features.shape[1:]), np.float32)
+        return np.asarray(total.reshape(self.step.shape[1], *features.shape[1:]), np.float32)
 
     def used(self) -> IntArray:
         """The rows that some stump reads, ascending."""

@@ -38,7 +38,7 @@ def levels_of(
 ) -> Iterator[tuple[float, UInt8Array]]:
     """Sizes of a grey picture (h, w), each with the pixels of the level over those of the picture.
 
-    At each, cars of one of the heights (n,) are ``object_height_px`` high. A mirrored border is put around it.
+    At each, cars of one of the heights (n,) are ``object_height_px`` high. A mirrored border is added.
     """
     height, width = picture.shape
     for car_px in heights_px:

@@ -62,8 +62,11 @@ def test_bins_are_told_apart_and_files_hold_what_is_used():
     config = JointBoostConfig(rounds=30, features_per_round=6, thresholds=8)
     stumps = joint_boost(features, label, config, np.random.default_rng(0))
     fresh, truth = problem(n=1500, seed=9)
-    right = [(np.sign(s) == t).mean() for s, t in zip(stumps.score(fresh), truth.T, strict=True)]
-    assert min(right) > 0.75
+    street = (truth == -1).all(axis=1)
+    for score, label in zip(stumps.score(fresh), truth.T, strict=True):
+        # a threshold midway between normal values 1.2 apart is right for 73 % of either kind
+        assert (score[label == 1] > 0).mean() + (score[street] < 0).mean() > 2 * 0.68
+    assert stumps.score(fresh[:, :0]).shape == (3, 0)
     used = stumps.used()
     np.testing.assert_array_equal(stumps.renumbered(used).score(fresh[used]), stumps.score(fresh))
     moved = stumps.shifted(np.array([1.0, 0.0, -2.0]))

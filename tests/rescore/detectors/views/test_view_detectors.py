@@ -27,10 +27,11 @@ from tests.rescore.toy_street import ASPECT, ASPECT_OF_END, picture_of, random_v
 SIZES = HeightRange(25, 65, 1.2)
 MINING = MiningConfig(jitter_copies=3, random_per_frame=10, hard_per_frame=6, rounds=1, max_car_iou=0.4)
 SMALL: dict[str, Any] = {
-    "hog_views": HogViewsConfig(scan=SIZES, mining=MINING),
+    "hog_views": HogViewsConfig(scan=SIZES, mining=MINING, floor=-1.0),
     "boosted_views": BoostedViewsConfig(
         scan=SIZES,
         mining=MINING,
+        floor=-4.0,
         fragments=FragmentConfig(count=120, sizes_px=(9,)),
         boosting=JointBoostConfig(rounds=40, features_per_round=40),
     ),
