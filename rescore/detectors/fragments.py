@@ -292,7 +292,7 @@ def crop_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
 
 
 def features_of_crops(crops: UInt8Array, dictionary: Dictionary, jobs: int) -> Float32Array:
-    """The same as ``crop_features``, by several processes."""
+    """Features (f, n) of canonical crops (n, height, width), as ``crop_features``, by several processes."""
     chunks = [crops[i : i + 128] for i in range(0, len(crops), 128)]
     parts = Parallel(n_jobs=jobs)(delayed(_chunk_features)(chunk, dictionary) for chunk in chunks)
     return np.concatenate([np.empty((len(dictionary), 0), np.float32), *parts], axis=1)

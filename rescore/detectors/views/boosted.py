@@ -27,6 +27,7 @@ from rescore.detectors.fragments import (
     level_features,
 )
 from rescore.detectors.mining import MiningConfig, hard_negatives, jittered
+from rescore.detectors.platt import fit_platt
 from rescore.detectors.views.examples import (
     CarViews,
     ViewExamples,
@@ -34,7 +35,6 @@ from rescore.detectors.views.examples import (
     car_views,
     cut_like_a_scan,
     read_gray,
-    score_exceeded,
     windows_of_scale,
 )
 from rescore.detectors.views.joint_boosting import JointBoostConfig, SharedStumps, joint_boost
@@ -61,7 +61,7 @@ class BoostedViewsConfig:
     """Mirrored border of each level: for cars cut by the edge."""
     floor: float = -4.0
     """Windows that score less are not reported by the scan."""
-    fragments: FragmentConfig = field(default_factory=lambda: FragmentConfig(count=240, sizes_px=(9, 11)))
+    fragments: FragmentConfig = field(default_factory=lambda: FragmentConfig(count=480, sizes_px=(9, 13)))
     boosting: JointBoostConfig = field(default_factory=JointBoostConfig)
     examples: ViewExamples = field(default_factory=ViewExamples)
     mining: MiningConfig = field(
@@ -183,7 +183,7 @@ def train_boosted_views(
         crops = _Crops.joined([crops, street])
         stumps = joint_boost(features, crops.label, config.boosting, rng)
         if mined == config.mining.rounds:
-            stumps = stumps.shifted(-_once_a_frame(features, crops, config, rng, len(data.frames)))
+            stumps = stumps.shifted(-_even_odds(features, crops, config, rng))
         used = stumps.used()
         detector = replace(blank, dictionary=dictionary.chosen(used), stumps=stumps.renumbered(used))
     return detector
@@ -309,15 +309,22 @@ def _random_windows(
     return Detections(np.concatenate([corner, corner + size], axis=1), rng.random(n))
 
 
-def _once_a_frame(
-    features: Float32Array, crops: _Crops, config: BoostedViewsConfig, rng: np.random.Generator, n_frames: int
+def _even_odds(
+    features: Float32Array, crops: _Crops, config: BoostedViewsConfig, rng: np.random.Generator
 ) -> FloatArray:
-    """The score (bins,) that street exceeds once a frame, as told by stumps on frames not seen by them."""
+    """The score (bins,) at which cars are as likely as street, as told by stumps on frames not seen by them.
+
+    Here the rate of false alarms would not do: the fewer cars a bin has, the wider its scores are spread.
+    """
     folds, held_out = config.examples.folds, np.zeros(crops.label.shape)
     for fold in range(folds):
         seen = crops.frame % folds != fold
         stumps = joint_boost(features[:, seen], crops.label[seen], config.boosting, rng)
         held_out[~seen] = stumps.score(features[:, ~seen]).T
     is_street = (crops.label != 1).all(axis=1)
-    bins = zip(held_out.T, crops.label.T, strict=True)
-    return np.array([score_exceeded(score[is_street & (label == -1)], n_frames) for score, label in bins])
+    scalings = []
+    for score, label in zip(held_out.T, crops.label.T, strict=True):
+        # cars seen from elsewhere are left out: their own bins find them
+        rows = ~crops.is_copy & ((label == 1) | (is_street & (label == -1)))
+        scalings.append(fit_platt(score[rows], label[rows] == 1))
+    return np.array([-s.b / s.a for s in scalings])

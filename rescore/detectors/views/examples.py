@@ -16,7 +16,7 @@ from rescore.detectors.windows import WindowGeometry, crop_windows, gray
 
 @dataclass(frozen=True)
 class ViewExamples:
-    """Which cars are examples of which view bin."""
+    """Limits on the cars that are examples of a view bin."""
 
     bins: int = 12
     """View bins around the circle, see ``recon.view_bins``."""

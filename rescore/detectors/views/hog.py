@@ -64,7 +64,7 @@ class HogViewsConfig:
     examples: ViewExamples = field(default_factory=ViewExamples)
     mining: MiningConfig = field(
         default_factory=lambda: MiningConfig(
-            jitter_copies=9, max_car_iou=0.4, random_per_frame=20, hard_per_frame=40, rounds=1
+            jitter_copies=9, max_car_iou=0.4, random_per_frame=20, hard_per_frame=25, rounds=2
         )
     )
     """Settings of mining; the street windows of a frame are counted for each bin."""
@@ -282,7 +282,7 @@ class _BinExamples:
         return ViewFilter(self.view_bin, self.window, weight, float(svm.intercept_[0]))
 
     def fit_comparable(self, svm_c: float, folds: int, false_alarms: int) -> ViewFilter:
-        """The same, shifted so that street scores above 0 that often, as told by SVMs that have not seen it.
+        """The SVM, shifted so that street scores above 0 that often, as told by SVMs that have not seen it.
 
         The rates of finds would compare better still, but rare bins have too few cars to tell them.
         """

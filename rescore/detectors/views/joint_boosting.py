@@ -67,9 +67,9 @@ class SharedStumps:
 class JointBoostConfig:
     """How many stumps, and what each is chosen from."""
 
-    rounds: int = 500
+    rounds: int = 320
     """Number of stumps."""
-    features_per_round: int = 120
+    features_per_round: int = 200
     """Features tried in a round, drawn at random."""
     thresholds: int = 12
     """Thresholds tried of a feature: quantiles of its values."""
