@@ -21,6 +21,7 @@ from rescore.detectors.views.examples import ViewExamples, aspects, car_views
 from rescore.detectors.views.hog import HogViewsConfig
 from rescore.detectors.views.joint_boosting import JointBoostConfig
 from rescore.detectors.views.levels import HeightRange
+from rescore.experiment.config import RunConfig, run_preset
 from rescore.formats.coco import read_detections, write_detections
 from tests.rescore.toy_street import ASPECT, ASPECT_OF_END, picture_of, random_view, toy_views
 
@@ -146,3 +147,10 @@ def test_cars_without_azimuth_are_refused(data: DataSet) -> None:
 def test_they_run_where_they_are_named_alone() -> None:
     assert set(NAMES) <= set(DETECTORS)
     assert not set(NAMES) & set(learned_detectors())
+
+
+def test_streets_run_them_beside_the_modelled_boxes() -> None:
+    config = run_preset("streets")
+    assert config.detectors == ("modelled", *NAMES)
+    assert RunConfig.model_validate(config.as_json()) == config
+    assert run_preset("paper").detectors == ("hog", "boosted")
