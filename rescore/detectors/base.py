@@ -1,10 +1,11 @@
 """What every detector offers, and what it returns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
 from recon.boxes import suppress
@@ -20,13 +21,23 @@ class Detections:
     """Shape (n, 4), pixel edges inside the picture."""
     score: FloatArray
     """Shape (n,), raw: any range, not a probability."""
+    azimuth_deg: FloatArray | None = None
+    """Shape (n,), the middle of the view bin that each is found in (see ``rescore.data.frames.Truth``); None
+    of a detector that does not tell views apart."""
 
     def __post_init__(self) -> None:
         if self.score.ndim != 1 or self.xyxy_px.shape != (len(self.score), 4):
             raise ValueError(f"detections: {self.xyxy_px.shape} boxes and {self.score.shape} scores")
+        if self.azimuth_deg is not None and self.azimuth_deg.shape != self.score.shape:
+            raise ValueError(f"detections: {self.score.shape} scores and {self.azimuth_deg.shape} azimuths")
 
     def __len__(self) -> int:
         return len(self.score)
+
+    def take(self, rows: NDArray[Any]) -> "Detections":
+        """The detections of a mask or an index."""
+        azimuth = None if self.azimuth_deg is None else self.azimuth_deg[rows]
+        return Detections(self.xyxy_px[rows], self.score[rows], azimuth)
 
 
 @dataclass(frozen=True)
@@ -64,21 +75,21 @@ class FrameDetector(Protocol):
         """The candidates of a frame, in place of ``Detector.detect``."""
 
 
-def ordered(xyxy_px: FloatArray, score: FloatArray, max_count: int = 2000) -> Detections:
+def ordered(
+    xyxy_px: FloatArray, score: FloatArray, azimuth_deg: FloatArray | None = None, *, max_count: int = 2000
+) -> Detections:
     """The best detections, ordered by their values alone: threads deliver them in any order."""
+    found = Detections(xyxy_px, score, azimuth_deg)
     if len(score) > max_count:
-        best = score >= np.partition(score, -max_count)[-max_count]
-        xyxy_px, score = xyxy_px[best], score[best]
-    order = np.lexsort((*xyxy_px.T[::-1], -score))[:max_count]
-    return Detections(xyxy_px[order], score[order])
+        found = found.take(np.flatnonzero(score >= np.partition(score, -max_count)[-max_count]))
+    return found.take(np.lexsort((*found.xyxy_px.T[::-1], -found.score))[:max_count])
 
 
 def best_candidates(
     found: Detections, config: SuppressionConfig, width_px: int, height_px: int
 ) -> Detections:
     """The highest-scoring detections after clipping to the picture and suppression; raw scores are kept."""
-    boxes = clip_boxes(found.xyxy_px, width_px, height_px)
-    solid = ((boxes[:, 2:] - boxes[:, :2]) > 1.0).all(axis=1)
-    boxes, score = boxes[solid], found.score[solid]
-    keep = suppress(boxes, score, config.max_iou, config.max_count)
-    return Detections(boxes[keep], score[keep])
+    clipped = replace(found, xyxy_px=clip_boxes(found.xyxy_px, width_px, height_px))
+    size = clipped.xyxy_px[:, 2:] - clipped.xyxy_px[:, :2]
+    solid = clipped.take(np.flatnonzero((size > 1.0).all(axis=1)))
+    return solid.take(suppress(solid.xyxy_px, solid.score, config.max_iou, config.max_count))

@@ -3,15 +3,12 @@
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
 import cv2
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
 from rescore.data.frames import DataSet
@@ -21,8 +18,9 @@ from rescore.detectors.files import write_detector
 from rescore.detectors.fragments import (
     Dictionary,
     FragmentConfig,
-    crop_features,
+    blas,
     cut_dictionary,
+    features_of_crops,
     level_features,
 )
 from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, car_crops, hard_crops, street_crops
@@ -91,7 +89,7 @@ class BoostedDetector:
         picture = gray(rgb)
         widths = self.config.scan.car_widths_px()
         # threads over levels, largest first; BLAS alone would idle between its small products
-        with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(cv2.getNumThreads()) as pool:
+        with blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(cv2.getNumThreads()) as pool:
             levels = list(pool.map(lambda width: self._scan_level(picture, width), widths))
         return ordered(np.concatenate([b for b, _ in levels]), np.concatenate([s for _, s in levels]))
 
@@ -118,9 +116,7 @@ class BoostedDetector:
         arrays: dict[str, NDArray[Any]] = {
             f"stump_{key}": getattr(self.stumps, key) for key in ("feature", "threshold", "below", "above")
         }
-        d = self.dictionary
-        for i, (patches, filters, places) in enumerate(zip(d.patches, d.filter_index, d.place, strict=True)):
-            arrays |= {f"patches_{i}": patches, f"filter_index_{i}": filters, f"place_{i}": places}
+        arrays |= self.dictionary.as_arrays()
         write_detector(path, self.kind, self.name, asdict(self.config), arrays)
 
     @staticmethod
@@ -139,20 +135,9 @@ class BoostedDetector:
         nested["suppression"] = SuppressionConfig(**nested["suppression"])
         nested["padding_px"] = tuple(nested["padding_px"])
         whole = BoostedConfig(**nested)
-        groups = range(len(whole.fragments.sizes_px))
-        dictionary = Dictionary(
-            tuple(arrays[f"patches_{i}"] for i in groups),
-            tuple(arrays[f"filter_index_{i}"] for i in groups),
-            tuple(arrays[f"place_{i}"] for i in groups),
-            whole.fragments,
-        )
+        dictionary = Dictionary.of_arrays(arrays, whole.fragments)
         stumps = Stumps(*(arrays[f"stump_{key}"] for key in ("feature", "threshold", "below", "above")))
         return BoostedDetector(dictionary, stumps, whole, name)
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    return ThreadpoolController()  # finding the libraries takes milliseconds, so once
 
 
 def train_boosted(
@@ -166,12 +151,12 @@ def train_boosted(
     style = config.crop_style
     cars = car_crops(data, style, rng, jobs)
     dictionary = cut_dictionary(cars, config.window, config.fragments, rng)
-    car_features = _features(cars, dictionary, jobs)
-    street_features = _features(street_crops(data, style, rng, jobs), dictionary, jobs)
+    car_features = features_of_crops(cars, dictionary, jobs)
+    street_features = features_of_crops(street_crops(data, style, rng, jobs), dictionary, jobs)
     detector = _fit(dictionary, car_features, street_features, config, rng)
     for _ in range(config.mining.rounds):
         hard = hard_crops(detector, data, style, rng, jobs=jobs)
-        street_features = np.concatenate([street_features, _features(hard, dictionary, jobs)], axis=1)
+        street_features = np.concatenate([street_features, features_of_crops(hard, dictionary, jobs)], axis=1)
         detector = _fit(dictionary, car_features, street_features, config, rng)
     return detector
 
@@ -191,7 +176,7 @@ class BoostedLearner:
 
     def features(self, crops: UInt8Array) -> Float32Array:
         """Features (n, f) of canonical crops (n, height, width)."""
-        return _features(crops, self.dictionary, self.jobs).T
+        return features_of_crops(crops, self.dictionary, self.jobs).T
 
     def fit(self, cars: Float32Array, street: Float32Array, rng: np.random.Generator) -> BoostedDetector:
         """A detector that parts the features (n, f) of cars and of street."""
@@ -209,14 +194,3 @@ def _fit(
     stumps = gentle_boost(np.concatenate([cars, street], axis=1), is_car, config.boosting, rng)
     used = stumps.used()
     return BoostedDetector(dictionary.chosen(used), stumps.renumbered(used), config)
-
-
-def _features(crops: UInt8Array, dictionary: Dictionary, jobs: int) -> Float32Array:
-    chunks = [crops[i : i + 128] for i in range(0, len(crops), 128)]
-    parts = Parallel(n_jobs=jobs)(delayed(_chunk_features)(chunk, dictionary) for chunk in chunks)
-    return np.concatenate([np.empty((len(dictionary), 0), np.float32), *parts], axis=1)
-
-
-def _chunk_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
-    with _blas().limit(limits=1, user_api="blas"):
-        return crop_features(crops, dictionary)

@@ -30,7 +30,7 @@ def detect_candidates(
 ) -> CandidateTable:
     """The candidates of every frame of a data set, with likelihoods."""
     return CandidateTable.of_candidates(
-        Candidates(image_id, found.xyxy_px, found.score, scaling.likelihood(found.score))
+        Candidates(image_id, found.xyxy_px, found.score, scaling.likelihood(found.score), found.azimuth_deg)
         for image_id, found in _detections(detector, data, jobs, f"detect {detector.name}", show)
     )
 

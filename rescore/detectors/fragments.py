@@ -5,13 +5,18 @@ in a window is the greatest normalised correlation of the patch with the filtere
 Correlations are taken on a grid of pixels, once for all windows of a level.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
+from joblib import Parallel, delayed
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from recon.arrays import Float32Array, IntArray, UInt8Array
 from recon.errors import RescoreError
@@ -80,6 +85,47 @@ class Dictionary:
             tuple(p[i] for p, i in zip(self.filter_index, parts, strict=True)),
             tuple(p[i] for p, i in zip(self.place, parts, strict=True)),
             self.config,
+        )
+
+    @staticmethod
+    def joined(parts: "Sequence[Dictionary]") -> "Dictionary":
+        """The fragments of dictionaries of one config, size by size."""
+        groups = range(len(parts[0].patches))
+        return Dictionary(
+            tuple(np.concatenate([p.patches[i] for p in parts]) for i in groups),
+            tuple(np.concatenate([p.filter_index[i] for p in parts]) for i in groups),
+            tuple(np.concatenate([p.place[i] for p in parts]) for i in groups),
+            parts[0].config,
+        )
+
+    @staticmethod
+    def empty(config: FragmentConfig) -> "Dictionary":
+        """A dictionary without fragments."""
+        return Dictionary(
+            tuple(np.zeros((0, size, size), np.float32) for size in config.sizes_px),
+            tuple(np.zeros(0, np.int64) for _ in config.sizes_px),
+            tuple(np.zeros((0, 2), np.int64) for _ in config.sizes_px),
+            config,
+        )
+
+    def as_arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays of a detector file."""
+        arrays: dict[str, NDArray[Any]] = {}
+        for i, (patches, filters, places) in enumerate(
+            zip(self.patches, self.filter_index, self.place, strict=True)
+        ):
+            arrays |= {f"patches_{i}": patches, f"filter_index_{i}": filters, f"place_{i}": places}
+        return arrays
+
+    @staticmethod
+    def of_arrays(arrays: Mapping[str, NDArray[Any]], config: FragmentConfig) -> "Dictionary":
+        """The dictionary of a detector file."""
+        groups = range(len(config.sizes_px))
+        return Dictionary(
+            tuple(arrays[f"patches_{i}"] for i in groups),
+            tuple(arrays[f"filter_index_{i}"] for i in groups),
+            tuple(arrays[f"place_{i}"] for i in groups),
+            config,
         )
 
 
@@ -243,3 +289,21 @@ def crop_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
                 out[first + members, i] = near[np.arange(len(members)), gy, gx].max(axis=(1, 2))
             first += len(patches)
     return out
+
+
+def features_of_crops(crops: UInt8Array, dictionary: Dictionary, jobs: int) -> Float32Array:
+    """Features (f, n) of canonical crops (n, height, width), as ``crop_features``, by several processes."""
+    chunks = [crops[i : i + 128] for i in range(0, len(crops), 128)]
+    parts = Parallel(n_jobs=jobs)(delayed(_chunk_features)(chunk, dictionary) for chunk in chunks)
+    return np.concatenate([np.empty((len(dictionary), 0), np.float32), *parts], axis=1)
+
+
+def _chunk_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
+    with blas().limit(limits=1, user_api="blas"):
+        return crop_features(crops, dictionary)
+
+
+@cache
+def blas() -> ThreadpoolController:
+    """What limits the threads of linear algebra."""
+    return ThreadpoolController()  # finding the libraries takes milliseconds, so once

@@ -46,6 +46,14 @@ class MiningConfig:
     max_negatives: int = 20_000
     """Upper limit of street crops in memory; with many frames, each gives fewer."""
 
+    def random_of_frame(self, n_frames: int) -> int:
+        """Street windows at random from each of some frames."""
+        return min(self.random_per_frame, max(1, self.max_negatives // (2 * n_frames)))
+
+    def hard_of_frame(self, n_frames: int) -> int:
+        """False alarms from each of some frames in a round."""
+        return min(self.hard_per_frame, max(1, self.max_negatives // (2 * self.rounds * n_frames)))
+
 
 @dataclass(frozen=True)
 class ScanRange:
@@ -185,7 +193,7 @@ def _street_crops_of(task: _FrameTask) -> UInt8Array:
     window, scan, config = task.style.window, task.style.scan, task.style.mining
     picture_px = np.array([task.record.width_px, task.record.height_px], dtype=float)
     window_px = np.array([window.width_px, window.height_px], dtype=float)
-    wanted = min(config.random_per_frame, max(1, config.max_negatives // (2 * task.n_frames)))
+    wanted = config.random_of_frame(task.n_frames)
     tries = 4 * wanted  # most of a street is no car, so a quarter is left after those near cars are dropped
     widths = np.exp(task.rng.uniform(np.log(scan.smallest_car_px), np.log(scan.largest_car_px), tries))
     scale = np.minimum(widths / window.object_width_px, (picture_px / window_px).min())[:, None]
@@ -199,8 +207,5 @@ def _hard_crops_of(task: _FrameTask, detector: Detector) -> UInt8Array:
     config = task.style.mining
     picture = task.picture()
     found = detector.scan(picture)
-    per_frame = min(
-        config.hard_per_frame, max(1, config.max_negatives // (2 * config.rounds * task.n_frames))
-    )
-    boxes = found.xyxy_px[hard_negatives(found, task.truth, config, per_frame)]
+    boxes = found.xyxy_px[hard_negatives(found, task.truth, config, config.hard_of_frame(task.n_frames))]
     return task.cut(picture, task.style.window.windows(boxes))

@@ -28,6 +28,8 @@ from rescore.detectors.crop_training import (
 from rescore.detectors.files import damaged, read_detector_file
 from rescore.detectors.hog_svm import HogConfig, HogDetector, HogLearner, train_hog
 from rescore.detectors.modelled import ModelledConfig, ModelledDetector, make_modelled
+from rescore.detectors.views.boosted import BoostedViewsConfig, BoostedViewsDetector, train_boosted_views
+from rescore.detectors.views.hog import HogViewsConfig, HogViewsDetector, train_hog_views
 
 
 @dataclass(frozen=True)
@@ -51,9 +53,9 @@ class DetectorEntry:
     jobs; None where the detector cannot be trained on crops."""
     authors: str = ""
     """Who published it, for headings."""
-    reads_truth: bool = False
-    """Whether it draws its boxes from the truth of rendered frames; it runs where it is named, not as one of
-    all detectors."""
+    on_request: bool = False
+    """Whether it runs only where it is named, not as one of all detectors: it needs truth that side views of
+    cars do not have, such as azimuths."""
 
     @property
     def module(self) -> ModuleType:
@@ -89,15 +91,35 @@ DETECTORS: dict[str, DetectorEntry] = {
         config=ModelledConfig,
         train=make_modelled,
         load=ModelledDetector.from_parts,
-        reads_truth=True,
+        on_request=True,
+    ),
+    "hog_views": DetectorEntry(
+        title="HOG + SVM, all views",
+        kind=HogViewsDetector.kind,
+        stream=4,
+        config=HogViewsConfig,
+        train=train_hog_views,
+        load=HogViewsDetector.from_parts,
+        authors="Dalal-Triggs",
+        on_request=True,
+    ),
+    "boosted_views": DetectorEntry(
+        title="boosted, all views",
+        kind=BoostedViewsDetector.kind,
+        stream=5,
+        config=BoostedViewsConfig,
+        train=train_boosted_views,
+        load=BoostedViewsDetector.from_parts,
+        authors="Torralba-Murphy-Freeman",
+        on_request=True,
     ),
 }
 """The detectors, by the name that commands, files and tables use."""
 
 
 def learned_detectors() -> tuple[str, ...]:
-    """Names of the detectors that look at pictures, which are meant where no detector is named."""
-    return tuple(name for name, entry in DETECTORS.items() if not entry.reads_truth)
+    """Names of the detectors that are meant where none is named: those of the report, of one view."""
+    return tuple(name for name, entry in DETECTORS.items() if not entry.on_request)
 
 
 def detector_entry(name: str) -> DetectorEntry:

@@ -96,14 +96,15 @@ def run_preset(name: str) -> RunConfig:
     """The config of a preset.
 
     "paper" is the report's protocol, "demo" smaller, "tiny" a few small frames; "streets" looks along
-    streets at cars in all views, with the boxes of a modelled detector and all modes.
+    streets at cars in all views, with the detectors of all views, modelled boxes and all modes.
 
     Raises:
         RescoreError: no such preset.
     """
     config = RunConfig(preset=name, synth=synth_preset(name))
     if name == "streets":
-        return config.model_copy(update={"detectors": ("modelled",), "registrations": tuple(Registration)})
+        all_views = ("modelled", "hog_views", "boosted_views")
+        return config.model_copy(update={"detectors": all_views, "registrations": tuple(Registration)})
     if name != "tiny":
         return config
     # with three training frames every car must serve, and floors must be low for anything to be found

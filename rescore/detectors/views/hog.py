@@ -1,0 +1,449 @@
+"""Dalal and Triggs for all views: a linear SVM a view bin over one pyramid of gradient histograms.
+
+All filters are correlated with the same features. The window of a filter has the shape of its bin's cars; the
+filter of a mirrored bin is the mirrored filter. In each bin street scores above 0 once a frame, so that bins
+compare.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
+
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
+from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
+from rescore.detectors.files import write_detector
+from rescore.detectors.mining import MiningConfig, hard_negatives, jittered
+from rescore.detectors.views.examples import (
+    CarViews,
+    ViewExamples,
+    aspects,
+    car_views,
+    cut_like_a_scan,
+    read_gray,
+    score_exceeded,
+    windows_around,
+)
+from rescore.detectors.views.levels import HeightRange, levels_of
+from rescore.detectors.windows import WindowGeometry, gray
+from rescore.parallel import in_order, one_thread
+
+CELL_PX = 8
+BLOCK_PX = 16
+BINS = 9
+LENGTH = 36
+"""Numbers of a block: 2 x 2 cells of 9 bins each."""
+MINING_FLOOR = -1.0
+"""Where the margin of an SVM ends: street that scores less teaches nothing."""
+
+
+@dataclass(frozen=True)
+class HogViewsConfig:
+    """Filters, training and scan; cells of 8 px, blocks of 2 x 2 and 9 bins as in the paper."""
+
+    object_height_px: int = 32
+    """Height of a car in the window of every bin; its width is that of the bin's examples."""
+    margin_px: int = 8
+    """Least margin around it."""
+    scan: HeightRange = field(default_factory=HeightRange)
+    stride_px: int = 4
+    """Step of a window on a level of the pyramid: a cell or half of one."""
+    padding_px: int = 48
+    """Mirrored border of each level: for cars cut by the edge."""
+    svm_c: float = 0.03
+    """Soft margin of the SVMs; looser than in the paper, since some bins have few examples."""
+    floor: float = -0.6
+    """Windows that score less are not reported by the scan."""
+    examples: ViewExamples = field(default_factory=ViewExamples)
+    mining: MiningConfig = field(
+        default_factory=lambda: MiningConfig(
+            jitter_copies=9, max_car_iou=0.4, random_per_frame=20, hard_per_frame=25, rounds=2
+        )
+    )
+    """Settings of mining; the street windows of a frame are counted for each bin."""
+    suppression: SuppressionConfig = field(default_factory=lambda: SuppressionConfig(max_iou=0.4))
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFilter:
+    """A filter: score of a window = weight . blocks + bias."""
+
+    view_bin: int
+    window: WindowGeometry
+    weight: Float32Array
+    """Shape (rows, columns, 36) of blocks a cell apart."""
+    bias: float = 0.0
+
+    def scores(self, blocks: Float32Array, step: int) -> Float32Array:
+        """Scores (r, c) at all places of a grid of blocks (R, C, 36), ``step`` of them to a cell."""
+        height, width, _ = self.weight.shape
+        rows, columns = blocks.shape[0] - (height - 1) * step, blocks.shape[1] - (width - 1) * step
+        total = np.full((max(0, rows), max(0, columns)), self.bias, np.float32)
+        if not total.size:
+            return total
+        # one product for all cells of the filter, then sums of shifted maps
+        maps = self.weight.reshape(-1, LENGTH) @ blocks.reshape(-1, LENGTH).T
+        maps = maps.reshape(height, width, *blocks.shape[:2])
+        for y, x in np.ndindex(height, width):
+            total += maps[y, x, y * step : y * step + rows, x * step : x * step + columns]
+        return total
+
+    def mirrored(self, view_bin: int) -> "ViewFilter":
+        """The filter of a mirrored picture."""
+        return replace(self, view_bin=view_bin, weight=mirrored_blocks(self.weight))
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Windows of a scan: which filter found each, and where its blocks lie."""
+
+    filter_index: IntArray
+    """Shape (n,)."""
+    level: IntArray
+    """Shape (n,)."""
+    row_column: IntArray
+    """Shape (n, 2): first block in the grid of the level."""
+    xyxy_px: FloatArray
+    """Shape (n, 4): the object in the picture."""
+    score: FloatArray
+    """Shape (n,)."""
+
+    @staticmethod
+    def joined(parts: "Sequence[Places]") -> "Places":
+        """One after the other."""
+        names = ("filter_index", "level", "row_column", "xyxy_px", "score")
+        return Places(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
+
+
+@dataclass(frozen=True, eq=False)
+class HogViewsDetector:
+    """A trained detector of all views."""
+
+    kind: ClassVar[str] = "hog_views"
+    filters: tuple[ViewFilter, ...]
+    """Ascending bins; bins without examples have none."""
+    config: HogViewsConfig
+    name: str = "hog_views"
+
+    def detect(self, rgb: UInt8Array) -> Detections:
+        """The candidates of an (h, w, 3) uint8 picture after suppression over all bins; may be none."""
+        return best_candidates(self.scan(rgb), self.config.suppression, rgb.shape[1], rgb.shape[0])
+
+    def scan(self, rgb: UInt8Array) -> Detections:
+        """All windows above the floor, each with the azimuth of its bin, before suppression and clipping."""
+        with one_thread():
+            levels = pyramid(gray(rgb), self.config, self.config.scan.heights_px())
+            found = self.places(levels, self.config.floor)
+        middles = np.array([self.config.examples.middle_deg(f.view_bin) for f in self.filters])
+        return ordered(found.xyxy_px, found.score, middles[found.filter_index])
+
+    def places(self, levels: "Sequence[Level]", floor: float) -> Places:
+        """All windows of a pyramid that score more than a floor."""
+        stride, parts = self.config.stride_px, []
+        for number, level in enumerate(levels):
+            for k, found in enumerate(self.filters):
+                score = found.scores(level.blocks, CELL_PX // stride)
+                at = np.argwhere(score > floor)
+                corner = (at[:, ::-1] * stride - self.config.padding_px) / level.zoom
+                boxes = found.window.boxes(corner, 1 / level.zoom)
+                which, where = (np.full(len(at), i, np.int64) for i in (k, number))
+                parts.append(Places(which, where, at, boxes, score[tuple(at.T)].astype(float)))
+        return Places.joined(parts)
+
+    def save(self, path: Path) -> None:
+        """Write the detector to one file."""
+        arrays: dict[str, NDArray[Any]] = {"view_bin": np.array([f.view_bin for f in self.filters])}
+        arrays["bias"] = np.array([f.bias for f in self.filters])
+        arrays["object_width_px"] = np.array([f.window.object_width_px for f in self.filters])
+        arrays |= {f"weight_{f.view_bin}": f.weight for f in self.filters}
+        write_detector(path, self.kind, self.name, asdict(self.config), arrays)
+
+    @staticmethod
+    def from_parts(
+        name: str, config: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+    ) -> "HogViewsDetector":
+        """A detector from the header and the arrays of its file."""
+        settings = TypeAdapter(HogViewsConfig).validate_python(config)
+        rows = zip(arrays["view_bin"], arrays["object_width_px"], arrays["bias"], strict=True)
+        filters = tuple(
+            ViewFilter(int(b), window_of(int(width), settings), arrays[f"weight_{b}"], float(bias))
+            for b, width, bias in rows
+        )
+        return HogViewsDetector(filters, settings, name)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One size of a picture."""
+
+    zoom: float
+    """Pixels of the level over those of the picture."""
+    blocks: Float32Array
+    """Shape (rows, columns, 36), ``stride_px`` apart."""
+
+
+def pyramid(picture: UInt8Array, config: HogViewsConfig, heights_px: FloatArray) -> list[Level]:
+    """The features of a grey picture (h, w) at some sizes of cars."""
+    levels = levels_of(picture, config.object_height_px, heights_px, config.padding_px)
+    return [Level(zoom, block_features(level, config.stride_px)) for zoom, level in levels]
+
+
+def window_of(object_width_px: int, config: HogViewsConfig) -> WindowGeometry:
+    """The window of a bin: whole cells around an object of an even width."""
+    across, down = (
+        -(-(size + 2 * config.margin_px) // CELL_PX) * CELL_PX
+        for size in (object_width_px, config.object_height_px)
+    )
+    margins = (across - object_width_px) // 2, (down - config.object_height_px) // 2
+    return WindowGeometry(object_width_px, config.object_height_px, *margins)
+
+
+def block_features(picture: UInt8Array, stride_px: int) -> Float32Array:
+    """Blocks (rows, columns, 36) of a grey picture, ``stride_px`` apart; what fills no cell is left off."""
+    height, width = (n // CELL_PX * CELL_PX for n in picture.shape)
+    size = (width, height)
+    hog = cv2.HOGDescriptor(size, (BLOCK_PX, BLOCK_PX), (stride_px, stride_px), (CELL_PX, CELL_PX), BINS)
+    found = np.ravel(hog.compute(np.ascontiguousarray(picture[:height, :width])))
+    columns, rows = ((n - BLOCK_PX) // stride_px + 1 for n in size)
+    # OpenCV goes down a column first
+    blocks = found.reshape(columns, rows, LENGTH).transpose(1, 0, 2)
+    return np.ascontiguousarray(blocks, dtype=np.float32)
+
+
+def mirrored_blocks(blocks: Float32Array) -> Float32Array:
+    """Blocks (..., rows, columns, 36) of the mirrored window."""
+    # a block is its left cells, then its right ones, each of unsigned directions from 0 to 180 degrees;
+    # OpenCV weighs pixels about a point half a pixel beside its middle, which mirrors nearly
+    inside = blocks[..., ::-1, :].reshape(*blocks.shape[:-1], 2, 2, BINS)
+    return np.ascontiguousarray(inside[..., ::-1, :, ::-1]).reshape(blocks.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Descriptors of windows of one bin."""
+
+    blocks: Float32Array
+    """Shape (n, rows, columns, 36)."""
+    frame: IntArray
+    """Shape (n,): place of the frame that each comes from."""
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def take(self, rows: BoolArray) -> "_Rows":
+        return _Rows(self.blocks[rows], self.frame[rows])
+
+    @staticmethod
+    def joined(parts: "Sequence[_Rows]") -> "_Rows":
+        return _Rows(np.concatenate([p.blocks for p in parts]), np.concatenate([p.frame for p in parts]))
+
+
+@dataclass(frozen=True, eq=False)
+class _BinExamples:
+    """What one filter learns from."""
+
+    view_bin: int
+    window: WindowGeometry
+    cars: _Rows
+    others: _Rows
+    """Cars that are seen from elsewhere, which the filter learns to score low."""
+    street: _Rows | None = None
+
+    def with_street(self, parts: "Sequence[_Rows]") -> "_BinExamples":
+        before = () if self.street is None else (self.street,)
+        return replace(self, street=_Rows.joined([*before, *parts]))
+
+    def without(self, fold: int, folds: int) -> "_BinExamples":
+        """The examples less those of the frames of a fold."""
+        assert self.street is not None
+        cars, others, street = (
+            r.take(r.frame % folds != fold) for r in (self.cars, self.others, self.street)
+        )
+        return replace(self, cars=cars, others=others, street=street)
+
+    def fit(self, svm_c: float) -> ViewFilter:
+        """The linear SVM between the cars and all else."""
+        from sklearn.svm import LinearSVC  # noqa: PLC0415 (takes a second; fitting alone needs it)
+
+        assert self.street is not None
+        rows = _Rows.joined([self.cars, self.others, self.street])
+        is_car = np.arange(len(rows)) < len(self.cars)
+        svm = LinearSVC(C=svm_c, dual=True, max_iter=5000, random_state=0)
+        with one_thread():
+            svm.fit(rows.blocks.reshape(len(rows), -1), is_car)
+        weight = svm.coef_[0].astype(np.float32).reshape(rows.blocks.shape[1:])
+        return ViewFilter(self.view_bin, self.window, weight, float(svm.intercept_[0]))
+
+    def fit_comparable(self, svm_c: float, folds: int, false_alarms: int) -> ViewFilter:
+        """The SVM, shifted so that street scores above 0 that often, as told by SVMs that have not seen it.
+
+        The rates of finds would compare better still, but rare bins have too few cars to tell them.
+        """
+        assert self.street is not None
+        scores = []
+        for fold in range(folds):
+            unseen = self.without(fold, folds).fit(svm_c)
+            blocks = self.street.take(self.street.frame % folds == fold).blocks
+            scores.append(np.tensordot(blocks, unseen.weight, axes=3) + unseen.bias)
+        fitted = self.fit(svm_c)
+        return replace(fitted, bias=fitted.bias - score_exceeded(np.concatenate(scores), false_alarms))
+
+
+def train_hog_views(
+    data: DataSet, config: HogViewsConfig, rng: np.random.Generator, jobs: int = 1
+) -> HogViewsDetector:
+    """A detector trained on the cars of ``data`` that have an azimuth, with rounds of hard-negative mining.
+
+    Raises:
+        RescoreError: too few cars of every bin are seen well enough, or none has an azimuth.
+    """
+    cars = car_views(data, config.examples, config.mining)
+    bins = {
+        b: _examples_of(b, 2 * round(aspect * config.object_height_px / 2), cars, config, rng)
+        for b, aspect in aspects(cars, config.examples).items()
+    }
+    blank = [ViewFilter(b, e.window, np.zeros_like(e.cars.blocks[0])) for b, e in bins.items()]
+    detector = _with_mirrored(blank, config)
+    for mined in range(1 + config.mining.rounds):
+        street = _street(detector, data, rng, jobs, mined=mined > 0)
+        bins = {b: e.with_street(street[b]) for b, e in bins.items()}
+        # bins are compared at the end alone: mining takes the best windows of each filter
+        last = mined == config.mining.rounds
+        tasks = (delayed(_fit)(e, config, len(data.frames), last) for e in bins.values())
+        detector = _with_mirrored(Parallel(n_jobs=jobs)(tasks), config)
+    return detector
+
+
+def _fit(examples: _BinExamples, config: HogViewsConfig, n_frames: int, last: bool) -> ViewFilter:
+    if not last:
+        return examples.fit(config.svm_c)
+    # the street of two mirrored bins lies together
+    once_a_frame = n_frames * (1 + (config.examples.mirrored(examples.view_bin) != examples.view_bin))
+    return examples.fit_comparable(config.svm_c, config.examples.folds, once_a_frame)
+
+
+def _with_mirrored(learned: Sequence[ViewFilter], config: HogViewsConfig) -> HogViewsDetector:
+    partner = config.examples.mirrored
+    others = [f.mirrored(partner(f.view_bin)) for f in learned if partner(f.view_bin) != f.view_bin]
+    return HogViewsDetector(tuple(sorted([*learned, *others], key=lambda f: f.view_bin)), config)
+
+
+def _examples_of(
+    view_bin: int,
+    object_width_px: int,
+    cars: tuple[CarViews, ...],
+    config: HogViewsConfig,
+    rng: np.random.Generator,
+) -> _BinExamples:
+    """The cars of a bin with shifted copies, and the cars seen from elsewhere."""
+    window, limits = window_of(object_width_px, config), config.examples
+    shown: list[_Rows] = []
+    others: list[_Rows] = []
+    for frame, views in enumerate(cars):
+        away = limits.away_deg(views.azimuth_deg, view_bin)
+        picture = read_gray(views.record)
+        for rows, copies, found in (
+            (away <= limits.reach_deg, config.mining.jitter_copies, shown),
+            (away > limits.apart_deg, 0, others),
+        ):
+            mining = replace(config.mining, jitter_copies=copies)
+            windows = jittered(windows_around(views.xyxy_px[rows], window), mining, rng)
+            crops = cut_like_a_scan(picture, windows, window)
+            mirror = np.concatenate([views.mirrored[rows], np.repeat(views.mirrored[rows], copies)])
+            crops[mirror] = crops[mirror][:, :, ::-1]
+            found.append(_Rows(_descriptors(crops, window), np.full(len(crops), frame)))
+    return _BinExamples(view_bin, window, _Rows.joined(shown), _Rows.joined(others))
+
+
+def _descriptors(crops: UInt8Array, window: WindowGeometry) -> Float32Array:
+    rows, columns = window.height_px // CELL_PX - 1, window.width_px // CELL_PX - 1
+    out = np.empty((len(crops), rows, columns, LENGTH), np.float32)
+    for i, crop in enumerate(crops):
+        out[i] = block_features(crop, CELL_PX)
+    return out
+
+
+def _street(
+    detector: HogViewsDetector, data: DataSet, rng: np.random.Generator, jobs: int, *, mined: bool
+) -> dict[int, list[_Rows]]:
+    """Windows of street for each bin that is learned: random ones, or those that look like cars to it."""
+    limits, n = detector.config.mining, len(data.frames)
+    per_bin = limits.hard_of_frame(n) if mined else limits.random_of_frame(n)
+    tasks = (
+        delayed(_street_of)(record, data.truth[record.image_id], detector, frame, frame_rng, mined, per_bin)
+        for frame, (record, frame_rng) in enumerate(
+            zip(data.frames, rng.spawn(len(data.frames)), strict=True)
+        )
+    )
+    found: dict[int, list[_Rows]] = {}
+    for of_frame in in_order(tasks, jobs):
+        for b, rows in of_frame:
+            found.setdefault(b, []).append(rows)
+    return found
+
+
+def _street_of(
+    record: FrameRecord,
+    truth: Truth,
+    detector: HogViewsDetector,
+    frame: int,
+    rng: np.random.Generator,
+    mined: bool,
+    per_bin: int,
+) -> list[tuple[int, _Rows]]:
+    config = detector.config
+    with one_thread():
+        heights = config.scan.heights_px()
+        # random windows need not be of all sizes in each frame
+        some = heights if mined else np.sort(rng.choice(heights, min(4, len(heights)), replace=False))
+        levels = pyramid(read_gray(record), config, some)
+        places = detector.places(levels, MINING_FLOOR) if mined else _random_places(detector, levels, rng)
+    found = []
+    for k, view in enumerate(detector.filters):
+        rows = np.flatnonzero(places.filter_index == k)
+        boxes = Detections(places.xyxy_px[rows], places.score[rows])
+        chosen = rows[hard_negatives(boxes, truth, config.mining, per_bin)]
+        blocks = _blocks_at(places, chosen, levels, view, CELL_PX // config.stride_px)
+        learned = min(view.view_bin, config.examples.mirrored(view.view_bin))
+        blocks = blocks if learned == view.view_bin else mirrored_blocks(blocks)
+        found.append((learned, _Rows(blocks, np.full(len(blocks), frame))))
+    return found
+
+
+def _random_places(detector: HogViewsDetector, levels: Sequence[Level], rng: np.random.Generator) -> Places:
+    """Places of all filters with scores at random, all levels alike; more than training takes of a frame."""
+    config, parts = detector.config, []
+    step = CELL_PX // config.stride_px
+    for k, view in enumerate(detector.filters):
+        reach = (np.array(view.weight.shape[:2]) - 1) * step
+        room = np.array([level.blocks.shape[:2] for level in levels]) - reach
+        fits = np.flatnonzero((room > 0).all(axis=1))
+        wanted = 4 * config.mining.random_per_frame if len(fits) else 0
+        number = fits[rng.integers(len(fits), size=wanted)]
+        at = rng.integers(room[number])
+        zoom = np.array([level.zoom for level in levels])[number]
+        boxes = view.window.boxes(
+            (at[:, ::-1] * config.stride_px - config.padding_px) / zoom[:, None], 1 / zoom
+        )
+        parts.append(Places(np.full(len(at), k), number, at, boxes, rng.random(len(at))))
+    return Places.joined(parts)
+
+
+def _blocks_at(
+    places: Places, rows: NDArray[np.intp], levels: Sequence[Level], view: ViewFilter, step: int
+) -> Float32Array:
+    """The blocks (n, rows, columns, 36) of the windows of some places of a filter."""
+    out = np.empty((len(rows), *view.weight.shape), np.float32)
+    height, width, _ = view.weight.shape
+    for i, row in enumerate(rows):
+        y, x = places.row_column[row]
+        blocks = levels[places.level[row]].blocks
+        out[i] = blocks[y : y + (height - 1) * step + 1 : step, x : x + (width - 1) * step + 1 : step]
+    return out

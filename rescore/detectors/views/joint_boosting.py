@@ -1,0 +1,212 @@
+"""Joint boosting: regression stumps that several view bins share (Torralba, Murphy and Freeman, PAMI 2007).
+
+A stump reads one feature for all bins. The bins that share it add the same two numbers; each other bin adds a
+constant of its own, so that a stump can be left to those that it serves.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from recon.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from recon.errors import RescoreError
+
+OF_OTHER_VIEWS = 0.1
+"""Share of the weight of a bin that cars of other bins have at first."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedStumps:
+    """Stumps; each adds ``below`` to the score of a bin, and ``step`` too where its feature exceeds
+    ``threshold``."""
+
+    feature: IntArray
+    """Shape (m,): row of the feature matrix."""
+    threshold: Float32Array
+    """Shape (m,)."""
+    below: Float32Array
+    """Shape (m, bins)."""
+    step: Float32Array
+    """Shape (m, bins): 0 for bins that do not share the stump."""
+
+    def __post_init__(self) -> None:
+        m = len(self.feature)
+        if (
+            self.threshold.shape != (m,)
+            or self.below.shape[:1] != (m,)
+            or self.step.shape != self.below.shape
+        ):
+            raise ValueError("stumps: expected as many thresholds and rows of numbers as features")
+
+    def __len__(self) -> int:
+        return len(self.feature)
+
+    def score(self, features: Float32Array) -> Float32Array:
+        """Scores (bins, ...) of features (f, ...)."""
+        exceeds = np.empty((len(self), int(np.prod(features.shape[1:]))), np.float32)
+        for i, (k, threshold) in enumerate(zip(self.feature, self.threshold, strict=True)):
+            exceeds[i] = (features[k] > threshold).ravel()
+        total = self.step.T @ exceeds + self.below.sum(axis=0, dtype=np.float32)[:, None]
+        return np.asarray(total.reshape(self.step.shape[1], *features.shape[1:]), np.float32)
+
+    def used(self) -> IntArray:
+        """The rows that some stump reads, ascending."""
+        return np.unique(self.feature)
+
+    def renumbered(self, used: IntArray) -> "SharedStumps":
+        """The stumps with row numbers for a matrix that holds only the ``used`` rows."""
+        return SharedStumps(np.searchsorted(used, self.feature), self.threshold, self.below, self.step)
+
+    def shifted(self, offset: FloatArray) -> "SharedStumps":
+        """Stumps whose scores are greater by an offset for each bin (bins,)."""
+        return replace(self, below=(self.below + offset / len(self)).astype(np.float32))
+
+
+@dataclass(frozen=True)
+class JointBoostConfig:
+    """How many stumps, and what each is chosen from."""
+
+    rounds: int = 320
+    """Number of stumps."""
+    features_per_round: int = 200
+    """Features tried in a round, drawn at random."""
+    thresholds: int = 12
+    """Thresholds tried of a feature: quantiles of its values."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Features cut into steps at their thresholds, once for all rounds."""
+
+    threshold: Float32Array
+    """Shape (f, t), ascending."""
+    sample: Int32Array
+    """Shape (f, n): samples of each feature, lowest step first."""
+    count: Int32Array
+    """Shape (f, t + 1): samples of each step; the last exceed all thresholds."""
+
+    @staticmethod
+    def of(features: Float32Array, thresholds: int) -> "Steps":
+        """The steps of features (f, n)."""
+        shares = np.arange(1, thresholds + 1) / (thresholds + 1)
+        threshold = np.quantile(features, shares, axis=1).T.astype(np.float32)
+        step = np.stack(
+            [np.searchsorted(t, x, side="left") for t, x in zip(threshold, features, strict=True)]
+        )
+        sample = np.argsort(step, axis=1, kind="stable").astype(np.int32)
+        count = np.stack([np.bincount(s, minlength=thresholds + 1) for s in step]).astype(np.int32)
+        return Steps(threshold, sample, count)
+
+    def sums_above(self, rows: IntArray, values: FloatArray) -> FloatArray:
+        """Sums (k, t, v) of values (n, v), over the samples that exceed each threshold of features (k,)."""
+        count = self.count[rows]
+        starts = np.concatenate([[0], np.cumsum(count.ravel())])
+        ones = np.ones(count.sum())
+        table = csr_array((ones, self.sample[rows].ravel(), starts), shape=(count.size, len(values)))
+        sums = (table @ values).reshape(*count.shape, values.shape[1])
+        return np.asarray(np.cumsum(sums[:, ::-1], axis=1)[:, ::-1][:, 1:])
+
+
+def joint_boost(
+    features: Float32Array, label: IntArray, config: JointBoostConfig, rng: np.random.Generator
+) -> SharedStumps:
+    """Stumps fitted to features (f, n) and labels (n, bins) of 1, -1, and 0 for what says nothing of a bin.
+
+    Each round fits a stump to the labels under the weights exp(-label * score). In each bin three groups
+    start with total weights of their own, whatever their numbers: its cars, street, and cars of other bins.
+    These have little, or stumps would part views rather than cars and street, and serve few bins.
+
+    Raises:
+        RescoreError: a bin has no example of a car, or nothing else.
+    """
+    cars, others = (label == 1).sum(axis=0), (label == -1).sum(axis=0)
+    if not (cars.all() and others.all()):
+        raise RescoreError(
+            f"training: expected crops of cars and of street for each bin, got {cars.tolist()} of cars and "
+            f"{others.tolist()} of street; add training frames"
+        )
+    weight = _balanced(label)
+    steps = Steps.of(features, config.thresholds)
+    tried = min(config.features_per_round, len(features))
+    feature, threshold, below, step = [], [], [], []
+    for _ in range(config.rounds):
+        rows = np.sort(rng.choice(len(features), tried, replace=False))
+        k, t, low, high = best_shared_stump(steps, rows, label, weight)
+        feature.append(k)
+        threshold.append(steps.threshold[k, t])
+        below.append(low)
+        step.append(high - low)
+        exceeds = features[k] > steps.threshold[k, t]
+        weight *= np.exp(-label * np.where(exceeds[:, None], high, low))
+        weight /= weight.sum()
+    as_float = (np.asarray(v, np.float32) for v in (threshold, below, step))
+    return SharedStumps(np.array(feature, np.int64), *as_float)
+
+
+def _balanced(label: IntArray) -> FloatArray:
+    elsewhere = (label == -1) & (label == 1).any(axis=1)[:, None]
+    street = (label == -1) & ~elsewhere
+    weight = np.zeros(label.shape)
+    for group, total in ((label == 1, 0.5), (street, 0.5 - OF_OTHER_VIEWS), (elsewhere, OF_OTHER_VIEWS)):
+        weight += group * (total / np.maximum(group.sum(axis=0), 1))
+    return np.asarray(weight / weight.sum())
+
+
+def best_shared_stump(
+    steps: Steps, rows: IntArray, label: IntArray, weight: FloatArray
+) -> tuple[int, int, FloatArray, FloatArray]:
+    """The feature, the number of its threshold, and what bins (bins,) get below and above it.
+
+    The weighted squared error is a constant less the sum, over groups that get one number, of (sum w z)^2 /
+    sum w. For each threshold, bins join those that share one by one, each time the one that lowers the error
+    most (the greedy search of the paper); the best of all is kept.
+    """
+    bins = label.shape[1]
+    sums = steps.sums_above(rows, np.concatenate([weight, weight * label], axis=1))
+    w_above, z_above = sums[..., :bins], sums[..., bins:]
+    w_all, z_all = weight.sum(axis=0), (weight * label).sum(axis=0)
+    above, below = _Side(w_above, z_above), _Side(w_all - w_above, z_all - z_above)
+    alone = z_all**2 / w_all
+    gain, shares = _greedy(above, below, alone)
+    row, t = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    chosen, constant = shares[row, t], z_all / w_all
+    low, high = (np.where(chosen, s.mean(int(row), int(t), chosen), constant) for s in (below, above))
+    return int(rows[row]), int(t), low, high
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """Sums of weights and of weighted labels on one side of each threshold, shape (k, t, bins)."""
+
+    weight: FloatArray
+    target: FloatArray
+
+    def mean(self, row: int, t: int, chosen: BoolArray) -> float:
+        return float(self.target[row, t, chosen].sum() / max(self.weight[row, t, chosen].sum(), 1e-300))
+
+
+def _greedy(above: _Side, below: _Side, alone: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The greatest gain at each threshold, shape (k, t), and the bins that share it, shape (k, t, bins)."""
+    shape = above.weight.shape
+    shares, best_shares = np.zeros(shape, bool), np.zeros(shape, bool)
+    sums = np.zeros((4, *shape[:2], 1))
+    parts = np.stack([above.weight, above.target, below.weight, below.target])
+    left, best = np.full((*shape[:2], 1), alone.sum()), np.full(shape[:2], -np.inf)
+    for _ in range(shape[2]):
+        wa, za, wb, zb = sums + parts
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = za**2 / wa + zb**2 / wb + left - alone
+        # a side without weight parts nothing
+        gain = np.where(shares | ~np.isfinite(gain), -np.inf, gain)
+        joins = gain.argmax(axis=2)[..., None]
+        value = np.take_along_axis(gain, joins, axis=2)
+        if not np.isfinite(value).any():
+            break
+        np.put_along_axis(shares, joins, True, axis=2)
+        sums += np.take_along_axis(parts, np.broadcast_to(joins, (4, *joins.shape)), axis=3)
+        left = left - alone[joins]
+        better = value[..., 0] > best
+        best = np.where(better, value[..., 0], best)
+        best_shares = np.where(better[..., None], shares, best_shares)
+    return best, best_shares
