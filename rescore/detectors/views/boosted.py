@@ -59,7 +59,7 @@ class BoostedViewsConfig:
     """Step of the window in grid steps of the fragments."""
     padding_px: int = 24
     """Mirrored border of each level: for cars cut by the edge."""
-    floor: float = -4.0
+    floor: float = -0.5
     """Windows that score less are not reported by the scan."""
     fragments: FragmentConfig = field(default_factory=lambda: FragmentConfig(count=480, sizes_px=(9, 13)))
     boosting: JointBoostConfig = field(default_factory=JointBoostConfig)

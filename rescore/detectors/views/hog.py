@@ -59,7 +59,7 @@ class HogViewsConfig:
     """Mirrored border of each level: for cars cut by the edge."""
     svm_c: float = 0.03
     """Soft margin of the SVMs; looser than in the paper, since some bins have few examples."""
-    floor: float = -0.6
+    floor: float = -0.1
     """Windows that score less are not reported by the scan."""
     examples: ViewExamples = field(default_factory=ViewExamples)
     mining: MiningConfig = field(
