@@ -265,7 +265,8 @@ CUES: dict[str, Cue] = {
         share("{} of neighbouring measurements agree", _FINE),
         "",
         frozenset(),
-        frozenset({Registration.GUARDED, Registration.METRIC, Registration.INSTANCE}),
+        # the likelihood of a fitted instance knows outliers
+        frozenset({Registration.GUARDED, Registration.METRIC}),
     ),
     "ground_agreement": Cue(
         believable,
