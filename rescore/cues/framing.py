@@ -11,7 +11,7 @@ import numpy as np
 
 from recon.arrays import BoolArray, FloatArray
 from recon.boxes import iou_matrix
-from recon.localization.box_samples import BoxSamples
+from recon.localization.box_samples import BoxSamples, DisparityNoise
 from recon.localization.disparity_fit import BoxFit, PlacedInstance
 
 FRAMING = (
@@ -50,6 +50,8 @@ class FramingConfig:
     most_share: float = 2.0
     """Shares of the attainable log likelihood ratio are clipped to this, both ways."""
     plane_rounds: int = 5
+    sd_px: float = DisparityNoise().sd_px
+    """Standard deviation of a good measurement of disparity."""
 
 
 def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: FramingConfig) -> FloatArray:
@@ -96,6 +98,18 @@ def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: 
         "goes_on_above": _share(_at_depth(framed, samples, config), above & samples.standing, config),
     }
     return np.array([values[name] for name in FRAMING])
+
+
+def resolved(fit: BoxFit, config: FramingConfig) -> float:
+    """How much disparity can tell of where a car stands and ends, in [0, 1].
+
+    It is a reliability: the square of the disparity that the length of a car spans along the line of sight,
+    at the distance of the framed instance, over the sum of it and the square of the matcher's noise. Near 0 a
+    car, its neighbour and the hedge behind it are measured alike.
+    """
+    length, distance = fit.framed.box.size_m[0], fit.framed.pose.place[0, 0]
+    spanned_px = fit.samples.seen_from.stereo.focal_baseline * length / distance**2
+    return float(spanned_px**2 / (spanned_px**2 + config.sd_px**2))
 
 
 def _share(what: BoolArray, of: BoolArray, config: FramingConfig) -> float:

@@ -15,7 +15,7 @@ from recon.depth_map import DepthMap
 from recon.errors import RescoreError
 from recon.localization.disparity_fit import BoxFit
 from recon.view_bins import ViewBins
-from rescore.cues.framing import FRAMING, FramingConfig, framing
+from rescore.cues.framing import FRAMING, FramingConfig, framing, resolved
 from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
 from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
 from rescore.cues.words import CueWords, Side, ends, metres, share, signed_nats, signed_share, times
@@ -104,13 +104,15 @@ def around(given: CueInput) -> Columns:
 
 
 def framed(given: CueInput) -> Columns:
-    """The cues ``FRAMING``: whether the box frames one whole object of the class."""
+    """The cues ``FRAMING``: whether the box frames one whole object of the class; and ``resolved``."""
     found = np.full((len(given.xyxy_px), len(FRAMING)), np.nan)
+    tells = np.full(len(given.xyxy_px), np.nan)
     height, width = given.frame.disparity_px.shape
     for i, fit in enumerate(given.fits):
         if fit is not None:
             found[i] = framing(fit, given.xyxy_px[i], (width, height), given.config.framing)
-    return dict(zip(FRAMING, found.T, strict=True))
+            tells[i] = resolved(fit, given.config.framing)
+    return {**dict(zip(FRAMING, found.T, strict=True)), "resolved": tells}
 
 
 def believable(given: CueInput) -> Columns:
@@ -259,7 +261,8 @@ CUES: dict[str, Cue] = {
             share("above the car that fits the box best {} goes on at its depth"),
         ),
     ),
-    # the rest says nothing for or against a car, but whether the others can be believed
+    # the rest says nothing for or against a car, but how much the others count and can be believed
+    "resolved": Cue(framed, share("what depth says of a car counts {} at this distance"), "", frozenset()),
     "agreement": Cue(
         believable,
         share("{} of neighbouring measurements agree", _FINE),

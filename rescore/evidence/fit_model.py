@@ -99,7 +99,11 @@ def _fitted(
     names: Sequence[str],
     config: EvidenceConfig,
 ) -> EvidenceModel:
-    """The model without its floors, from candidates that have evidence."""
+    """The model without its floors, from candidates that have evidence.
+
+    All candidates count alike here. A model weighs them afterwards (``weights_of``), since the cameras of
+    others err more at a distance than those that it is fitted to: infinity is off by parts of a pixel.
+    """
     quantiles = np.linspace(0.02, 0.98, config.knots)
     knots: dict[str, FloatArray] = {}
     shapes: list[FloatArray] = []

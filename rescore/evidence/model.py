@@ -51,10 +51,12 @@ class EvidenceModel:
         Zero for cues that the mode does not use and for those that the candidate lacks.
         """
         out = np.zeros_like(cues)
+        weight = weights_of(cues, tuple(self.knots), self.registration)
         for name, knots in self.knots.items():
             column = cue_column(name)
             known = np.isfinite(cues[:, column])
-            out[known, column] = np.interp(cues[known, column], knots, self.log_odds[name])
+            added = np.interp(cues[known, column], knots, self.log_odds[name])
+            out[known, column] = weight[known] * added
         return out
 
     def shifted(self, log_odds: float) -> "EvidenceModel":
@@ -89,6 +91,22 @@ class EvidenceModel:
     def fails(self, cues: FloatArray, check: str) -> BoolArray:
         """Whether each candidate's cues (n, k) fail one check, shape (n,)."""
         return np.asarray(cues[:, cue_column(check)] < self.floors.get(check, -np.inf))
+
+
+def weights_of(cues: FloatArray, names: Sequence[str], mode: Registration) -> FloatArray:
+    """How much the cues of each candidate count in a mode, in [0, 1], shape (n,).
+
+    In full where the mode weighs none, where the weight is not known, and where the cue that the mode needs
+    is left out.
+
+    Args:
+        cues: Shape (n, k), columns ``CUES``; NaN where one is missing.
+        names: The cues of the mode that are read.
+        mode: The mode.
+    """
+    if mode.weighed_by is None or mode.needs not in names:
+        return np.ones(len(cues))
+    return np.nan_to_num(cues[:, cue_column(mode.weighed_by)], nan=1.0)
 
 
 def enough_cues(cues: FloatArray, names: Sequence[str], mode: Registration, min_share: float) -> BoolArray:

@@ -49,6 +49,11 @@ class Registration(StrEnum):
         of a detector's candidates are."""
         return self.needs_calibration
 
+    @property
+    def weighed_by(self) -> str | None:
+        """The cue in [0, 1] by which the others count; None where they count in full."""
+        return "resolved" if self is Registration.INSTANCE else None
+
 
 _NEEDED = {Registration.METRIC: "measured", Registration.INSTANCE: "overlap"}
 LEARNED = tuple(mode for mode in Registration if mode.learned)

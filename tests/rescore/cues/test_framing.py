@@ -7,7 +7,7 @@ from recon.arrays import FloatArray
 from recon.localization.depth_views import DepthViews
 from recon.localization.disparity_fit import DisparityFit, DisparityFitConfig
 from recon.localization.standing_box import StandingBox
-from rescore.cues.framing import FRAMING, FramingConfig, framing
+from rescore.cues.framing import FRAMING, FramingConfig, framing, resolved
 from tests.recon.localization import stepped_car as car
 
 CONFIG = DisparityFitConfig(views=car.VIEWS_CONFIG)
@@ -101,3 +101,16 @@ def test_what_hides_a_car_is_told(views: DepthViews) -> None:
     found = cues(disparity, edges, views)
     assert 0.1 < found["hidden"] < 0.5
     assert found["overlap"] > 0.6
+
+
+def test_a_far_car_is_not_resolved(views: DepthViews) -> None:
+    def told(distance: float) -> float:
+        box = car_at(0.0, distance, 90.0)
+        fit = DisparityFit(car.disparity_of(box), car.RIG, views, CONFIG).fit(around(box))
+        assert fit is not None
+        return resolved(fit, FramingConfig())
+
+    near, far = told(10.0), told(40.0)
+    assert near > 0.9
+    # the disparity that its length spans falls with the square of the distance
+    assert far / (1 - far) == pytest.approx(near / (1 - near) / 4**4, rel=0.5)

@@ -38,7 +38,27 @@ def test_cues_of_modes() -> None:
     assert Registration.PAPER not in LEARNED
     assert set(cues_of(Registration.GUARDED)) < set(cues_of(Registration.METRIC)) < set(CUES)
     used = set(cues_of(Registration.METRIC)) | set(cues_of(Registration.INSTANCE))
-    assert set(CUES) == used | {name for mode in LEARNED for name in checks_of(mode)}
+    weighing = {mode.weighed_by for mode in LEARNED} - {None}
+    assert set(CUES) == used | weighing | {name for mode in LEARNED for name in checks_of(mode)}
+
+
+def test_cues_count_less_where_depth_tells_less() -> None:
+    cues, is_car = drawn(400, np.random.default_rng(5))
+    column = cue_column("resolved")
+    cues[:, column] = 1
+    cues[:, cue_column("overlap")] = cues[:, cue_column("width")]
+    model = fit_evidence(cues, is_car, Registration.INSTANCE, CONFIG)
+    near, half, far = (cues[:1].copy() for _ in range(3))
+    half[:, column], far[:, column] = 0.5, 0.0
+    whole = model.contributions(near).sum()
+    assert abs(whole) > 0.1
+    assert model.contributions(half).sum() == pytest.approx(whole / 2)
+    assert model.difference(far) == pytest.approx(model.neutral)
+    # where it is not known they count in full, and so they do for other modes
+    near[:, column] = np.nan
+    assert model.contributions(near).sum() == pytest.approx(whole)
+    metric = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)
+    assert metric.difference(far) == metric.difference(near)
 
 
 def test_d_is_a_calibrated_probability() -> None:
