@@ -17,6 +17,7 @@ PURPLE = "#CC79A7"
 ORANGE = "#E69F00"
 SKY = "#56B4E9"
 YELLOW = "#F0E442"
+WINE, OLIVE = "#882255", "#999933"
 
 CHARCOAL = "#303030"
 DARK_GREY = "#555555"
@@ -107,7 +108,7 @@ _PARTS = (
 )
 
 
-SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, WINE, OLIVE)
 """Colours of runs, and of detectors, that are drawn in one chart, in their order."""
 
 PART_COLOURS = len(_PARTS)

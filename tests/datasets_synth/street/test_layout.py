@@ -189,8 +189,8 @@ def test_the_paper_preset_has_the_sizes_of_the_report() -> None:
 def test_the_streets_preset_plans_no_numbers_of_cars() -> None:
     streets = synth_preset("streets")
     assert {s: size.n_images for s, size in streets.splits.items()} == {
-        "train": 40,
-        "calibration": 24,
+        "train": 80,
+        "calibration": 40,
         "validation": 20,
         "test": 60,
     }

@@ -45,7 +45,16 @@ def test_groups_of_cues_by_name() -> None:
 
 
 def test_every_cue_that_is_computed_has_an_entry() -> None:
-    assert cue_names() == (*GUARDED, *SURROUNDINGS, "depth_ratio", *FRAMING, *CHECKS, "relief_px", "side_on")
+    assert cue_names() == (
+        *GUARDED,
+        *SURROUNDINGS,
+        "depth_ratio",
+        *FRAMING,
+        "resolved",
+        *CHECKS,
+        "relief_px",
+        "side_on",
+    )
     assert cues_of(Registration.PAPER) == ()
     assert cues_of(Registration.GUARDED) == GUARDED
     assert cues_of(Registration.METRIC) == (*GUARDED, *SURROUNDINGS, "depth_ratio")
@@ -54,7 +63,7 @@ def test_every_cue_that_is_computed_has_an_entry() -> None:
     around = tuple(name for name in SURROUNDINGS if name not in assumed)
     assert cues_of(Registration.INSTANCE) == (*around, *FRAMING)
     assert checks_of(Registration.GUARDED) == (*CHECKS[:1], "relief_px", "side_on")
-    assert checks_of(Registration.INSTANCE) == ("measured", *CHECKS)
+    assert checks_of(Registration.INSTANCE) == ("measured", *CHECKS[1:])
     assert checks_of(Registration.METRIC) == ("measured", *CHECKS)
     for mode in (Registration.METRIC, Registration.INSTANCE):
         grouped = [name for names in groups(mode).values() for name in names]

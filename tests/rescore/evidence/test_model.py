@@ -30,7 +30,7 @@ def drawn(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     is_car = np.arange(n) % 4 == 0
     cues = rng.normal(size=(n, len(CUES)))
     cues[:, cue_column("width")] = np.where(is_car, rng.normal(0, 0.1, n), rng.normal(0, 1, n))
-    cues[:, [cue_column(name) for name in checks_of(Registration.METRIC)]] = 1
+    cues[:, [cue_column(name) for name in (*checks_of(Registration.METRIC), "resolved")]] = 1
     return cues, is_car
 
 
