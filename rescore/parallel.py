@@ -1,7 +1,7 @@
 """Work on many frames: several at a time, one thread for each, in their order, with progress shown."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import Any, TypeVar
 
@@ -72,6 +72,12 @@ def one_thread() -> Iterator[None]:
             yield
     finally:
         cv2.setNumThreads(before)
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
+    """Inside, the linear algebra uses one thread, and OpenCV as many as it is set to."""
+    limited: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    return limited
 
 
 @cache

@@ -50,7 +50,7 @@ FLOORS = {
         *("results", "library doctor", "experiment", "studies", "commands", "cli"),
     ),
     "datasets_synth": ("presets meshes", "render", "cars", "objects", "street", "photos", "build"),
-    "reports": ("palette templating", "charts", "objects run", "page recording studies", "publishing"),
+    "reports": ("palette templating", "charts pages", "objects run", "page recording studies", "publishing"),
 }
 """Modules and rooms of each package from the ground up. What stands on a floor imports lower floors and its
 own room; rooms of one floor do not know each other."""

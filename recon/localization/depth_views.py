@@ -126,7 +126,7 @@ def render_depth_views(space: ShapeSpace, height_m: float, config: DepthViewsCon
     half = int(np.ceil(config.half_width / config.step))
     below, above = (int(np.ceil(reach / config.step)) for reach in (config.depth, config.height))
     across, up = np.meshgrid(step * np.arange(-half, half + 1), step * np.arange(-below, above + 1))
-    shapes = [_coefficients(space, c) for c in config.coefficients]
+    shapes = [first_coefficients(space, c) for c in config.coefficients]
     relief = np.stack(
         [
             np.stack([_relief(space, shape, across, up, d, height_m, config.headings) for d in distance])
@@ -139,7 +139,7 @@ def render_depth_views(space: ShapeSpace, height_m: float, config: DepthViewsCon
     return DepthViews(relief.astype(np.float32), size, distance, float(step), below)
 
 
-def _coefficients(space: ShapeSpace, first: Sequence[float]) -> FloatArray:
+def first_coefficients(space: ShapeSpace, first: Sequence[float]) -> FloatArray:
     """Coefficients (k,) of a shape from its first ones; modes that the space lacks change nothing."""
     own = np.array(first[: space.count], float)
     return np.pad(own, (0, space.count - len(own)))

@@ -166,15 +166,16 @@ class DisparityFit:
         boxes = silhouette_boxes(grid, self.views, self.seen_from.left)
         ratio = ratio + _between(looks, grid.place[:, 2])
         box_density = self._box_density(boxes, xyxy_px)
-        framed, seen = (
-            self._placed(grid, ratio + weight * box_density, _Target(samples, xyxy_px, weight, looks))
-            for weight in (c.box.framed, c.box.seen)
+        box_frames, box_is_near = (
+            _Target(samples, xyxy_px, weight, looks) for weight in (c.box.framed, c.box.seen)
         )
+        score = ratio + c.box.framed * box_density
+        framed = self._placed(grid, score, box_frames)
+        seen = self._placed(grid, ratio + c.box.seen * box_density, box_is_near)
         overlap = float(softmax(ratio.astype(float)) @ paired_overlap(boxes, xyxy_px)[0])
         # headings change fastest on the grid
-        score = (ratio + c.box.framed * box_density).astype(float).reshape(-1, c.search.headings)
-        of_framed = self._score(framed.pose, _Target(samples, xyxy_px, c.box.framed, looks), fine=False)
-        mass = np.asarray(logsumexp(score, axis=0))
+        mass = np.asarray(logsumexp(score.astype(float).reshape(-1, c.search.headings), axis=0))
+        of_framed = self._score(framed.pose, box_frames, fine=False)
         return BoxFit(samples, framed, seen, overlap, mass, float(of_framed[0]))
 
     def _weighed(self, looks: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from recon.errors import RescoreError
+from reports.pages import write_page
 from reports.run.tables import (
     Table,
     comparison_table,
@@ -58,9 +59,7 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
         shutil.copyfile(run.folder.curves / name, folder / "curves" / name)
     for file in (run.folder.metrics, run.folder.config):
         shutil.copyfile(file, folder / file.name)
-    page = folder / "README.md"
-    page.write_text(_page(run, command, drawn, _studies(folder)), encoding="utf-8")
-    return page
+    return write_page(folder, _page(run, command, drawn, _studies(folder)))
 
 
 def _studies(folder: Path) -> list[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
+from reports.pages import write_page
 from reports.publishing.street_boxes import StreetBox, StreetFrame, street_frames
 from reports.publishing.street_card import draw_street
 from reports.run.tables import Table
@@ -45,12 +46,10 @@ def publish_street(run_dir: Path, folder: Path, command: str) -> Path:
         )
     for (name, crop_px), frame in zip(PICTURES.items(), frames, strict=True):
         draw_street(folder / f"{name}.webp", frame, np.array(crop_px, float))
-    page = folder / "README.md"
     tables = {name: _table(frame).markdown() for name, frame in zip(PICTURES, frames, strict=True)}
     values = {"command": command, "count": sum(len(f.boxes) for f in frames), "tables": tables}
     text = render("reports.publishing", "real_street_page.md.j2", **values)
-    page.write_text(text + "\n", encoding="utf-8")
-    return page
+    return write_page(folder, text + "\n")
 
 
 def _table(frame: StreetFrame) -> Table:

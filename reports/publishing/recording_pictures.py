@@ -15,6 +15,7 @@ import numpy as np
 
 from recon.errors import RescoreError
 from recon.files import atomic_path
+from reports.pages import write_page
 from reports.palette import detector_name, mode_name
 from reports.recording.blueprint import TABS
 from reports.recording.log import write_recording
@@ -49,22 +50,18 @@ def publish_recording(run_dir: Path, folder: Path, command: str) -> Path:
         recording = write_recording(run_dir, Path(scratch) / "some.rrd", frames, MAX_FRAMES, show=False)
         draw_tabs(recording, folder)
     first = story.run.detectors[0]
-    page = folder / "README.md"
-    page.write_text(
-        render(
-            "reports.publishing",
-            "recording_page.md.j2",
-            command=command,
-            name=story.run.root.name,
-            metrics=story.run.metrics,
-            detector=detector_name(first, short=True),
-            mode=mode_name(story.mode_of(first)),
-            point=story.points[first].text,
-            flips=flips,
-        ),
-        encoding="utf-8",
+    text = render(
+        "reports.publishing",
+        "recording_page.md.j2",
+        command=command,
+        name=story.run.root.name,
+        metrics=story.run.metrics,
+        detector=detector_name(first, short=True),
+        mode=mode_name(story.mode_of(first)),
+        point=story.points[first].text,
+        flips=flips,
     )
-    return page
+    return write_page(folder, text)
 
 
 def draw_tabs(recording: Path, folder: Path) -> None:

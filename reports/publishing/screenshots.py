@@ -14,6 +14,7 @@ from PIL import Image
 
 from recon.files import atomic_path
 from reports.page.report import build_report
+from reports.pages import write_page
 from reports.publishing.browser import BrowserPage, open_browser
 
 _DESKTOP = (1280, 1160)
@@ -71,10 +72,7 @@ def write_screenshots(run_dir: Path, folder: Path, command: str) -> Path:
         for shot in SHOTS:
             with atomic_path(folder / f"{shot.name}.webp") as beside:
                 _photograph(page, report, shot).save(beside, "WEBP", quality=_QUALITY)
-    readme = folder / "README.md"
-    with atomic_path(readme) as beside:
-        beside.write_text(_page_text(command), encoding="utf-8")
-    return readme
+    return write_page(folder, _page_text(command))
 
 
 def _photograph(page: BrowserPage, report: Path, shot: Shot) -> Image.Image:

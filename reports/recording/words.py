@@ -85,7 +85,7 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
     elif c.status != "ok":
         lines.append(f"No evidence: {status_text(c.status)}.")
     if c.view:
-        lines.append(f"{c.view[0].upper()}{c.view[1:]}.")
+        lines.append(f"{c.view.capitalize()}.")
     fits = story.shows_fits(detector)
     if fits and c.fit is None:
         lines.append("No car was placed here: the pictures of one and what is left stay empty.")

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from recon.files import atomic_path
+from reports.pages import write_figure, write_page
 from reports.palette import DARK_GREY, GREEN, ORANGE, detector_name
 from reports.run.tables import Table, interval_text
 from rescore.results.candidate_file import ALONE
@@ -29,14 +29,9 @@ MAIN_RECALL = "0.7"
 
 def write_worth_study(result: WorthResult, folder: Path) -> Path:
     """Write the page with its figure and numbers; returns the page."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic_path(folder / "class_model.png") as beside:
-        draw_worth(result).savefig(beside, format="png", dpi=120, metadata={"Software": ""})
+    write_figure(folder / "class_model.png", draw_worth(result), dpi=120)
     write_worth(folder / "class_model.json", result)
-    page = folder / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(worth_page(result), encoding="utf-8")
-    return page
+    return write_page(folder, worth_page(result))
 
 
 def figures_table(result: WorthResult) -> Table:

@@ -10,9 +10,9 @@ from matplotlib.patches import Polygon
 
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
-from recon.files import atomic_path
 from recon.learning.primitives import plane_axes
 from recon.view_bins import rotation
+from reports.pages import write_figure, write_page
 from reports.palette import BLUE, DARK_GREY, GREY, PALE_GREY, SOFT_GREY, part_colour
 from reports.run.tables import Table
 from rescore.studies.class_models import SHOWN_PRIMITIVES, AccuracyRow, ModelStudy, SelectionStudy
@@ -24,20 +24,15 @@ _SEEN_FROM = ((30, 20), (90, 5), (150, 20), (270, 35))
 
 def write_study(study: ModelStudy, folder: Path, command: str) -> Path:
     """Write the page with its pictures and numbers; returns the page."""
-    folder.mkdir(parents=True, exist_ok=True)
     pictures = {
         "primitives_cost.png": draw_selection_cost(study.selection),
         "primitives_chosen.png": draw_chosen(study.selection),
         "models.png": draw_models(study.models),
     }
     for name, figure in pictures.items():
-        with atomic_path(folder / name) as beside:
-            figure.savefig(beside, format="png", dpi=110, metadata={"Software": ""})
+        write_figure(folder / name, figure)
     write_models(folder / "models.json", ModelsResult.of(study))
-    page = folder / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(_page(study, command), encoding="utf-8")
-    return page
+    return write_page(folder, _page(study, command))
 
 
 def draw_selection_cost(study: SelectionStudy) -> Figure:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from recon.files import atomic_path
+from reports.pages import write_page
 from reports.run.tables import Table, interval_text, number_text
 from reports.studies.distractors import distractor_text
 from reports.studies.sweep import losses_text
@@ -20,10 +20,7 @@ def write_evidence_page(
     sweep: SweepResult,
 ) -> Path:
     """Write README.md to a folder, arguments as for ``evidence_text``; returns the page."""
-    page = folder / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(evidence_text(command, distractors, ablation, sweep))
-    return page
+    return write_page(folder, evidence_text(command, distractors, ablation, sweep))
 
 
 def evidence_text(

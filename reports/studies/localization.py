@@ -12,6 +12,7 @@ import cv2
 
 from recon.errors import Failure, RescoreError
 from recon.files import atomic_path
+from reports.pages import write_page
 from rescore.studies.localization.result_file import (
     LocalizationResult,
     ScoredPlacement,
@@ -83,10 +84,7 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
     drawn = [name for name in PICTURES if (run_dir / f"{name}.png").is_file()]
     for name in drawn:
         _reduce(run_dir / f"{name}.png", folder / f"{name}.jpg")
-    readme = folder / "README.md"
-    with atomic_path(readme) as beside:
-        beside.write_text(page(result, command, drawn), encoding="utf-8")
-    return readme
+    return write_page(folder, page(result, command, drawn))
 
 
 def page(result: LocalizationResult, command: str, drawn: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from reports import palette
 from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about
 from reports.objects.object_mesh import object_meshes
 from reports.objects.popup import close_camera, object_texture, scene_layers, source_similarity
+from reports.pages import write_page
 from rescore.library.single_picture import FoundObject
 from rescore.studies.instance_accuracy import InstanceErrors
 from rescore.studies.reconstructions import Exhibit, Measured, Reconstructions
@@ -63,10 +64,7 @@ def write_reconstructions(study: Reconstructions, out: Path, command: str) -> Pa
         members = [study.exhibits[column] for column in columns]
         shown.append(_kept(out, file, popup_sheet(members), members))
     shown.append(_kept(out, "basket", popup_sheet([study.basket]), [study.basket], f". {study.handle}"))
-    page = out / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(_page(command, [one for one in shown if one], study))
-    return page
+    return write_page(out, _page(command, [one for one in shown if one], study))
 
 
 def _kept(

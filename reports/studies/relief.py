@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
 from recon.arrays import FloatArray
-from recon.files import atomic_path
+from reports.pages import write_figure, write_page
 from reports.palette import BLUE, DARK_GREY, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from reports.run.tables import Table, number
 from rescore.studies.relief.relief_file import (
@@ -49,14 +49,9 @@ SHARE_WANTED = 0.6
 
 def write_relief_study(result: ReliefResult, folder: Path) -> Path:
     """Write the page with its figure and numbers; returns the page."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic_path(folder / "relief.png") as beside:
-        draw_relief(result).savefig(beside, format="png", dpi=110, metadata={"Software": ""})
+    write_figure(folder / "relief.png", draw_relief(result))
     write_relief(folder / "relief.json", result)
-    page = folder / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(relief_page(result), encoding="utf-8")
-    return page
+    return write_page(folder, relief_page(result))
 
 
 def cells_table(result: ReliefResult) -> Table:

@@ -9,8 +9,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from recon.files import atomic_path
 from recon.stereo.accuracy import DisparityError
+from reports.pages import write_figure, write_page
 from reports.run.candidate_panels import colourise
 from reports.run.tables import Table, number
 from rescore.studies.stereo import MAX_ROW_PX, RULES, Accuracy, Consistency, Errors, Method, StereoStudy
@@ -29,15 +29,10 @@ def write_stereo_study(study: StereoStudy, result: StereoResult, folder: Path) -
         result: the figures of the study, as the file of numbers is to hold them.
         folder: where the files go.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     if study.scenes:
-        with atomic_path(folder / "maps.png") as beside:
-            draw_maps(study.scenes).savefig(beside, format="png", dpi=110, metadata={"Software": ""})
+        write_figure(folder / "maps.png", draw_maps(study.scenes))
     write_stereo(folder / "stereo.json", result)
-    page = folder / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(_page(study, result), encoding="utf-8")
-    return page
+    return write_page(folder, _page(study, result))
 
 
 def short_tables(study: StereoStudy) -> list[Table]:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from recon.files import atomic_path
+from reports.pages import write_page
 from reports.palette import DARK_GREY, detector_name, mode_colour, mode_name
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table, interval_text, number_text
@@ -34,9 +35,7 @@ def write_sweep_page(sweep: SweepResult, out: Path) -> Path:
     _draw(out / "reduction.png", dials, _reduction)
     _draw(out / "fppi.png", dials, _false_positives)
     _draw(out / "area.png", dials, _area)
-    with atomic_path(out / "README.md") as beside:
-        beside.write_text(sweep_text(sweep))
-    return out / "README.md"
+    return write_page(out, sweep_text(sweep))
 
 
 def sweep_text(sweep: SweepResult) -> str:

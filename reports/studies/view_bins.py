@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from recon.files import atomic_path
+from reports.pages import write_page
 from rescore.studies.view_bins import Confusion, load_confusions
 
 TITLES = {"level_set": "outline by level set", "true_outline": "true outline"}
@@ -65,10 +66,7 @@ def write_view_study(folder: Path, names: Sequence[str], learned_shapes: int, co
     studies = {name: load_confusions(folder / f"{name}.json") for name in names}
     for name in names:
         write_confusion(folder / f"{name}.json", folder / f"{name}.png")
-    page = folder / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(_page(studies, learned_shapes, command), encoding="utf-8")
-    return page
+    return write_page(folder, _page(studies, learned_shapes, command))
 
 
 def _page(studies: Mapping[str, tuple[dict[str, Confusion], str]], learned_shapes: int, command: str) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from recon.files import atomic_path
+from reports.pages import write_figure, write_page
 from reports.palette import detector_name, mode_colour, mode_name
 from reports.run.tables import Table, number
 from rescore.studies.weight import WeightRecord, WeightStudy, write_weights
@@ -15,14 +15,9 @@ from rescore.studies.weight import WeightRecord, WeightStudy, write_weights
 
 def write_weight_study(studies: Sequence[WeightStudy], folder: Path, command: str) -> Path:
     """Write the page with its figure and numbers; returns the page."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic_path(folder / "weight.png") as beside:
-        draw_widths(studies).savefig(beside, format="png", dpi=120, metadata={"Software": ""})
+    write_figure(folder / "weight.png", draw_widths(studies), dpi=120)
     write_weights(folder / "weight.json", [WeightRecord.of(s) for s in studies])
-    page = folder / "README.md"
-    with atomic_path(page) as beside:
-        beside.write_text(_page(studies, command), encoding="utf-8")
-    return page
+    return write_page(folder, _page(studies, command))
 
 
 def width_table(studies: Sequence[WeightStudy], short: bool = False) -> Table:

@@ -18,13 +18,13 @@ from rescore.detectors.files import write_detector
 from rescore.detectors.fragments import (
     Dictionary,
     FragmentConfig,
-    blas,
     cut_dictionary,
     features_of_crops,
     level_features,
 )
 from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, car_crops, hard_crops, street_crops
 from rescore.detectors.windows import WindowGeometry, gray
+from rescore.parallel import one_blas_thread
 
 # the pyramid shrinks by area means, which do not alias
 INTERPOLATION = cv2.INTER_AREA
@@ -87,9 +87,9 @@ class BoostedDetector:
     def scan(self, rgb: UInt8Array) -> Detections:
         """All windows above the floor, before suppression and clipping."""
         picture = gray(rgb)
-        widths = self.config.scan.car_widths_px()
+        widths = self.config.scan.car_sizes_px()
         # threads over levels, largest first; BLAS alone would idle between its small products
-        with blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(cv2.getNumThreads()) as pool:
+        with one_blas_thread(), ThreadPoolExecutor(cv2.getNumThreads()) as pool:
             levels = list(pool.map(lambda width: self._scan_level(picture, width), widths))
         return ordered(np.concatenate([b for b, _ in levels]), np.concatenate([s for _, s in levels]))
 

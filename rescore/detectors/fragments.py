@@ -7,7 +7,6 @@ Correlations are taken on a grid of pixels, once for all windows of a level.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -16,11 +15,11 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from recon.arrays import Float32Array, IntArray, UInt8Array
 from recon.errors import RescoreError
 from rescore.detectors.windows import WindowGeometry
+from rescore.parallel import one_blas_thread
 
 FILTERS = ("identity", "x_derivative", "y_derivative", "laplacian")
 """The filter bank. The last three are rectified: a dark car on light ground has the edges of a light one."""
@@ -299,11 +298,5 @@ def features_of_crops(crops: UInt8Array, dictionary: Dictionary, jobs: int) -> F
 
 
 def _chunk_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
-    with blas().limit(limits=1, user_api="blas"):
+    with one_blas_thread():
         return crop_features(crops, dictionary)
-
-
-@cache
-def blas() -> ThreadpoolController:
-    """What limits the threads of linear algebra."""
-    return ThreadpoolController()  # finding the libraries takes milliseconds, so once

@@ -170,7 +170,7 @@ def hog_descriptor(config: HogConfig) -> cv2.HOGDescriptor:
         _blockStride=(CELL_PX, CELL_PX),
         _cellSize=(CELL_PX, CELL_PX),
         _nbins=BINS,
-        _nlevels=len(config.scan.car_widths_px()),
+        _nlevels=len(config.scan.car_sizes_px()),
     )
 
 

@@ -1,11 +1,12 @@
 """Training examples: crops of cars, crops of street, and street that a detector takes for a car."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
@@ -15,6 +16,9 @@ from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.pictures import read_rgb
 from rescore.detectors.base import Detections, Detector
 from rescore.detectors.windows import WindowGeometry, crop_windows, gray
+from rescore.parallel import in_order
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -57,12 +61,12 @@ class MiningConfig:
 
 @dataclass(frozen=True)
 class ScanRange:
-    """Sizes of cars that are searched for."""
+    """Sizes of cars that are searched for: widths, or heights where cars are seen from all sides."""
 
     smallest_car_px: float = 58.0
-    """Width of the smallest car."""
+    """Size of the smallest car."""
     largest_car_px: float = 350.0
-    """Width of the largest car."""
+    """Size of the largest car."""
     scale_step: float = 1.12
     """Ratio of sizes from one level of the pyramid to the next."""
 
@@ -72,8 +76,8 @@ class ScanRange:
                 f"scan: expected 0 < smallest <= largest car and a step above 1, got {self}; mend the config"
             )
 
-    def car_widths_px(self) -> FloatArray:
-        """Car widths of all levels, smallest first."""
+    def car_sizes_px(self) -> FloatArray:
+        """Car sizes of all levels, smallest first."""
         count = 1 + int(
             np.ceil(np.log(self.largest_car_px / self.smallest_car_px) / np.log(self.scale_step) - 1e-9)
         )
@@ -113,7 +117,7 @@ def car_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: i
     Raises:
         RescoreError: no such car in the data.
     """
-    found = _over_frames(_car_crops_of, data, style, rng, jobs)
+    found = _crops_over_frames(_car_crops_of, data, style, rng, jobs)
     if not len(found):
         raise RescoreError(
             f"training: expected cars at least {style.mining.min_visibility:.0%} visible in "
@@ -124,14 +128,14 @@ def car_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: i
 
 def street_crops(data: DataSet, style: CropStyle, rng: np.random.Generator, jobs: int = 1) -> UInt8Array:
     """Random crops (n, height, width) without a car, over all sizes of the scan."""
-    return _over_frames(_street_crops_of, data, style, rng, jobs)
+    return _crops_over_frames(_street_crops_of, data, style, rng, jobs)
 
 
 def hard_crops(
     detector: Detector, data: DataSet, style: CropStyle, rng: np.random.Generator, *, jobs: int = 1
 ) -> UInt8Array:
     """Crops (n, height, width) of the detector's highest-scoring false alarms in each frame."""
-    return _over_frames(partial(_hard_crops_of, detector=detector), data, style, rng, jobs)
+    return _crops_over_frames(partial(_hard_crops_of, detector=detector), data, style, rng, jobs)
 
 
 def hard_negatives(found: Detections, truth: Truth, config: MiningConfig, max_count: int) -> NDArray[np.intp]:
@@ -148,22 +152,47 @@ def _car_overlap(boxes_px: FloatArray, truth: Truth) -> FloatArray:
     return np.asarray(iou_matrix(boxes_px, truth.xyxy_px).max(axis=1))
 
 
-def _over_frames(
+def over_frames(
+    work: Callable[[int, FrameRecord, Truth, np.random.Generator], T],
+    data: DataSet,
+    rng: np.random.Generator,
+    jobs: int,
+) -> Iterator[T]:
+    """What some work makes of the place, the record and the truth of each frame, in their order.
+
+    Each frame has a generator of its own, so what comes does not depend on which worker takes which frame.
+    """
+    own = rng.spawn(len(data.frames))
+    tasks = (
+        delayed(work)(place, record, data.truth[record.image_id], frame_rng)
+        for place, (record, frame_rng) in enumerate(zip(data.frames, own, strict=True))
+    )
+    return in_order(tasks, jobs)
+
+
+def _crops_over_frames(
     crops_of: Callable[[_FrameTask], UInt8Array],
     data: DataSet,
     style: CropStyle,
     rng: np.random.Generator,
     jobs: int,
 ) -> UInt8Array:
-    # one generator a frame: the crops do not depend on which worker takes which frame
-    n_frames = len(data.frames)
-    tasks = (
-        delayed(crops_of)(_FrameTask(record, data.truth[record.image_id], n_frames, style, frame_rng))
-        for record, frame_rng in zip(data.frames, rng.spawn(n_frames), strict=True)
-    )
-    crops = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
+    work = partial(_crops_of_frame, crops_of=crops_of, n_frames=len(data.frames), style=style)
     none = np.empty((0, style.window.height_px, style.window.width_px), np.uint8)
-    return np.concatenate([none, *crops])
+    return np.concatenate([none, *over_frames(work, data, rng, jobs)])
+
+
+def _crops_of_frame(
+    _place: int,
+    record: FrameRecord,
+    truth: Truth,
+    rng: np.random.Generator,
+    *,
+    crops_of: Callable[[_FrameTask], UInt8Array],
+    n_frames: int,
+    style: CropStyle,
+) -> UInt8Array:
+    return crops_of(_FrameTask(record, truth, n_frames, style, rng))
 
 
 def _car_crops_of(task: _FrameTask) -> UInt8Array:

@@ -181,13 +181,8 @@ class CandidateTable:
 
         The outcome is None where eq. 6 was not looked at.
         """
-        status = [
-            NOT_RESCORED if a is None else a.reason.value if isinstance(a, Failure) else OK
-            for a in alignments
-        ]
-        table = replace(
-            _rows(candidates, status, alignments), ground=np.full(len(candidates), ground, object)
-        )
+        rows = _rows(candidates, [_status(a) for a in alignments], alignments)
+        table = replace(rows, ground=np.full(len(candidates), ground, object))
         return table if cues is None else replace(table, cues=cues)
 
 

@@ -83,12 +83,12 @@ def fit_evidence(
 
 def _with_mirrored(cues: FloatArray, is_car: BoolArray, names: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     """Candidates and the same in a mirrored street, where some of the cues change places by mirroring."""
-    mirrored = cues.copy()
-    for left, right in MIRRORED:
-        pair = [cue_column(left), cue_column(right)]
-        mirrored[:, pair] = cues[:, pair[::-1]]
-    if not any(left in names and right in names for left, right in MIRRORED):
+    pairs = [[cue_column(left), cue_column(right)] for left, right in MIRRORED if {left, right} <= {*names}]
+    if not pairs:
         return cues, is_car
+    mirrored = cues.copy()
+    for pair in pairs:
+        mirrored[:, pair] = cues[:, pair[::-1]]
     return np.concatenate([cues, mirrored]), np.concatenate([is_car, is_car])
 
 

@@ -1,19 +1,17 @@
 """The depth that is predicted in each box of a frame: 3D instances of a class model, or another system's."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from recon.camera import DEFAULT_GROUND, GroundedCamera, default_camera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import Failure
-from recon.localization.disparity_fit import BoxFit
 from rescore.data.frames import Frame
 from rescore.evidence.candidates import Candidates
 from rescore.evidence.files import Predicted
 from rescore.evidence.predicted_depth import BoxPrediction, PredictedDepth, cut_to_boxes
 from rescore.evidence.settings import CameraChoice, RescoreConfig
-from rescore.evidence.views import Views, reconstruct_views, views_of, views_of_fits, views_without_model
+from rescore.evidence.views import FittedViews, Views, reconstruct_views, views_of, views_without_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,7 @@ def predict_instances(
     candidates: Candidates,
     source: DepthSource,
     config: RescoreConfig,
-    fits: Sequence[BoxFit | None] = (),
+    fitted: FittedViews | None = None,
 ) -> Instances:
     """The depth Zi of each candidate, from the left picture, camera and ground alone (section 4).
 
@@ -58,7 +56,7 @@ def predict_instances(
         candidates: its candidates.
         source: what predicts depth.
         config: settings.
-        fits: of each candidate, which say the view for ``view_bin`` "fit"; empty where nothing was fitted.
+        fitted: what fits say of the views, for ``view_bin`` "fit"; None where nothing was fitted.
 
     Raises:
         RescoreError: the prediction of another system is of another size than the picture, or the class model
@@ -67,12 +65,11 @@ def predict_instances(
     if isinstance(source, Instances):
         return source
     rgb, boxes = frame.left_rgb, candidates.xyxy_px
+    views = candidate_views(frame, candidates, source, config, fitted)
     if isinstance(source, PredictedDepth):
         size = (rgb.shape[1], rgb.shape[0])
-        found = cut_to_boxes(source, boxes, size, config.reconstruct.min_inside)
-        return Instances(found, views_without_model(candidates, config.view_bin))
+        return Instances(cut_to_boxes(source, boxes, size, config.reconstruct.min_inside), views)
     seen_from = assumed_camera(frame, config.camera)
-    views = candidate_views(frame, candidates, source, config, fits)
     return Instances(reconstruct_views(rgb, boxes, views, source, seen_from, config.reconstruct), views)
 
 
@@ -81,14 +78,13 @@ def candidate_views(
     candidates: Candidates,
     source: DepthSource,
     config: RescoreConfig,
-    fits: Sequence[BoxFit | None] = (),
+    fitted: FittedViews | None = None,
 ) -> Views:
     """The view of each candidate as ``predict_instances`` takes it, from the same arguments."""
     if isinstance(source, Instances):
         return source.views
     if isinstance(source, PredictedDepth):
         return views_without_model(candidates, config.view_bin)
-    fitted = views_of_fits(fits, source.bins) if fits else None
     return views_of(frame.left_rgb, candidates, config.view_bin, source, config.reconstruct, fitted)
 
 

@@ -4,6 +4,7 @@ Everything that rescores calls ``rescore_frame``: the library, the commands, the
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
@@ -109,21 +110,23 @@ def rescore_frame(
     """
     config = rescoring.config
     fits = _fitted(frame, candidates, source, rescoring)  # past eq. 6: an instance of the class, placed in 3D
+    sides, told = None, dict[str, Any]()
+    if isinstance(source, ClassModel):
+        sides = views_of_fits(fits, source.bins)
+        told = sides.columns(source.bins)
     if rescoring.predict:
-        instances = predict_instances(frame, candidates, source, config, fits)  # Zi
+        instances = predict_instances(frame, candidates, source, config, sides)  # Zi
         measured = measured_depth(frame.disparity_px, frame.camera, inverse=instances.inverse)  # Zs
         alignments = align_instances(instances.found, measured, candidates.xyxy_px, config.align)  # eq. 6
     else:
-        instances, alignments = Instances((), candidate_views(frame, candidates, source, config, fits)), ()
+        instances, alignments = Instances((), candidate_views(frame, candidates, source, config, sides)), ()
     depths = instances.scaled_depths or (None,) * len(candidates)
     azimuth_rad = instances.views.azimuth_rad
     cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues, fits))
     fitted = boxes_of_fits(fits, frame)
     placed = candidates if fitted is None else replace(candidates, boxes3d=fitted.or_else(candidates.boxes3d))
     outcomes = alignments or (None,) * len(candidates)
-    evidence = CandidateTable.of_alignments(placed, outcomes, cues, frame.ground_source)
-    if isinstance(source, ClassModel):
-        evidence = replace(evidence, **views_of_fits(fits, source.bins).columns(source.bins))
+    evidence = replace(CandidateTable.of_alignments(placed, outcomes, cues, frame.ground_source), **told)
     rescored = rescoring.fuse(evidence)  # eq. 7
     return RescoredFrame(rescored, instances.views, instances.found, alignments, fits)
 

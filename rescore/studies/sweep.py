@@ -16,6 +16,7 @@ from rescore.data.pictures import read_rgb
 from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.instance_fits import fit_instances
 from rescore.evidence.instances import predict_instances
+from rescore.evidence.views import views_of_fits
 from rescore.files import write_provenance
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.fusion.tune import match_at
@@ -216,7 +217,8 @@ def _frame_steps(
         frame = load_frame(record, run.sgbm)
         right = read_rgb(record.right_path, record.width_px, record.height_px) if record.right_path else None
         fits = fit_instances(frame, candidates.xyxy_px, run.class_model, run.config.fit)
-        own = predict_instances(frame, candidates, run.class_model, run.config, fits)
+        sides = views_of_fits(fits, run.class_model.bins)
+        own = predict_instances(frame, candidates, run.class_model, run.config, sides)
         tables = []
         for dial, level in steps:
             spoilt = frame if dial is None else _spoilt(frame, right, dial, level, run.sgbm, seed)

@@ -6,11 +6,11 @@ find has a box as wide as the cars of its bin, in the middle of the window.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
@@ -26,7 +26,7 @@ from rescore.detectors.fragments import (
     features_of_crops,
     level_features,
 )
-from rescore.detectors.mining import MiningConfig, hard_negatives, jittered
+from rescore.detectors.mining import MiningConfig, ScanRange, hard_negatives, jittered, over_frames
 from rescore.detectors.platt import fit_platt
 from rescore.detectors.views.examples import (
     CarViews,
@@ -38,9 +38,9 @@ from rescore.detectors.views.examples import (
     windows_of_scale,
 )
 from rescore.detectors.views.joint_boosting import JointBoostConfig, SharedStumps, joint_boost
-from rescore.detectors.views.levels import HeightRange, levels_of
+from rescore.detectors.views.levels import levels_of
 from rescore.detectors.windows import WindowGeometry, gray
-from rescore.parallel import in_order, one_thread
+from rescore.parallel import one_thread
 
 MINING_FLOOR = -4.0
 """Street that scores less than this weighs next to nothing in boosting."""
@@ -54,7 +54,8 @@ class BoostedViewsConfig:
     """Height of a car in the window; its width is that of the bin's examples."""
     margin_px: int = 8
     """Margin around the widest car."""
-    scan: HeightRange = field(default_factory=lambda: HeightRange(smallest_px=24.0))
+    scan: ScanRange = field(default_factory=lambda: ScanRange(24.0, 240.0, 1.15))
+    """Heights of cars, which change little with the view, as widths do."""
     stride: int = 2
     """Step of the window in grid steps of the fragments."""
     padding_px: int = 24
@@ -106,7 +107,7 @@ class BoostedViewsDetector:
         config, window, parts = self.config, self.window, []
         step = config.stride * config.fragments.grid_px
         with one_thread():
-            heights = config.scan.heights_px()
+            heights = config.scan.car_sizes_px()
             for zoom, level in levels_of(picture, config.object_height_px, heights, config.padding_px):
                 scores = self.stumps.score(level_features(level, self.dictionary, window, config.stride))
                 best = scores.argmax(axis=0)
@@ -253,21 +254,17 @@ def _street(
     """Windows of street: random ones, or those that the detector takes for cars."""
     limits, n = detector.config.mining, len(data.frames)
     per_frame = limits.hard_of_frame(n) if mined else limits.random_of_frame(n)
-    tasks = (
-        delayed(_street_of)(record, data.truth[record.image_id], detector, frame, frame_rng, mined, per_frame)
-        for frame, (record, frame_rng) in enumerate(
-            zip(data.frames, rng.spawn(len(data.frames)), strict=True)
-        )
-    )
-    return _Crops.joined(list(in_order(tasks, jobs)))
+    work = partial(_street_of, detector=detector, mined=mined, per_frame=per_frame)
+    return _Crops.joined(list(over_frames(work, data, rng, jobs)))
 
 
 def _street_of(
+    frame: int,
     record: FrameRecord,
     truth: Truth,
-    detector: BoostedViewsDetector,
-    frame: int,
     rng: np.random.Generator,
+    *,
+    detector: BoostedViewsDetector,
     mined: bool,
     per_frame: int,
 ) -> _Crops:
@@ -301,7 +298,7 @@ def _random_windows(
     """Objects of random bins, sizes, places and scores; more than training takes of a frame."""
     config, n = detector.config, 4 * detector.config.mining.random_per_frame
     bins = rng.integers(len(detector.view_bin), size=n)
-    scale = rng.choice(config.scan.heights_px(), n) / config.object_height_px
+    scale = rng.choice(config.scan.car_sizes_px(), n) / config.object_height_px
     size = np.stack([detector.object_width_px[bins], np.full(n, config.object_height_px)], axis=1)
     size = size * scale[:, None]
     room = np.maximum(np.array([record.width_px, record.height_px]) - size, 1)

@@ -66,10 +66,6 @@ class CarViews:
         """Mask (2 n,) of the cars that are to be mirrored."""
         return np.arange(len(self.xyxy_px)) >= len(self.xyxy_px) // 2
 
-    def take(self, rows: BoolArray) -> "tuple[FloatArray, BoolArray]":
-        """Boxes, and whether to mirror them, of a mask."""
-        return self.xyxy_px[rows], self.mirrored[rows]
-
 
 def car_views(data: DataSet, examples: ViewExamples, mining: MiningConfig) -> tuple[CarViews, ...]:
     """The examples of each frame, empty where it has none.
@@ -159,7 +155,7 @@ def read_gray(record: FrameRecord) -> UInt8Array:
 
 
 def cut_like_a_scan(picture: UInt8Array, windows_px: FloatArray, window: WindowGeometry) -> UInt8Array:
-    """Canonical crops (n, height, width) of windows (n, 4), resized as ``level_of`` resizes pictures."""
+    """Canonical crops (n, height, width) of windows (n, 4), resized as ``levels_of`` resizes pictures."""
     crops = np.empty((len(windows_px), window.height_px, window.width_px), np.uint8)
     shrinks = windows_px[:, 3] - windows_px[:, 1] > window.height_px
     for rows, how in ((shrinks, cv2.INTER_AREA), (~shrinks, cv2.INTER_LINEAR)):

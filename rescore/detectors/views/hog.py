@@ -7,6 +7,7 @@ compare.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -20,7 +21,7 @@ from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Arr
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
-from rescore.detectors.mining import MiningConfig, hard_negatives, jittered
+from rescore.detectors.mining import MiningConfig, ScanRange, hard_negatives, jittered, over_frames
 from rescore.detectors.views.examples import (
     CarViews,
     ViewExamples,
@@ -31,9 +32,9 @@ from rescore.detectors.views.examples import (
     score_exceeded,
     windows_around,
 )
-from rescore.detectors.views.levels import HeightRange, levels_of
+from rescore.detectors.views.levels import levels_of
 from rescore.detectors.windows import WindowGeometry, gray
-from rescore.parallel import in_order, one_thread
+from rescore.parallel import one_thread
 
 CELL_PX = 8
 BLOCK_PX = 16
@@ -52,7 +53,8 @@ class HogViewsConfig:
     """Height of a car in the window of every bin; its width is that of the bin's examples."""
     margin_px: int = 8
     """Least margin around it."""
-    scan: HeightRange = field(default_factory=HeightRange)
+    scan: ScanRange = field(default_factory=lambda: ScanRange(20.0, 240.0, 1.15))
+    """Heights of cars, which change little with the view, as widths do."""
     stride_px: int = 4
     """Step of a window on a level of the pyramid: a cell or half of one."""
     padding_px: int = 48
@@ -139,7 +141,7 @@ class HogViewsDetector:
     def scan(self, rgb: UInt8Array) -> Detections:
         """All windows above the floor, each with the azimuth of its bin, before suppression and clipping."""
         with one_thread():
-            levels = pyramid(gray(rgb), self.config, self.config.scan.heights_px())
+            levels = pyramid(gray(rgb), self.config, self.config.scan.car_sizes_px())
             found = self.places(levels, self.config.floor)
         middles = np.array([self.config.examples.middle_deg(f.view_bin) for f in self.filters])
         return ordered(found.xyxy_px, found.score, middles[found.filter_index])
@@ -376,31 +378,27 @@ def _street(
     """Windows of street for each bin that is learned: random ones, or those that look like cars to it."""
     limits, n = detector.config.mining, len(data.frames)
     per_bin = limits.hard_of_frame(n) if mined else limits.random_of_frame(n)
-    tasks = (
-        delayed(_street_of)(record, data.truth[record.image_id], detector, frame, frame_rng, mined, per_bin)
-        for frame, (record, frame_rng) in enumerate(
-            zip(data.frames, rng.spawn(len(data.frames)), strict=True)
-        )
-    )
+    work = partial(_street_of, detector=detector, mined=mined, per_bin=per_bin)
     found: dict[int, list[_Rows]] = {}
-    for of_frame in in_order(tasks, jobs):
+    for of_frame in over_frames(work, data, rng, jobs):
         for b, rows in of_frame:
             found.setdefault(b, []).append(rows)
     return found
 
 
 def _street_of(
+    frame: int,
     record: FrameRecord,
     truth: Truth,
-    detector: HogViewsDetector,
-    frame: int,
     rng: np.random.Generator,
+    *,
+    detector: HogViewsDetector,
     mined: bool,
     per_bin: int,
 ) -> list[tuple[int, _Rows]]:
     config = detector.config
     with one_thread():
-        heights = config.scan.heights_px()
+        heights = config.scan.car_sizes_px()
         # random windows need not be of all sizes in each frame
         some = heights if mined else np.sort(rng.choice(heights, min(4, len(heights)), replace=False))
         levels = pyramid(read_gray(record), config, some)

@@ -6,9 +6,9 @@ import numpy as np
 
 from recon.arrays import FloatArray, IntArray
 from recon.camera import GroundedStereo, StereoCamera
-from recon.localization.depth_views import DepthViewsConfig, first_hit
+from recon.localization.depth_views import DepthViewsConfig, first_coefficients, first_hit
 from recon.localization.disparity_fit import PlacedInstance
-from recon.localization.standing_box import cam_from_ground
+from recon.localization.standing_box import cam_from_ground, turn
 from recon.shape_space import ShapeSpace
 from rescore.studies.relief.likelihood import MeasurementNoise
 
@@ -29,10 +29,10 @@ class PosedShape:
         """Disparity (n,) at pixels (n, 2); NaN where the shape is not seen."""
         rays = stereo.left.rays(uv_px)
         reach = np.linalg.norm(rays, axis=1)
-        turn = self.cam_from_object[:3, :3]
-        origin = np.broadcast_to(-turn.T @ self.cam_from_object[:3, 3], rays.shape)
+        rotation = self.cam_from_object[:3, :3]
+        origin = np.broadcast_to(-rotation.T @ self.cam_from_object[:3, 3], rays.shape)
         hull = self.space.hull(self.coefficients)
-        ahead = first_hit(self.space, hull, self.size_m, origin, rays / reach[:, None] @ turn)
+        ahead = first_hit(self.space, hull, self.size_m, origin, rays / reach[:, None] @ rotation)
         return np.asarray(stereo.focal_baseline * reach / ahead)
 
     def moved(self, step: FloatArray) -> "PosedShape":
@@ -56,8 +56,9 @@ class PosedShape:
 
 def about_up(angle_rad: float) -> FloatArray:
     """Rotation (3, 3) about z, counter-clockwise seen from above."""
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    rotation = np.eye(3)
+    rotation[:2, :2] = turn(angle_rad)
+    return rotation
 
 
 def posed_instance(
@@ -66,17 +67,13 @@ def posed_instance(
     """The shape that a fit has placed."""
     ground, box = cam_from_ground(seen_from.ground), placed.box
     pose = np.eye(4)
-    pose[:3, :3] = ground[:3, :3] @ about_up(box.yaw_rad)
-    pose[:3, 3] = ground[:3, :3] @ np.append(box.xy_m, 0.0) + ground[:3, 3]
-    return PosedShape(space, pose, fit_shapes(space, config)[int(placed.pose.shape[0])], box.size_m)
+    pose[:3, :3], pose[:2, 3] = about_up(box.yaw_rad), box.xy_m
+    return PosedShape(space, ground @ pose, fit_shapes(space, config)[int(placed.pose.shape[0])], box.size_m)
 
 
 def fit_shapes(space: ShapeSpace, config: DepthViewsConfig) -> FloatArray:
     """Coefficients of the shapes that the fit tries, shape (shapes, k)."""
-    shapes = np.zeros((len(config.coefficients), space.count))
-    for row, own in zip(shapes, config.coefficients, strict=True):
-        row[: len(own[: space.count])] = own[: space.count]
-    return shapes
+    return np.stack([first_coefficients(space, first) for first in config.coefficients])
 
 
 NONE_FREE = (0.0,) * 7

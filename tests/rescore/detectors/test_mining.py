@@ -43,10 +43,10 @@ def dataset(root, boxes, ignore=None, visibility=None, picture=None):
 
 
 def test_scan_range_covers_its_sizes():
-    widths = ScanRange(50, 100, 1.25).car_widths_px()
+    widths = ScanRange(50, 100, 1.25).car_sizes_px()
     # 50, 62.5, 78.1, 97.7, 122: the first at or beyond 100 is the last
     assert widths == pytest.approx([50, 62.5, 78.125, 97.65625, 122.0703125])
-    assert ScanRange(50, 50, 1.25).car_widths_px().tolist() == [50]
+    assert ScanRange(50, 50, 1.25).car_sizes_px().tolist() == [50]
     with pytest.raises(RescoreError, match="expected 0 < smallest <= largest"):
         ScanRange(50, 40, 1.2)
 

@@ -274,9 +274,10 @@ def test_cues_that_are_left_out_are_in_no_mode_and_a_mode_without_cues_is_none(t
 
 
 def test_even_odds_do_not_depend_on_the_share_of_cars() -> None:
-    cues, is_car = drawn(2000, np.random.default_rng(3))
+    # about as many candidates as a run has for fitting
+    cues, is_car = drawn(1000, np.random.default_rng(3))
     cues[:, cue_column("overlap")] = cues[:, cue_column("width")]
-    few = np.concatenate([np.flatnonzero(is_car)[:50], np.flatnonzero(~is_car)])
+    few = np.concatenate([np.flatnonzero(is_car)[:25], np.flatnonzero(~is_car)])
 
     def silent(rows: np.ndarray, mode: Registration) -> float:
         return fit_evidence(cues[rows], is_car[rows], mode, CONFIG).neutral
@@ -288,8 +289,7 @@ def test_even_odds_do_not_depend_on_the_share_of_cars() -> None:
     assert guarded[1] > guarded[0] + 0.08 > 0.8
     for mode in (Registration.METRIC, Registration.INSTANCE):
         even = [silent(rows, mode) for rows in (everything, few)]
-        # fewer cars are fitted more cautiously, by the penalty
-        assert abs(even[1] - even[0]) < 0.15
+        assert abs(even[1] - even[0]) < 0.08
         assert max(even) < 0.75
 
 

@@ -13,19 +13,18 @@ from recon.errors import RescoreError
 from rescore.data.frames import DataSet
 from rescore.detectors.detect import detect_candidates
 from rescore.detectors.fragments import FragmentConfig
-from rescore.detectors.mining import MiningConfig
+from rescore.detectors.mining import MiningConfig, ScanRange
 from rescore.detectors.platt import PlattScaling
 from rescore.detectors.registry import DETECTORS, learned_detectors, load_detector, train_detector
 from rescore.detectors.views.boosted import BoostedViewsConfig
 from rescore.detectors.views.examples import ViewExamples, aspects, car_views
 from rescore.detectors.views.hog import HogViewsConfig
 from rescore.detectors.views.joint_boosting import JointBoostConfig
-from rescore.detectors.views.levels import HeightRange
 from rescore.experiment.config import RunConfig, run_preset
 from rescore.formats.coco import read_detections, write_detections
 from tests.rescore.toy_street import ASPECT, ASPECT_OF_END, picture_of, random_view, toy_views
 
-SIZES = HeightRange(25, 65, 1.2)
+SIZES = ScanRange(25, 65, 1.2)
 MINING = MiningConfig(jitter_copies=3, random_per_frame=10, hard_per_frame=6, rounds=1, max_car_iou=0.4)
 SMALL: dict[str, Any] = {
     "hog_views": HogViewsConfig(scan=SIZES, mining=MINING, floor=-1.0),
@@ -96,7 +95,7 @@ def test_what_is_loaded_finds_what_was_saved(
 @pytest.mark.parametrize("name", NAMES)
 def test_one_seed_gives_one_file_whatever_the_jobs(data: DataSet, name: str, tmp_path: Path) -> None:
     few = replace(data, frames=data.frames[:8])
-    config = replace(SMALL[name], examples=ViewExamples(min_cars=2), scan=HeightRange(40, 60, 1.25))
+    config = replace(SMALL[name], examples=ViewExamples(min_cars=2), scan=ScanRange(40, 60, 1.25))
     for jobs in (1, 2):
         train_detector(name, few, config, 5, jobs).save(tmp_path / f"{jobs}.npz")
     assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
