@@ -49,7 +49,8 @@ _ROOM = 0.015
 _PICTURES = {CANDIDATES: "candidate_roc.png", CARS: "car_roc.png", PRECISION: "precision_recall.png"}
 """Files by kind of curve."""
 # curves of cars rise from the left below to the right above, those of candidates to the left above
-_LEGEND_AT = {"candidate_roc.png": "lower right", "car_roc.png": "upper left"}
+# what rises to the right leaves this corner empty
+_LEGEND_AT = {"candidate_roc.png": "lower right", "car_roc.png": "lower right"}
 
 
 def write_curves(run: Run, folder: Path) -> tuple[Path, ...]:

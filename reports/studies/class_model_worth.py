@@ -110,8 +110,10 @@ def draw_worth(result: WorthResult) -> Figure:
 
 
 def _draw_detector(ax: Axes, one: DetectorWorth) -> None:
-    known = [i.value for f in one.figures.values() for i in f.fppi.values() if np.isfinite(i.value)]
-    top = 1.25 * max(known, default=1.0)
+    known = [i for f in one.figures.values() for i in f.fppi.values() if np.isfinite(i.value)]
+    largest = max((i.value for i in known), default=1.0)
+    # an end far above all figures would press them together
+    top = min(1.06 * max((i.high for i in known), default=1.0), 2.5 * largest)
     for offset, name in zip((-0.16, 0.0, 0.16), NAMES, strict=True):
         intervals = [one.figures[name].fppi[f"{recall:g}"] for recall in RECALLS]
         reached = [k for k, i in enumerate(intervals) if np.isfinite(i.value)]

@@ -231,6 +231,10 @@ def _signed(value: float) -> str:
     return "–" if not np.isfinite(value) else f"{value:.1f}".replace("-", "−")
 
 
+def _cars(count: int) -> str:
+    return f"{count} car{'s' * (count != 1)}"
+
+
 def _between(cell: ReliefCell) -> str:
     return f"{cell.from_m:g} to {cell.to_m:g} m"
 
@@ -260,7 +264,7 @@ def _draw_view(ax: Axes, cells: Sequence[ReliefCell], view: View) -> None:
         ax.vlines(x, low, high, color=colour, lw=1.8, alpha=0.55)
         ax.plot(x, value, marker, color=colour, label=NAMES[name])
     count = {(cell.from_m, cell.to_m): cell.n_cars for cell in cells}
-    labels = [f"{low:g}–{high:g} m\n{count.get((low, high), 0)} cars" for low, high in groups]
+    labels = [f"{low:g}–{high:g} m\n{_cars(count.get((low, high), 0))}" for low, high in groups]
     ax.set_xticks(range(len(groups)), labels)
     ax.set_yscale("symlog", linthresh=_LINEAR_NATS)
     ax.yaxis.set_major_formatter(ScalarFormatter())
