@@ -59,8 +59,8 @@ def test_the_best_stump_is_that_of_a_search_of_all_subsets():
 
 def test_bins_are_told_apart_and_files_hold_what_is_used():
     features, label = problem(n=1500)
-    config = JointBoostConfig(rounds=30, features_per_round=6, thresholds=8)
-    stumps = joint_boost(features, label, config, np.random.default_rng(0))
+    draws = JointBoostConfig(rounds=30, features_per_round=6).draws(6, np.random.default_rng(0))
+    stumps = joint_boost(features, label, draws, 8)
     fresh, truth = problem(n=1500, seed=9)
     street = (truth == -1).all(axis=1)
     for score, label in zip(stumps.score(fresh), truth.T, strict=True):
@@ -77,14 +77,14 @@ def test_bins_are_told_apart_and_files_hold_what_is_used():
 
 def test_a_sample_of_label_0_says_nothing_of_a_bin():
     features, label = problem(n=1500)
-    config = JointBoostConfig(rounds=30, features_per_round=6, thresholds=8)
+    draws = JointBoostConfig(rounds=30, features_per_round=6).draws(6, np.random.default_rng(0))
     doubtful = label[:, 2] == 1
     # as cars of bin 0, these would teach that all that is not one of bin 0 is
     wrong = np.where(doubtful[:, None] & [True, False, False], 1, label)
     silent = np.where(doubtful[:, None] & [True, False, False], 0, label)
     shares = []
     for taught in (silent, wrong):
-        score = joint_boost(features, taught, config, np.random.default_rng(0)).score(features)[0]
+        score = joint_boost(features, taught, draws, 8).score(features)[0]
         shares.append((score[doubtful] > 0).mean())
     assert shares[0] < 0.3
     assert shares[1] > 0.6
@@ -93,4 +93,4 @@ def test_a_sample_of_label_0_says_nothing_of_a_bin():
 def test_a_bin_without_cars_is_refused():
     features, label = problem()
     with pytest.raises(RescoreError, match=r"for each bin, got \[0, "):
-        joint_boost(features, np.minimum(label, [-1, 1, 1]), JointBoostConfig(), np.random.default_rng(0))
+        joint_boost(features, np.minimum(label, [-1, 1, 1]), np.arange(6)[None], 12)
