@@ -91,6 +91,19 @@ def test_features_of_a_scan_equal_those_of_its_crops():
     assert crop_features(crops, dictionary) == pytest.approx(features.reshape(60, -1), abs=2e-5)
 
 
+def test_a_crop_has_its_features_whatever_lies_beside_it():
+    # 77 px are no whole number of grid steps
+    crops = np.ascontiguousarray(noisy_crops(5)[:, :, :77])
+    window = WindowGeometry(61, 24, 8, 8)
+    dictionary = cut_dictionary(crops, window, FragmentConfig(count=40), np.random.default_rng(0))
+    together = crop_features(crops, dictionary)
+    assert together.shape == (40, 5)
+    for crop, features in zip(crops, together.T, strict=True):
+        alone = level_features(crop, dictionary, window, stride=2)
+        assert alone.shape == (40, 1, 1)
+        assert features == pytest.approx(alone.ravel(), abs=2e-5)
+
+
 def test_a_fragment_answers_most_to_the_crop_it_was_cut_from():
     crops = noisy_crops(1)
     dictionary = cut_dictionary(

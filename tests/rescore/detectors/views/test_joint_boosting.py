@@ -29,10 +29,12 @@ def test_sums_above_each_threshold():
             assert sums[i, t] == pytest.approx(label[features[k] > steps.threshold[k, t]].sum(axis=0))
 
 
-def test_the_best_stump_is_that_of_a_search_of_all_subsets():
+# with 20 thresholds of six features, the bound spares most
+@pytest.mark.parametrize("thresholds", [5, 20])
+def test_the_best_stump_is_that_of_a_search_of_all_subsets(thresholds):
     features, label = problem()
     weight = np.random.default_rng(1).uniform(0.1, 1, label.shape)
-    steps = Steps.of(features, 5)
+    steps = Steps.of(features, thresholds)
 
     def error(above, low, high):
         return (weight * (label - np.where(above[:, None], high, low)) ** 2).sum()
@@ -42,7 +44,7 @@ def test_the_best_stump_is_that_of_a_search_of_all_subsets():
 
     least = np.inf
     everyone = np.ones(len(label), bool)
-    for k, t in itertools.product(range(6), range(5)):
+    for k, t in itertools.product(range(6), range(thresholds)):
         above = features[k] > steps.threshold[k, t]
         for subset in itertools.product([False, True], repeat=3):
             shares = np.array(subset)
