@@ -214,8 +214,8 @@ def correlations(
     """
     count, size, _ = patches.shape
     windows = _windows(responses, size, grid_px)
-    contrast = _contrast(responses, size)[::grid_px, ::grid_px]
-    norm = contrast[: windows.shape[0], : windows.shape[2]] + np.float32(noise_floor * size + 1e-6)
+    contrast = _contrast(responses, size, grid_px)[: windows.shape[0], : windows.shape[2]]
+    norm = contrast + np.float32(noise_floor * size + 1e-6)
     out = np.empty((windows.shape[0], count, windows.shape[2]), np.float32)
     step = max(1, 250_000 // max(1, out[0].size))  # values that fit in the processor's cache
     for start in range(0, len(out), step):
@@ -242,13 +242,13 @@ def _windows(responses: Float32Array, size: int, grid_px: int) -> Float32Array:
     return sliding_window_view(stacked, size * size, axis=0)[:: grid_px * size].transpose(0, 2, 1)
 
 
-def _contrast(responses: Float32Array, size: int) -> Float32Array:
-    """Norms of the centred square windows with their first corner at each place, shape of the responses."""
+def _contrast(responses: Float32Array, size: int, grid_px: int) -> Float32Array:
+    """Norms (rows, columns) of the centred square windows with their first corners on a grid."""
     box, corner = (size, size), (0, 0)
-    total = cv2.boxFilter(responses, cv2.CV_64F, box, anchor=corner, normalize=False)
-    squares = cv2.sqrBoxFilter(responses, cv2.CV_64F, box, anchor=corner, normalize=False)
-    total, squares = np.asarray(total, np.float32), np.asarray(squares, np.float32)
-    return np.sqrt(np.maximum(squares - total**2 / (size * size), 0))
+    total = cv2.boxFilter(responses, cv2.CV_32F, box, anchor=corner, normalize=False)
+    squares = cv2.sqrBoxFilter(responses, cv2.CV_32F, box, anchor=corner, normalize=False)
+    total, squares = total[::grid_px, ::grid_px], squares[::grid_px, ::grid_px]
+    return np.asarray(np.sqrt(np.maximum(squares - total**2 / (size * size), 0)), np.float32)
 
 
 def level_features(

@@ -101,9 +101,12 @@ def filter_scores(filters: Sequence[ViewFilter], blocks: Float32Array, step: int
         apart = np.ascontiguousarray(blocks[phase::step].transpose(0, 2, 1)).reshape(-1, columns)
         views = sliding_window_view(apart, height * LENGTH, axis=0)[::LENGTH].transpose(0, 2, 1)
         at_once = max(1, 1_000_000 // (len(weight) * columns))  # maps that fit in the processor's cache
+        found = np.empty((min(at_once, len(views)), len(weight), columns), np.float32)
         for first in range(0, len(views), at_once):
-            maps = np.split(weight @ views[first : first + at_once], np.cumsum(widths)[:-1], axis=1)
-            for score, of_filter in zip(of_phase, maps, strict=True):
+            some = views[first : first + at_once]
+            maps = np.matmul(weight, some, out=found[: len(some)])
+            of_filters = np.split(maps, np.cumsum(widths)[:-1], axis=1)
+            for score, of_filter in zip(of_phase, of_filters, strict=True):
                 _add_shifted(score[first : first + at_once], of_filter, step)
     return scores
 
