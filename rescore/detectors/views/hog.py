@@ -296,7 +296,8 @@ class _BinExamples:
         for fold in range(folds):
             unseen = self.without(fold, folds).fit(svm_c)
             blocks = self.street.take(self.street.frame % folds == fold).blocks
-            scores.append(np.tensordot(blocks, unseen.weight, axes=3) + unseen.bias)
+            with one_thread():
+                scores.append(np.tensordot(blocks, unseen.weight, axes=3) + unseen.bias)
         fitted = self.fit(svm_c)
         return replace(fitted, bias=fitted.bias - score_exceeded(np.concatenate(scores), false_alarms))
 
