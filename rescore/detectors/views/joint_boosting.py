@@ -105,6 +105,15 @@ class Steps:
         count = np.stack([np.bincount(s, minlength=thresholds + 1) for s in step]).astype(np.int32)
         return Steps(threshold, sample, count)
 
+    def among(self, chosen: BoolArray) -> "Steps":
+        """The same steps of the chosen samples (n,) alone, which are numbered anew."""
+        kept = chosen[self.sample]
+        number = np.cumsum(chosen, dtype=np.int32) - np.int32(1)
+        sample = number[self.sample[kept]].reshape(len(kept), -1)
+        until = np.concatenate([np.zeros((len(kept), 1), int), np.cumsum(kept, axis=1)], axis=1)
+        at_ends = np.take_along_axis(until, np.cumsum(self.count, axis=1), axis=1)
+        return Steps(self.threshold, sample, np.diff(at_ends, axis=1, prepend=0).astype(np.int32))
+
     def sums_above(self, rows: IntArray, values: FloatArray) -> FloatArray:
         """Sums (k, t, v) of values (n, v), over the samples that exceed each threshold of features (k,)."""
         count = self.count[rows]
@@ -134,9 +143,10 @@ def joint_boost(features: Float32Array, label: IntArray, tries: IntArray, thresh
         )
     weight = _balanced(label)
     steps = Steps.of(features, thresholds)
+    of_cars = steps.among((label == 1).any(axis=1))
     feature, threshold, below, step = [], [], [], []
     for rows in tries:
-        k, t, low, high = best_shared_stump(steps, rows, label, weight)
+        k, t, low, high = best_shared_stump(steps, of_cars, rows, label, weight)
         feature.append(k)
         threshold.append(steps.threshold[k, t])
         below.append(low)
@@ -158,17 +168,20 @@ def _balanced(label: IntArray) -> FloatArray:
 
 
 def best_shared_stump(
-    steps: Steps, rows: IntArray, label: IntArray, weight: FloatArray
+    steps: Steps, of_cars: Steps, rows: IntArray, label: IntArray, weight: FloatArray
 ) -> tuple[int, int, FloatArray, FloatArray]:
     """The feature, the number of its threshold, and what bins (bins,) get below and above it.
 
     The weighted squared error is a constant less the sum, over groups that get one number, of (sum w z)^2 /
     sum w. For each threshold, bins join those that share one by one, each time the one that lowers the error
-    most (the greedy search of the paper); the best of all is kept.
+    most (the greedy search of the paper); the best of all is kept. Weights (n, bins) are 0 where labels are;
+    ``of_cars`` are the steps of the samples that are cars of some bin.
     """
-    bins = label.shape[1]
-    sums = steps.sums_above(rows, np.concatenate([weight, weight * label], axis=1)).reshape(-1, 2 * bins)
-    w_above, z_above = sums[:, :bins], sums[:, bins:]
+    is_car = label == 1
+    w_above = steps.sums_above(rows, weight).reshape(-1, label.shape[1])
+    # few samples are cars, and all others have the label -1 where they have weight
+    w_of_cars = of_cars.sums_above(rows, (weight * is_car)[is_car.any(axis=1)]).reshape(w_above.shape)
+    z_above = 2 * w_of_cars - w_above
     w_all, z_all = weight.sum(axis=0), (weight * label).sum(axis=0)
     sides = np.stack([w_above, z_above, w_all - w_above, z_all - z_above])
     chosen, shares = _best_threshold(sides, z_all**2 / w_all)

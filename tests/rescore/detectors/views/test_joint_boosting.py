@@ -29,6 +29,17 @@ def test_sums_above_each_threshold():
             assert sums[i, t] == pytest.approx(label[features[k] > steps.threshold[k, t]].sum(axis=0))
 
 
+def test_steps_of_some_samples_are_those_of_all_without_the_others():
+    features, label = problem()
+    chosen = (label == 1).any(axis=1)
+    values = np.random.default_rng(2).uniform(size=(400, 2))
+    steps, rows = Steps.of(features, 5), np.arange(6)
+    some = steps.among(chosen)
+    assert some.count.sum(axis=1).tolist() == [chosen.sum()] * 6
+    sums = some.sums_above(rows, values[chosen])
+    assert sums == pytest.approx(steps.sums_above(rows, values * chosen[:, None]))
+
+
 # with 20 thresholds of six features, the bound spares most
 @pytest.mark.parametrize("thresholds", [5, 20])
 def test_the_best_stump_is_that_of_a_search_of_all_subsets(thresholds):
@@ -53,7 +64,9 @@ def test_the_best_stump_is_that_of_a_search_of_all_subsets(thresholds):
             if shares.any():
                 low[shares], high[shares] = constants(~above, shares), constants(above, shares)
             least = min(least, error(above, low, high))
-    k, t, low, high = best_shared_stump(steps, np.arange(6), label, weight)
+    k, t, low, high = best_shared_stump(
+        steps, steps.among((label == 1).any(axis=1)), np.arange(6), label, weight
+    )
     assert error(features[k] > steps.threshold[k, t], low, high) == pytest.approx(least)
     assert k == 4
     assert (low != high).tolist() == [True, True, False]
