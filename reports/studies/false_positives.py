@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from rescore.results.sweep_file import SweptInterval
 
 Way = tuple[Mapping[str, SweptInterval], str, str]
-"""Of a way of scoring: its false positives an image by recall, as "0.7"; colour and marker."""
+"""False positives an image by recall, as "0.7", of a way of scoring; its colour and its marker."""
 
 
 def draw_false_positives(ax: Axes, ways: Mapping[str, Way]) -> None:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from reports.pages import write_figure, write_page
 from reports.palette import BLUE, DARK_GREY, GREEN
-from reports.run.tables import Table, interval_text, number
+from reports.run.tables import Table, interval_text, number_text
 from reports.studies.false_positives import draw_false_positives
 from rescore.results.candidate_file import ALONE
 from rescore.results.sweep_file import SweptInterval
@@ -41,7 +41,7 @@ def figures_table(result: PlacesResult, short: bool = False) -> Table:
     """
 
     def text(figure: SweptInterval, digits: int = 2) -> str:
-        return number(figure.value, digits) if short else interval_text(figure, digits)
+        return number_text(figure.value, digits) if short else interval_text(figure, digits)
 
     rows = tuple(
         (
@@ -127,8 +127,8 @@ def places_page(result: PlacesResult, figure: str) -> str:
         "of 95 % from a bootstrap over frames; frames of one place are alike, so that they are rather too "
         "narrow.",
         f"![False positives an image by the share of cars found]({figure})",
-        "Area under the ROC of candidates, average precision (AP), and false positives an image where a share "
-        "of all cars is found.",
+        "Area under the ROC of candidates, average precision (AP), and false positives an image where a "
+        "share of all cars is found.",
         figures_table(result).markdown().rstrip(),
         "## Times fewer false positives",
         "Paired over frames; above 1 the first makes fewer.",

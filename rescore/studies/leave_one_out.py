@@ -49,14 +49,14 @@ class PlaceFacts(StudyPart):
     """One place."""
 
     image_ids: tuple[int, ...]
-    """Its frames."""
+    """Frames of the place."""
     n_cars: int
     """Annotated cars in them that count."""
     n_candidates: int
     n_others: int
     """Candidates of the other places that D was fitted to."""
     n_cars_of_others: int
-    """Those of them that are a car."""
+    """Cars among these candidates."""
 
 
 class WayFigures(StudyPart):
@@ -95,7 +95,7 @@ class PlacesResult(StudyPart):
     figures: dict[str, WayFigures]
     """By ``ALONE``, ``AS_IT_IS`` and ``FITTED``."""
     comparisons: tuple[Comparison, ...]
-    """Of ``PAIRS``."""
+    """The pairs of ``PAIRS``, in their order."""
 
     @property
     def largest(self) -> PlaceFacts:

@@ -23,14 +23,14 @@ POINTS = 2000
 REACH = 3
 """Pictures before each that it is compared with."""
 RATIO = 0.8
-"""A nearest descriptor is farther than this share of the second nearest: the point is not matched."""
+"""A nearest descriptor is a match where its distance is below this share of that of the second nearest."""
 OFF_EPIPOLAR_PX = 1.5
 """Distance from the epipolar line up to which a pair of points agrees with a movement of the camera."""
 MIN_SHARED = 10
 """Shared points from which two pictures show one place. It is low on purpose: frames of one street that are
 parted would judge themselves, those of two that are joined only leave fewer to fit on. Of 116 pairs of road
-pictures 15 or more frames apart two share so many by chance, nine share nine: any seven pairs of points fix a
-movement."""
+pictures 15 or more frames apart two share so many by chance, nine at least nine: any seven pairs of points
+fix a movement."""
 
 
 @dataclass(frozen=True, eq=False)
