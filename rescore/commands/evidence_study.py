@@ -180,7 +180,7 @@ def study_places(
     if out.suffix != ".json":
         raise RescoreError(f"--out: expected a name that ends in .json, got {out.name!r}; change it")
     used = Rescorer.default() if rescorer is None else Rescorer.from_file(rescorer)
-    data = read_data(dataset)
+    data = read_data(dataset, "car" if used.class_model is None else used.class_model.class_name)
     file = detections_of(detections, data)
     given = "" if rescorer is None else f" --rescorer {rescorer}"
     command = f"rescore study-places {dataset} {detections} --out {out}{given} --seed {seed}"
