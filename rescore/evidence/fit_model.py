@@ -67,7 +67,7 @@ def fit_evidence(
         raise RescoreError(
             f"depth evidence ({registration}): expected at least {config.min_cars} cars and some other "
             f"things among candidates with measured depth, got {n_cars} cars of {len(is_car)}; "
-            "add frames to the splits 'train' and 'calibration'"
+            "add labelled frames to fit it on (of a data set with splits: 'train' and 'calibration')"
         )
     model = _fitted(*_with_mirrored(cues, is_car, names), registration, names, config)
     checked = {name: cues[:, cue_column(name)] for name in checks_of(registration)}
