@@ -17,8 +17,6 @@ FOOTPRINT_SHARE = 0.4
 next were chosen on 61 frames of the KITTI road benchmark (docs/boxes3d.md)."""
 PICTURE_SHARE = 0.3
 """Share of the smaller of two boxes in the picture that both must have in common."""
-NO_RIVAL = -1.0
-"""The cue ``rival`` of a box that is alone on its car."""
 
 
 def same_car(xyxy_px: FloatArray, boxes3d: Boxes3D) -> BoolArray:
@@ -37,7 +35,7 @@ def same_car(xyxy_px: FloatArray, boxes3d: Boxes3D) -> BoolArray:
 def rival(overlap: FloatArray, same: BoolArray) -> FloatArray:
     """How much better the best other box on the same car frames it than each box does, shape (n,).
 
-    In [-1, 1]: the overlap of that box less the own one; ``NO_RIVAL`` where no other box is on the car.
+    In [-1, 1]: the overlap of that box less the own one; 0 where no other box is on the car.
 
     Args:
         overlap: Expected intersection over union of each box with the instance that the disparity shows in
@@ -47,4 +45,4 @@ def rival(overlap: FloatArray, same: BoolArray) -> FloatArray:
     others = np.where(same & np.isfinite(overlap)[None, :], overlap[None, :], -np.inf)
     np.fill_diagonal(others, -np.inf)
     best = others.max(axis=1, initial=-np.inf)
-    return np.where(np.isfinite(best), best - overlap, np.where(np.isfinite(overlap), NO_RIVAL, np.nan))
+    return np.where(np.isfinite(best), best, overlap) - overlap

@@ -6,6 +6,7 @@ it is evidence, and with which others it is left out in the study of what cues a
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -146,6 +147,16 @@ def _depth_ratio(
     return float(np.median(np.log(camera.depth_m(measured[use]) / predicted.depth[use])))
 
 
+class Sense(IntEnum):
+    """Direction in which a cue speaks as it rises."""
+
+    FOR = 1
+    """The more of it, the more it speaks for a whole car in the box, or as much."""
+    AGAINST = -1
+    EITHER = 0
+    """A car has neither much more nor much less, as with a size."""
+
+
 @dataclass(frozen=True)
 class Cue:
     """One part of the depth evidence."""
@@ -160,13 +171,20 @@ class Cue:
     """Modes in which it is evidence."""
     checked_in: frozenset[Registration] = frozenset()
     """Modes in which it must not be lower than where the mode was fitted, or a candidate has no evidence."""
+    sense: Sense = Sense.EITHER
+    """Direction in which it may speak as it rises: its function in an evidence model keeps to that."""
 
 
 def _entries(
-    compute: Callable[[CueInput], Columns], modes: Iterable[Registration], *named: tuple[str, str, CueWords]
+    compute: Callable[[CueInput], Columns],
+    modes: Iterable[Registration],
+    *named: tuple[str, str, Sense, CueWords],
 ) -> dict[str, Cue]:
-    """Entries of cues that one function computes, from their names, groups and words."""
-    return {name: Cue(compute, words, group, frozenset(modes)) for name, group, words in named}
+    """Entries of cues that one function computes, from their names, groups, senses and words."""
+    found = {}
+    for name, group, sense, words in named:
+        found[name] = Cue(compute, words, group, frozenset(modes), sense=sense)
+    return found
 
 
 _METRIC = (Registration.METRIC,)
@@ -189,8 +207,8 @@ _SEEN_EXPLAINED = signed_share(
     Side("the car that fits the depth best explains {} of what it could", "% for a car"),
 )
 _RIVAL = signed_share(
-    "another box frames this car as well",
-    Side("no other box frames this car as well, by {}", "% for the box"),
+    "no other box frames this car better",
+    Side("no other box on this car frames it as well, by {}", "% for the box"),
     Side("another box frames this car better, by {}", "% for another"),
 )
 _OVER_PLANE = signed_nats(
@@ -202,83 +220,126 @@ CUES: dict[str, Cue] = {
     **_entries(
         relief,
         (Registration.GUARDED, Registration.METRIC),
-        ("relief_scale", "all relief", times("relief {} the predicted one")),
-        ("relief_residual", "all relief", share("off the fitted relief by {} of the distance", _FINE)),
-        ("relief_gain", "all relief", times("the relief fits {} as well as a flat surface", "{:.2f} times")),
-        ("roughness", "all relief", share("depth varies by {} of the distance", _FINE)),
+        ("relief_scale", "all relief", Sense.EITHER, times("relief {} the predicted one")),
+        (
+            "relief_residual",
+            "all relief",
+            Sense.AGAINST,
+            share("off the fitted relief by {} of the distance", _FINE),
+        ),
+        (
+            "relief_gain",
+            "all relief",
+            Sense.FOR,
+            times("the relief fits {} as well as a flat surface", "{:.2f} times"),
+        ),
+        ("roughness", "all relief", Sense.EITHER, share("depth varies by {} of the distance", _FINE)),
     ),
     **_entries(
         around,
         _METRIC,
-        ("width", "all of size", times("{} as wide as a car")),
-        ("height", "all of size", times("{} as tall as a car")),
+        ("width", "all of size", Sense.EITHER, times("{} as wide as a car")),
+        ("height", "all of size", Sense.EITHER, times("{} as tall as a car")),
     ),
     **_entries(
         around,
         _CALIBRATED,
-        ("foot", "foot and ground", metres("foot {} above the ground")),
-        ("compact", "fill", share("{} of its middle at one depth")),
-        ("left", "edges beside", share("to the left {} goes on at its depth")),
-        ("right", "edges beside", share("to the right {} goes on at its depth")),
-        ("above", "edges above", share("above it {} goes on at its depth")),
-        ("behind_above", "edges above", share("above it {} lies behind")),
-        ("fill_left", "fill", share("left rim {} filled")),
-        ("fill_right", "fill", share("right rim {} filled")),
-        ("fill_top", "fill", share("top {} filled")),
-        ("ground_below", "foot and ground", share("below it {} is ground")),
+        ("foot", "foot and ground", Sense.EITHER, metres("foot {} above the ground")),
+        ("compact", "fill", Sense.FOR, share("{} of its middle at one depth")),
+        ("left", "edges beside", Sense.AGAINST, share("to the left {} goes on at its depth")),
+        ("right", "edges beside", Sense.AGAINST, share("to the right {} goes on at its depth")),
+        ("above", "edges above", Sense.AGAINST, share("above it {} goes on at its depth")),
+        ("behind_above", "edges above", Sense.FOR, share("above it {} lies behind")),
+        ("fill_left", "fill", Sense.FOR, share("left rim {} filled")),
+        ("fill_right", "fill", Sense.FOR, share("right rim {} filled")),
+        ("fill_top", "fill", Sense.FOR, share("top {} filled")),
+        ("ground_below", "foot and ground", Sense.FOR, share("below it {} is ground")),
     ),
-    **_entries(around, _METRIC, ("relief", "all relief", metres("upper part {} behind the lower"))),
-    **_entries(around, _CALIBRATED, ("near", "fill", share("{} covered by nearer things"))),
     **_entries(
-        around, _METRIC, ("support", "all of size", share("{} at the distance that its size asks for"))
+        around, _METRIC, ("relief", "all relief", Sense.EITHER, metres("upper part {} behind the lower"))
     ),
-    **_entries(around, _CALIBRATED, ("lower", "fill", share("{} of its foot at its depth"))),
+    **_entries(around, _CALIBRATED, ("near", "fill", Sense.AGAINST, share("{} covered by nearer things"))),
+    **_entries(
+        around,
+        _METRIC,
+        ("support", "all of size", Sense.FOR, share("{} at the distance that its size asks for")),
+    ),
+    **_entries(around, _CALIBRATED, ("lower", "fill", Sense.FOR, share("{} of its foot at its depth"))),
     "measured": Cue(
         around,
         share("stereo measured on {}", _FINE),
         "measured share",
         frozenset(_CALIBRATED),
         frozenset(_CALIBRATED),
+        Sense.FOR,
     ),
     # the median logarithm of measured over predicted depth: 0 where the thing stands where the ground line
     # and the part planes put it
     **_entries(
         relief,
         _METRIC,
-        ("depth_ratio", "depth ratio", times("at {} the distance of its ground line", "{:.2f} times")),
+        (
+            "depth_ratio",
+            "depth ratio",
+            Sense.EITHER,
+            times("at {} the distance of its ground line", "{:.2f} times"),
+        ),
     ),
     **_entries(
         framed,
         (Registration.INSTANCE,),
-        ("overlap", "class model", share("cars that fit the depth overlap the box by {} on average")),
-        ("framed_overlap", "class model", share("the car that fits the box best overlaps it by {}")),
-        ("end_left", "class model", ends("width", "left", _MOST)),
-        ("end_top", "class model", ends("height", "upper", _MOST)),
-        ("end_right", "class model", ends("width", "right", _MOST)),
-        ("end_bottom", "class model", ends("height", "lower", _MOST)),
-        ("gap", "class model", _GAP),
-        ("explained", "class model", _EXPLAINED),
-        ("seen_explained", "class model", _SEEN_EXPLAINED),
-        ("over_plane", "class model", _OVER_PLANE),
+        (
+            "overlap",
+            "class model",
+            Sense.FOR,
+            share("cars that fit the depth overlap the box by {} on average"),
+        ),
+        (
+            "framed_overlap",
+            "class model",
+            Sense.FOR,
+            share("the car that fits the box best overlaps it by {}"),
+        ),
+        ("end_left", "class model", Sense.EITHER, ends("width", "left", _MOST)),
+        ("end_top", "class model", Sense.EITHER, ends("height", "upper", _MOST)),
+        ("end_right", "class model", Sense.EITHER, ends("width", "right", _MOST)),
+        ("end_bottom", "class model", Sense.EITHER, ends("height", "lower", _MOST)),
+        ("gap", "class model", Sense.AGAINST, _GAP),
+        ("explained", "class model", Sense.FOR, _EXPLAINED),
+        ("seen_explained", "class model", Sense.FOR, _SEEN_EXPLAINED),
+        ("over_plane", "class model", Sense.FOR, _OVER_PLANE),
         (
             "seen_through",
             "class model",
+            Sense.AGAINST,
             share("through {} of the car that fits the box best something behind it is seen"),
         ),
-        ("hidden", "class model", share("nearer things hide {} of the car that fits the box best")),
-        ("beyond_box", "class model", share("{} of the car that fits the depth best lies outside the box")),
+        (
+            "hidden",
+            "class model",
+            Sense.AGAINST,
+            share("nearer things hide {} of the car that fits the box best"),
+        ),
+        (
+            "beyond_box",
+            "class model",
+            Sense.AGAINST,
+            share("{} of the car that fits the depth best lies outside the box"),
+        ),
         (
             "goes_on_beside",
             "class model",
+            Sense.AGAINST,
             share("beside the car that fits the box best {} goes on at its depth"),
         ),
         (
             "goes_on_above",
             "class model",
+            Sense.AGAINST,
             share("above the car that fits the box best {} goes on at its depth"),
         ),
     ),
-    **_entries(beside_others, (Registration.INSTANCE,), ("rival", "class model", _RIVAL)),
+    **_entries(beside_others, (Registration.INSTANCE,), ("rival", "class model", Sense.AGAINST, _RIVAL)),
     # the rest says nothing for or against a car, but how much the others count and can be believed
     "resolved": Cue(framed, share("what depth says of a car counts {} at this distance"), "", frozenset()),
     "agreement": Cue(

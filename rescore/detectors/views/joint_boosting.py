@@ -106,7 +106,7 @@ class Steps:
         return Steps(threshold, sample, count)
 
     def among(self, chosen: BoolArray) -> "Steps":
-        """The same steps of the chosen samples (n,) alone, which are numbered anew."""
+        """Steps of the chosen samples (n,) alone, which are numbered anew."""
         kept = chosen[self.sample]
         number = np.cumsum(chosen, dtype=np.int32) - np.int32(1)
         sample = number[self.sample[kept]].reshape(len(kept), -1)

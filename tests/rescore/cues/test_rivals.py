@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rescore.cues.rivals import NO_RIVAL, rival, same_car
+from rescore.cues.rivals import rival, same_car
 from rescore.data.boxes3d import Boxes3D
 
 NAN = float("nan")
@@ -33,9 +33,9 @@ def test_the_best_other_box_on_the_car_counts() -> None:
     overlap = np.array([0.8, 0.5, 0.3, 0.9, NAN])
     same = np.eye(5, dtype=bool)
     same[:3, :3] = True
-    assert_allclose(rival(overlap, same), [-0.3, 0.3, 0.5, NO_RIVAL, NAN])
+    assert_allclose(rival(overlap, same), [-0.3, 0.3, 0.5, 0.0, NAN])
 
 
 def test_a_box_without_an_instance_is_no_rival() -> None:
-    assert_allclose(rival(np.array([0.4, NAN]), np.ones((2, 2), bool)), [NO_RIVAL, NAN])
+    assert_allclose(rival(np.array([0.4, NAN]), np.ones((2, 2), bool)), [0.0, NAN])
     assert rival(np.zeros(0), np.zeros((0, 0), bool)).shape == (0,)
