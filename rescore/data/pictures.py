@@ -1,24 +1,31 @@
 """Pictures on disk: their names, sizes and pixels."""
 
 import io
-from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import ExifTags, Image, UnidentifiedImageError
 from PIL.PngImagePlugin import PngImageFile
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
+_TIFF_HEADS = (b"II*\x00", b"MM\x00*")
 PNG_END = b"\x00\x00\x00\x00IEND\xae\x42\x60\x82"
 
 
 def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
-    """The pixels of a picture file as OpenCV gives them; None where it is no whole picture."""
+    """The pixels of a picture file as they are stored; None where it is no whole picture.
+
+    An EXIF orientation is not followed: boxes, depth and calibration are of the stored pixels.
+
+    Raises:
+        RescoreError: a TIFF with an orientation, which OpenCV follows whatever it is told.
+    """
     # imdecode on bytes, since imread neither takes every path nor says why it failed
     data = path.read_bytes()
     # OpenCV gives the rows before the damage of a damaged file, and prints lines of its own
@@ -27,8 +34,10 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     )
     if not data or damaged:
         return None
+    if data.startswith(_TIFF_HEADS) and (told := turned_by_exif(path)):
+        raise RescoreError(f"{path}: expected pixels, got a TIFF{told}; write it without an orientation")
     try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         return None
 
@@ -56,8 +65,8 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
         )
     if bgr.shape[:2] != (height_px, width_px):
         raise RescoreError(
-            f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}; "
-            "mend width and height in annotations.json or the picture"
+            f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}"
+            f"{turned_by_exif(path)}; mend width and height in annotations.json or the picture"
         )
     return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
@@ -82,20 +91,61 @@ def picture_size(path: Path) -> tuple[int, int]:
         ) from error
 
 
+def turned_by_exif(path: Path) -> str:
+    """Words on a picture whose EXIF orientation asks viewers to turn it; empty where none does."""
+    try:
+        with Image.open(path) as picture:
+            # of other forms Pillow would decode the pixels to look for it
+            known = picture.format in {"JPEG", "MPO", "TIFF", "WEBP"} or "exif" in picture.info
+            value = picture.getexif().get(ExifTags.Base.Orientation, 1) if known else 1
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return ""
+    return "" if value == 1 else f" as stored, which EXIF orientation {value} asks viewers to turn"
+
+
+def files_in(folder: Path, suffixes: Sequence[str], what: str) -> list[Path]:
+    """The files of a folder that end so, in the order of their names; hidden files are left out.
+
+    Raises:
+        RescoreError: there is none, or two bear one name; ``what`` names them.
+    """
+    found = sorted(p for p in folder.iterdir() if _ends(p, suffixes) and not p.name.startswith("."))
+    if not found:
+        raise RescoreError(f"{folder}: expected {what} ({', '.join(suffixes)}), found none; check the folder")
+    by_stem: dict[str, Path] = {}
+    for path in found:
+        _refuse_two(by_stem.setdefault(path.stem, path), path)
+    return found
+
+
 def pictures_in(folder: Path) -> list[Path]:
     """The pictures of a folder in the order of their names; hidden files are none.
 
     Raises:
         RescoreError: there is none, or two bear one name.
     """
-    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in PICTURES and not p.name.startswith("."))
-    if not found:
+    return files_in(folder, PICTURES, "pictures")
+
+
+def file_named(folder: Path, stem: str, suffixes: Sequence[str]) -> Path | None:
+    """The file of a folder with a name and one of several ends, None where there is none.
+
+    Raises:
+        RescoreError: there are two.
+    """
+    found = sorted(p for p in folder.iterdir() if p.stem == stem and _ends(p, suffixes))
+    for path in found[1:]:
+        _refuse_two(found[0], path)
+    return found[0] if found else None
+
+
+def _ends(path: Path, suffixes: Sequence[str]) -> bool:
+    return path.suffix.lower() in suffixes and path.is_file()
+
+
+def _refuse_two(first: Path, second: Path) -> None:
+    if first != second:
         raise RescoreError(
-            f"{folder}: expected pictures ({', '.join(PICTURES)}), found none; check the folder"
+            f"{first.parent}: expected one file of the name {first.stem!r}, got {first.name} and "
+            f"{second.name}; remove one"
         )
-    twice = [name for name, n in Counter(p.stem for p in found).items() if n > 1]
-    if twice:
-        raise RescoreError(
-            f"{folder}: expected one picture of each name, got two of {twice[0]!r}; remove one"
-        )
-    return found

@@ -18,7 +18,7 @@ from joblib import Parallel, delayed
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
 from rescore.data.frames import Truth
-from rescore.data.pictures import PICTURES
+from rescore.data.pictures import PICTURES, decode_picture
 from rescore.detectors.base import Detector, SuppressionConfig, best_candidates
 from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, hard_negatives, jittered
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
@@ -136,7 +136,7 @@ def _read_all(place: Path) -> UInt8Array:
 
 
 def _read(file: Path) -> UInt8Array:
-    picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    picture = decode_picture(file, cv2.IMREAD_GRAYSCALE)
     if picture is None:
         raise RescoreError(f"{file}: expected a picture, could not read it; mend or remove it")
     return np.asarray(picture, np.uint8)

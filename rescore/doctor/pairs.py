@@ -39,6 +39,9 @@ def _matched(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
     if record.right_path is None:
         return []
     right = read_rgb(record.right_path, record.width_px, record.height_px)
+    if np.array_equal(frame.left_rgb, right):
+        text = f"{record.left_path} and {record.right_path} are one picture"
+        return [Finding(Level.ERROR, where, text, "give the pictures of both cameras")]
     matches = match_pair(frame.left_rgb, right)
     n = len(matches.row_px)
     if n < MIN_MATCHES:

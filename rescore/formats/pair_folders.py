@@ -1,7 +1,5 @@
 """Plain folders: left and right pictures, or left pictures with measured depth, and a calibration."""
 
-import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +8,13 @@ from recon.errors import RescoreError
 from recon.stereo.sgbm import PNG_SCALE
 from rescore.data.depth_files import SUFFIXES, TUM_DEPTH_FACTOR, MeasuredFile, Quantity
 from rescore.data.frames import DataSet
-from rescore.data.pictures import PICTURES, picture_size, pictures_in
+from rescore.data.pictures import PICTURES, file_named, files_in, picture_size, pictures_in
 from rescore.formats.box_files import chosen, class_names, is_kitti_text, read_voc, read_yolo
 from rescore.formats.calibration_files import Calibration, read_calibration
 from rescore.formats.folders import Layout, Pictures, data_set, splits_of
 from rescore.formats.kitti import kitti_labels
 from rescore.formats.labels import ClassMap, LabelRow
+from rescore.formats.name_pairs import Side, paired
 
 PAIRS = (("left", "right"), ("image_0", "image_1"), ("image_2", "image_3"), ("im0", "im1"))
 """Names of the folders of left and right pictures; of the pictures themselves in folders of scenes."""
@@ -27,9 +26,6 @@ MEASURED = (
     ("depth", Quantity.DEPTH),
 )
 """Names of the folders of measured files, and what they hold."""
-_SIDES = re.compile(r"(left|right|[lr](?=\d|$)|(?<=[_-])[lr](?=[_-]|$))", re.IGNORECASE)
-MAX_SECONDS_APART = 0.02
-"""Farthest that times may be apart which TUM's tools take for one moment."""
 
 
 def is_plain(root: Path) -> bool:
@@ -71,8 +67,8 @@ def _of_folders(
     lefts = pictures_in(left)
     partner = measured[0] if measured else right
     assert partner is not None
-    others = _measured_in(partner) if measured else pictures_in(partner)
-    pairs = _paired(lefts, others)
+    others = files_in(partner, SUFFIXES, "files") if measured else pictures_in(partner)
+    pairs = paired(lefts, others, Side.LEFT if measured else Side.RIGHT)
     alone = len(lefts) - len(pairs)
     if not pairs:
         raise RescoreError(
@@ -82,6 +78,9 @@ def _of_folders(
     notes = (f"{partner}: left out {alone} of {len(lefts)} left pictures without a partner",) if alone else ()
     if measured and right:
         notes = (*notes, f"{partner}: taken in place of matching {left.name} with {right.name}")
+    unused = [n for n, _ in MEASURED if measured and (root / n).is_dir() and n != partner.name]
+    if unused:
+        notes = (*notes, f"{partner}: taken in place of {', '.join(unused)}")
     factor = _factor(root, measured[1], others, calibration, left.name) if measured else 1.0
     found = [
         Pictures(
@@ -100,13 +99,6 @@ def _of_folders(
             "cameraMatrix"
         )
     return found, notes
-
-
-def _measured_in(folder: Path) -> list[Path]:
-    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
-    if not found:
-        raise RescoreError(f"{folder}: expected files of {', '.join(SUFFIXES)}, found none; check the folder")
-    return found
 
 
 def _factor_of(path: Path, png_factor: float) -> float:
@@ -132,33 +124,6 @@ def _factor(
         f"{root / 'depth'}: expected to be told the value of one metre, found nothing; add the line "
         "'depth_factor: 5000' (TUM), 1000 (millimetres) or 256 (KITTI) to the calibration"
     )
-
-
-def _paired(lefts: Sequence[Path], others: Sequence[Path]) -> list[tuple[Path, Path]]:
-    """Pairs of files whose names differ in the words left and right alone; else of nearly one time, as in
-    TUM."""
-    by_key = {_key(p.stem): p for p in others}
-    same = [(p, by_key[_key(p.stem)]) for p in lefts if _key(p.stem) in by_key]
-    if same:
-        return same
-    times = sorted((t, p) for p in others if (t := _time(p.stem)) is not None)
-    found = []
-    for path in lefts:
-        time = _time(path.stem)
-        if time is not None and times:
-            nearest = min(times, key=lambda item: abs(item[0] - time))
-            if abs(nearest[0] - time) <= MAX_SECONDS_APART:
-                found.append((path, nearest[1]))
-    return found
-
-
-def _key(stem: str) -> str:
-    return _SIDES.sub("", stem).strip("_- ")
-
-
-def _time(stem: str) -> float | None:
-    # a time in seconds with a fraction, not the number of a frame
-    return float(stem) if re.fullmatch(r"\d+\.\d+", stem) and math.isfinite(float(stem)) else None
 
 
 def _calibration(root: Path, left: str) -> tuple[Calibration | None, Path | None]:
@@ -193,15 +158,13 @@ def _calibration(root: Path, left: str) -> tuple[Calibration | None, Path | None
 
 def _scenes(root: Path) -> list[Path]:
     """Folders with im0 and im1 (or disp0): the folder itself, else those in it."""
-    if _picture(root, "im0"):
+    if file_named(root, "im0", PICTURES):
         return [root]
     return sorted(
-        p for p in root.iterdir() if p.is_dir() and not p.name.startswith(".") and _picture(p, "im0")
+        p
+        for p in root.iterdir()
+        if p.is_dir() and not p.name.startswith(".") and file_named(p, "im0", PICTURES)
     )
-
-
-def _picture(folder: Path, stem: str, suffixes: Sequence[str] = PICTURES) -> Path | None:
-    return next((p for s in suffixes if (p := folder / f"{stem}{s}").is_file()), None)
 
 
 def _of_scenes(root: Path) -> list[Pictures]:
@@ -209,14 +172,14 @@ def _of_scenes(root: Path) -> list[Pictures]:
 
 
 def _scene(root: Path, folder: Path) -> Pictures:
-    left, right = _picture(folder, "im0"), _picture(folder, "im1")
+    left, right = (file_named(folder, stem, PICTURES) for stem in ("im0", "im1"))
     assert left is not None
     calibration, path = _calibration(folder, "im0")
     if calibration is None and folder != root:
         calibration, path = _calibration(root, "im0")
     measured = None
     if right is None:
-        file = _picture(folder, "disp0", SUFFIXES)
+        file = file_named(folder, "disp0", SUFFIXES)
         if file is None:
             raise RescoreError(f"{folder}: expected im1 or disp0 beside {left.name}, found neither; add one")
         measured = MeasuredFile(file, Quantity.DISPARITY, _factor_of(file, PNG_SCALE))

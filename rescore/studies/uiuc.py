@@ -81,7 +81,7 @@ def _picture_hits(detector: WindowDetector, picture: TestPicture) -> tuple[Float
 
 
 def _read(picture: TestPicture) -> UInt8Array:
-    gray = cv2.imread(str(picture.path), cv2.IMREAD_GRAYSCALE)
+    gray = cv2.imread(str(picture.path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     if gray is None:
         raise RescoreError(f"{picture.path}: expected a picture, could not read it; fetch the set again")
     return np.asarray(gray, np.uint8)

@@ -132,7 +132,7 @@ KITTI: dict[str, tuple[Spoil, str]] = {
     ),
     "one name twice": (
         lambda root: own.write_png(root / "image_2" / "000003.jpg", own.pair()[0]),
-        "expected one picture of each name, got two of '000003'",
+        "expected one file of the name '000003', got 000003.jpg and 000003.png",
     ),
     "split of a stranger": (
         text("ImageSets/train.txt", "000004\n"),
