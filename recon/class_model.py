@@ -115,7 +115,7 @@ class ClassModel:
         if not path.is_file():
             raise RescoreError(f"{path}: expected a class model, found no file; learn one first")
         try:
-            value = json.loads(path.read_text())
+            value = json.loads(path.read_bytes())
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
             raise _unreadable(path, error) from error
         return ClassModel.from_json(value, path)

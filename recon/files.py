@@ -1,5 +1,6 @@
 """Files written beside and moved into place, so that nobody ever reads half a file."""
 
+import json
 import os
 import uuid
 from collections.abc import Iterator
@@ -7,6 +8,33 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from recon.errors import RescoreError
+
+
+def utf8_of(data: bytes) -> bytes:
+    """The bytes of a text in UTF-8 without a byte order mark, from any Unicode encoding that its first bytes
+    tell, as JSON's standard has it; other bytes as they are."""
+    encoding = json.detect_encoding(data)
+    if encoding == "utf-8":
+        return data
+    try:
+        return data.decode(encoding).encode()
+    except UnicodeError:
+        return data
+
+
+def read_text(path: Path, what: str) -> str:
+    """The text of a file in UTF-8 or UTF-16, lines ended by a line feed alone; ``what`` names it in errors.
+
+    Raises:
+        RescoreError: it is in another encoding, or no text.
+    """
+    try:
+        text = utf8_of(path.read_bytes()).decode()
+    except UnicodeDecodeError as error:
+        raise RescoreError(
+            f"{path}: expected {what} as text in UTF-8 or UTF-16, got other bytes; save it as UTF-8"
+        ) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 @contextmanager

@@ -90,7 +90,7 @@ def load_part_views(directory: Path) -> PartViews:
     if not path.is_file():
         raise RescoreError(f"{path}: expected labelled views, found no file; write them with `rescore synth`")
     try:
-        head = json.loads(path.read_text())
+        head = json.loads(path.read_bytes())
         if head["format"] != FORMAT:
             raise RescoreError(
                 f"{path}: expected format {FORMAT!r}, got {head['format']!r}; write the views again"

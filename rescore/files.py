@@ -46,7 +46,7 @@ def read_json(path: Path, what: str) -> Any:
     if not path.is_file():
         raise RescoreError(f"{path}: expected {what}, found no file; check the path")
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_bytes())
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise RescoreError(f"{path}: expected {what} as JSON, got {error}; write the file again") from error
 

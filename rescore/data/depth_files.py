@@ -1,6 +1,7 @@
 """Files of measured depth or disparity: 16-bit PNG, PFM, NPY, EXR, each with its quantity and factor."""
 
 import os
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -94,18 +95,25 @@ def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int
     return value / np.float32(factor)
 
 
+_PFM_HEAD = re.compile(rb"(\S+)\s+(\d{1,9})\s+(\d{1,9})\s+(\S{1,40})\s", re.ASCII)
+"""Kind, width, height and scale of a PFM, between any blanks or ends of lines, and one before the values."""
+
+
 def _read_pfm(path: Path) -> Float32Array:
     """Grey portable float map, rows from the bottom up; a negative scale means little endian."""
-    head = path.read_bytes().split(b"\n", 3)
+    data = path.read_bytes()
+    head = _PFM_HEAD.match(data[:200])
     try:
-        kind, size, scale, data = head
-        width, height = (int(v) for v in size.split())
-        order = "<f4" if float(scale) < 0 else ">f4"
-        if kind.strip() != b"Pf" or min(width, height) <= 0:
-            raise ValueError(f"kind {kind[:8]!r}, size {size[:20]!r}")
-        values = np.frombuffer(data, order)
-        if len(values) != width * height:
-            raise ValueError(f"{len(values)} of {width * height} values")
+        if head is None:
+            raise ValueError(f"no head in {data[:20]!r}")
+        kind, (width, height), scale = head[1], map(int, head.group(2, 3)), float(head[4])
+        if kind != b"Pf" or min(width, height) <= 0:
+            raise ValueError(f"kind {kind[:8]!r}, size {width} x {height}")
+        # a head of lines that end with two characters
+        start = head.end() + (data[head.end() - 1 : head.end() + 1] == b"\r\n")
+        if len(data) - start != 4 * width * height:
+            raise ValueError(f"{(len(data) - start) / 4:g} of {width * height} values")
+        values = np.frombuffer(data, "<f4" if scale < 0 else ">f4", offset=start)
     except ValueError as error:
         raise RescoreError(
             f"{path}: expected a whole grey PFM (header Pf), got another or a cut-off file ({error}); "

@@ -9,6 +9,7 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
+from recon.files import read_text
 from rescore.formats.yaml_files import read_yaml
 
 MAX_APART_PX = 0.5
@@ -51,10 +52,7 @@ def calibration_values(path: Path) -> dict[str, FloatArray]:
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a calibration, found no file; check the path")
-    try:
-        text = path.read_text(encoding="utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise RescoreError(f"{path}: expected a calibration as text, got other bytes; check it") from error
+    text = read_text(path, "a calibration")
     found = _of_lines(text) if path.suffix == ".txt" else _of_documents(path, text)
     blocks = {k: block for k in ("cam0", "cam1") if isinstance(block := found.get(k), dict)}
     values = {k: _numbers(path, k, v) for k, v in found.items() if k in _WANTED and k not in blocks}

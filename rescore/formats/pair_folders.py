@@ -9,9 +9,9 @@ from recon.stereo.sgbm import PNG_SCALE
 from rescore.data.depth_files import SUFFIXES, TUM_DEPTH_FACTOR, MeasuredFile, Quantity
 from rescore.data.frames import DataSet
 from rescore.data.pictures import PICTURES, file_named, files_in, picture_size, pictures_in
-from rescore.formats.box_files import chosen, class_names, is_kitti_text, read_voc, read_yolo
+from rescore.formats.box_files import YoloClasses, chosen, is_kitti_text, read_voc, read_yolo, yolo_classes
 from rescore.formats.calibration_files import Calibration, read_calibration
-from rescore.formats.folders import Layout, Pictures, data_set, splits_of
+from rescore.formats.folders import NAME_FILES, Layout, Pictures, data_set, files_of_frames, splits_of
 from rescore.formats.kitti import kitti_labels
 from rescore.formats.labels import ClassMap, LabelRow
 from rescore.formats.name_pairs import Side, paired
@@ -189,40 +189,43 @@ def _scene(root: Path, folder: Path) -> Pictures:
 def _labels(layout: Layout, classes: ClassMap) -> tuple[list[list[LabelRow]], tuple[str, ...]]:
     """The boxes of every frame, from the first kind of labels that is there."""
     root = layout.root
-    texts = sorted((root / "labels").glob("*.txt")) if (root / "labels").is_dir() else []
-    texts = [p for p in texts if p.name != "classes.txt"]
+    texts = [p for p in sorted((root / "labels").glob("*.[tT][xX][tT]")) if p.name not in NAME_FILES]
     folder = root / "label_2"
     if texts and is_kitti_text(texts):
         folder = root / "labels"
     elif texts:
-        names = class_names(root / "labels")
-        return _each(layout, root / "labels", ".txt", classes, names)
-    elif (root / "Annotations").is_dir():
-        return _each(layout, root / "Annotations", ".xml", classes, ())
+        names, notes = yolo_classes(root / "labels", texts, classes)
+        return _each(layout, root / "labels", ".txt", classes, names, notes)
+    elif (voc := _voc_folder(root)) is not None:
+        return _each(layout, voc, ".xml", classes, None, ())
     rows, counts, notes = kitti_labels(folder, layout, classes)
     return rows, (*notes, *classes.notes(folder, counts))
 
 
+def _voc_folder(root: Path) -> Path | None:
+    """The folder of VOC's boxes, Annotations in capitals or not; COCO's folder of that name has no XML."""
+    found = [p for p in sorted(root.iterdir()) if p.name.casefold() == "annotations" and p.is_dir()]
+    return next((p for p in found if any(f.suffix.lower() == ".xml" for f in p.iterdir())), None)
+
+
 def _each(
-    layout: Layout, folder: Path, suffix: str, classes: ClassMap, names: Sequence[str]
+    layout: Layout,
+    folder: Path,
+    suffix: str,
+    classes: ClassMap,
+    names: YoloClasses | None,
+    notes: tuple[str, ...],
 ) -> tuple[list[list[LabelRow]], tuple[str, ...]]:
-    """The boxes of VOC or YOLO files, a file a frame; frames without one are counted."""
+    """The boxes of YOLO's files, or VOC's where there are no class numbers, a file a frame."""
+    paths, missing = files_of_frames(folder, suffix, layout)
     rows: list[list[LabelRow]] = []
-    missing = 0
-    for pictures in layout.pictures:
-        path = folder / f"{pictures.stem}{suffix}"
+    for pictures, path in zip(layout.pictures, paths, strict=True):
         size = picture_size(pictures.left)
-        missing += not path.is_file()
-        if not path.is_file():
+        if path is None:
             rows.append([])
-        elif suffix == ".xml":
+        elif names is None:
             rows.append(read_voc(path, *size))
         else:
             rows.append([replace(r, score=None) for r in read_yolo(path, *size, names)])
     kept, counts = chosen(rows, classes)
-    notes = (
-        (f"{folder}: {missing} of {len(rows)} frames have no label file and count as empty",)
-        if missing
-        else ()
-    )
-    return kept, (*notes, *classes.notes(folder, counts))
+    return kept, (*notes, *missing, *classes.notes(folder, counts))
