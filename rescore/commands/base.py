@@ -83,7 +83,18 @@ def read_data(dataset: Path, class_name: str = "car", maps: Sequence[str] = ()) 
     from rescore.formats.labels import ClassMap
     from rescore.formats.open import read_dataset
 
-    data = read_dataset(dataset, class_name, ClassMap.of(class_name, maps))
+    return _told(read_dataset(dataset, class_name, ClassMap.of(class_name, maps)))
+
+
+def rectified_data(dataset: Path, class_name: str, maps: Sequence[str], out: Path) -> "DataSet":
+    """A folder of pictures as two cameras took them, rectified into ``out``; its notes are told."""
+    from rescore.formats.calibrations.rectify import rectified_dataset
+    from rescore.formats.labels import ClassMap
+
+    return _told(rectified_dataset(dataset, ClassMap.of(class_name, maps), out))
+
+
+def _told(data: "DataSet") -> "DataSet":
     for note in data.notes:
         say(f"note: {note}")
     return data

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import AsJson, Dataset, app, detections_of, print_json, read_data
+from rescore.commands.base import AsJson, Dataset, app, detections_of, print_json, read_data, rectified_data
 from rescore.speech import say
 
 Maps = Annotated[
@@ -23,6 +23,9 @@ def import_dataset(
     class_name: ClassName = "car",
     maps: Maps = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy the pictures too; else refer to them.")] = False,
+    rectify: Annotated[
+        bool, typer.Option("--rectify", help="Rectify the pictures by their calibration, and write them too.")
+    ] = False,
 ) -> None:
     """Write a data set of any known layout as a folder with annotations.json, to look at and to change.
 
@@ -30,8 +33,11 @@ def import_dataset(
     """
     from rescore.formats.coco_write import write_dataset
 
-    data = read_data(dataset, class_name, maps or ())
-    file = write_dataset(out, data, copy=copy)
+    if rectify:
+        data = rectified_data(dataset, class_name, maps or (), out)
+    else:
+        data = read_data(dataset, class_name, maps or ())
+    file = write_dataset(out, data, copy=copy and not rectify)
     boxes = sum(len(t.annotation_id) for t in data.truth.values())
     say(f"{len(data.frames)} frames, {boxes} boxes: {file}")
 

@@ -69,6 +69,26 @@ def read_measured(
     return camera.disparity_px(value)
 
 
+def has_whole_numbers(path: Path) -> bool:
+    """Whether a file has no fractions, so that its unit must be told: a PNG, or an NPY of integers."""
+    suffix = path.suffix.lower()
+    if suffix != ".npy":
+        return suffix == ".png"
+    try:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            read = (
+                np.lib.format.read_array_header_1_0
+                if version == (1, 0)
+                else np.lib.format.read_array_header_2_0
+            )
+            kind = read(file)[2]
+    except (ValueError, EOFError, OSError):
+        # whoever reads the values says what is wrong
+        return False
+    return bool(np.issubdtype(kind, np.integer))
+
+
 def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int) -> Float32Array:
     """Value / factor as the file has it, shape (h, w), whatever it is; ``what`` names it in the errors.
 

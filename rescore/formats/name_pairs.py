@@ -1,4 +1,4 @@
-"""Which file goes with which left picture, by the names alone."""
+"""Pairs of files by their names alone: what goes with each left picture."""
 
 import math
 import re

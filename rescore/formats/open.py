@@ -68,8 +68,8 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
     classes = classes or ClassMap(class_name)
     if not path.is_dir():
         return _read_annotations(path, classes)
-    # KITTI keeps its two halves in folders of these names
-    for root in (path, path / "training"):
+    # KITTI keeps its two halves in folders of these names, EuRoC its sensors
+    for root in (path, path / "training", path / "mav0"):
         for layout in LAYOUTS if root.is_dir() else ():
             if layout.is_in(root):
                 return layout.read(root, classes)

@@ -1,0 +1,97 @@
+"""Folders of pictures as two cameras took them, made a data set of rectified pairs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from recon.arrays import UInt8Array
+from recon.errors import RescoreError
+from recon.files import atomic_path
+from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
+from rescore.data.pictures import read_rgb
+from rescore.formats.calibrations.raw_pair import Rectified, RectifiedPair
+from rescore.formats.folders import calibration_notes
+from rescore.formats.labels import ClassMap
+from rescore.formats.pair_folders import read_as_taken
+
+
+def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
+    """The data set of a folder with its pictures rectified, which are written to ``left`` and ``right`` of
+    ``out``; each frame has the rectified camera, and boxes are those around the mapped ones.
+
+    Boxes that rectification moves out of the picture are left out and counted, and so are 3D boxes, which are
+    of the camera as it stands.
+
+    Raises:
+        RescoreError: the folder has no pairs, no calibration of two cameras as they stand or pictures of
+            several sizes, or ``out`` has such pictures already.
+    """
+    for side in ("left", "right"):
+        if (out / side).exists():
+            raise RescoreError(
+                f"{out / side}: expected no pictures here yet, found some; choose another --out"
+            )
+    data, raw, path = read_as_taken(root, classes)
+    sizes = sorted({(f.width_px, f.height_px) for f in data.frames})
+    if len(sizes) != 1:
+        raise RescoreError(
+            f"{root}: expected pictures of one size, that of their calibration, got {len(sizes)} sizes; "
+            "rectify each in a folder of its own"
+        )
+    pair = raw.rectified(path, *sizes[0])
+    names = frame_names(data)
+    frames = tuple(_frame(f, pair, out, names[f.image_id]) for f in data.frames)
+    truth = {f.image_id: _truth(data.truth[f.image_id], pair.left, f) for f in frames}
+    notes = [n for n in data.notes if "no calibration" not in n]
+    gone = sum(len(t.annotation_id) - len(truth[i].annotation_id) for i, t in data.truth.items())
+    if gone:
+        notes.append(f"{root}: left out {gone} boxes that rectification moves out of the picture")
+    if any(t.boxes3d is not None for t in data.truth.values()):
+        notes.append(f"{root}: left out 3D boxes, which are of the camera as it stands")
+    return replace(data, frames=frames, truth=truth, notes=(*notes, *calibration_notes(frames, root)))
+
+
+def _frame(frame: FrameRecord, pair: RectifiedPair, out: Path, name: str) -> FrameRecord:
+    """The frame with its rectified pictures, which are written."""
+    assert frame.right_path is not None
+    written = []
+    for side, source, rectified in (
+        ("left", frame.left_path, pair.left),
+        ("right", frame.right_path, pair.right),
+    ):
+        picture = rectified.picture(read_rgb(source, frame.width_px, frame.height_px))
+        written.append(_write(out / side / f"{name}.png", picture))
+    return replace(
+        frame,
+        left_path=written[0],
+        right_path=written[1],
+        camera=pair.camera(frame.width_px, frame.height_px),
+        disparity_offset_px=pair.disparity_offset_px,
+    )
+
+
+def _write(path: Path, rgb: UInt8Array) -> Path:
+    data = cv2.imencode(".png", rgb[..., ::-1])[1]
+    with atomic_path(path) as beside:
+        beside.write_bytes(data.tobytes())
+    return path
+
+
+def _truth(truth: Truth, left: Rectified, frame: FrameRecord) -> Truth:
+    """The boxes of a frame around what they held, those of which nothing is left taken out."""
+    boxes = left.boxes(truth.xyxy_px, frame.width_px, frame.height_px)
+    kept = np.flatnonzero((boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1]))
+    return replace(
+        truth,
+        annotation_id=truth.annotation_id[kept],
+        xyxy_px=boxes[kept],
+        ignore=truth.ignore[kept],
+        visibility=truth.visibility[kept],
+        shape_id=tuple(truth.shape_id[i] for i in kept),
+        azimuth_deg=None if truth.azimuth_deg is None else truth.azimuth_deg[kept],
+        truncated=None if truth.truncated is None else truth.truncated[kept],
+        occluded=None if truth.occluded is None else truth.occluded[kept],
+        boxes3d=None,
+    )
