@@ -30,6 +30,7 @@ app = typer.Typer(
 )
 
 LEARNED_PANEL = "Modes with a learned D"
+DETECTION_FORMS = "COCO results JSON, or a folder of KITTI's or YOLO's text with scores"
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
@@ -115,16 +116,19 @@ def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
     return chosen
 
 
-def detections_of(path: Path, data: "DataSet", maps: Sequence[str] = ()) -> "DetectionFile":
+def detections_of(
+    path: Path, data: "DataSet", maps: Sequence[str] = (), *, every: bool = False
+) -> "DetectionFile":
     """The detections of a file or folder on the images of a data set; says what was left out.
 
-    ``maps`` as for ``read_data``.
+    ``maps`` as for ``read_data``; ``every`` keeps them all, else the best of each image are kept.
     """
     from rescore.formats.coco import MAX_CANDIDATES
     from rescore.formats.labels import ClassMap
     from rescore.formats.open import read_detections
 
-    file = read_detections(path, data, classes=ClassMap.of(data.category, maps))
+    most = None if every else MAX_CANDIDATES
+    file = read_detections(path, data, most, ClassMap.of(data.category, maps))
     for note in file.notes:
         say(f"note: {note}")
     if file.n_other_class:

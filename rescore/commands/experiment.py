@@ -9,6 +9,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    DETECTION_FORMS,
     REGISTRATION_HELP,
     AdaptShare,
     AsJson,
@@ -71,7 +72,7 @@ def synth(
 @app.command()
 def apply(
     dataset: Dataset,
-    detections: Annotated[Path, typer.Argument(help="Detections to rescore, COCO results JSON.")],
+    detections: Annotated[Path, typer.Argument(help=f"Detections to rescore: {DETECTION_FORMS}.")],
     out: Annotated[Path, typer.Option(help="Rescored detections to write, COCO results JSON.")],
     model: Model = None,
     predicted: Predicted = None,

@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import AsJson, Dataset, app, detections_of, print_json, read_data, rectified_data
+from rescore.commands.base import (
+    DETECTION_FORMS,
+    AsJson,
+    Dataset,
+    app,
+    detections_of,
+    print_json,
+    read_data,
+    rectified_data,
+)
 from rescore.speech import say
 
 Maps = Annotated[
@@ -47,7 +56,8 @@ def convert(
     dataset: Dataset,
     out: Annotated[Path, typer.Option(help="A .json file for COCO's form, else a folder for KITTI's text.")],
     detections: Annotated[
-        Path | None, typer.Argument(help="Detections to convert; without them the annotated boxes are.")
+        Path | None,
+        typer.Argument(help=f"Detections to convert ({DETECTION_FORMS}); without, the annotated boxes."),
     ] = None,
     class_name: ClassName = "car",
     maps: Maps = None,
@@ -69,7 +79,7 @@ def convert(
         say(f"boxes of {len(data.frames)} frames: {out}")
         return
     data = read_data(dataset, class_name)
-    file = detections_of(detections, data, maps or ())
+    file = detections_of(detections, data, maps or (), every=True)
     if as_json:
         write_detections(out, file.detector, file.table, data)
     else:

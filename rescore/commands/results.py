@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rescore.commands.base import (
+    DETECTION_FORMS,
     AsJson,
     Dataset,
     Report,
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 @app.command()
 def evaluate(
     dataset: Dataset,
-    detections: Annotated[list[Path], typer.Argument(help="Detections, rescored or not; a file a detector.")],
+    detections: Annotated[
+        list[Path], typer.Argument(help=f"Detections, rescored or not, of each detector: {DETECTION_FORMS}.")
+    ],
     out: Annotated[Path, typer.Option(help="Run folder to write to.")],
     tuned: Annotated[
         list[Path] | None, typer.Option(help="What `rescore tune` wrote, to show the choice of w; repeat.")

@@ -10,6 +10,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    DETECTION_FORMS,
     AdaptShare,
     Changes,
     Dataset,
@@ -40,7 +41,7 @@ from rescore.speech import say
 def fit_evidence(
     dataset: Dataset,
     detections: Annotated[
-        list[Path], typer.Argument(help="Detections of one detector on the splits train and calibration.")
+        list[Path], typer.Argument(help=f"Detections on the splits train and calibration: {DETECTION_FORMS}.")
     ],
     out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
     model: Model = None,
@@ -100,7 +101,9 @@ def fit_evidence(
 @app.command()
 def tune(
     dataset: Dataset,
-    detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
+    detections: Annotated[
+        Path, typer.Argument(help=f"Detections on the split validation: {DETECTION_FORMS}.")
+    ],
     out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
     model: Model = None,
     predicted: Predicted = None,

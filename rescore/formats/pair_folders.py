@@ -56,8 +56,9 @@ def read_plain(root: Path, classes: ClassMap) -> DataSet:
 
 
 def read_as_taken(root: Path, classes: ClassMap) -> tuple[DataSet, RawPair, Path]:
-    """The data set of folders of pairs as the cameras took them, without a camera; the cameras as they stand,
-    and the path of their calibration.
+    """The data set of folders of pairs as the cameras took them, its cameras, and their calibration's path.
+
+    The frames have no camera, since theirs is not of a rectified pair.
 
     Raises:
         RescoreError: there are no such folders, or no calibration of two cameras as they stand.

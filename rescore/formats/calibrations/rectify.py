@@ -18,8 +18,10 @@ from rescore.formats.pair_folders import read_as_taken
 
 
 def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
-    """The data set of a folder with its pictures rectified, which are written to ``left`` and ``right`` of
-    ``out``; each frame has the rectified camera, and boxes are those around the mapped ones.
+    """The data set of a folder with its pictures rectified, which are written to a folder.
+
+    They go to ``left`` and ``right`` of ``out``. Each frame has the rectified camera, and boxes are those
+    around the mapped ones.
 
     Boxes that rectification moves out of the picture are left out and counted, and so are 3D boxes, which are
     of the camera as it stands.

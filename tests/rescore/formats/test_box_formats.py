@@ -345,6 +345,34 @@ def test_yolo_names_that_are_refused_in_one_line(tmp_path: Path, text: str, prob
     assert "\n" not in str(refused.value)
 
 
+def test_convert_keeps_every_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own.own_folder(tmp_path / "data")
+    rows = [{"image_id": 1, "bbox": [i, 2, 3, 4], "score": 1 - i / 100} for i in range(40)]
+    found = own.write_text(tmp_path / "found.json", json.dumps(rows))
+    for out in ("out.json", "out"):
+        monkeypatch.setattr(
+            sys,
+            "argv",
+            ["rescore", "convert", *map(str, (tmp_path / "data", found)), "--out", str(tmp_path / out)],
+        )
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code
+    assert [r["bbox"][0] for r in json.loads((tmp_path / "out.json").read_text())] == list(range(40))
+    assert len((tmp_path / "out" / "1.txt").read_text().splitlines()) == 40
+
+
+@pytest.mark.parametrize("command", ["apply", "evaluate", "convert", "tune", "fit-evidence"])
+def test_help_names_every_form_of_detections(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["rescore", command, "--help"])
+    with pytest.raises(SystemExit):
+        main()
+    text = capsys.readouterr().out
+    assert all(form in text for form in ("COCO", "KITTI", "YOLO"))
+
+
 def test_every_form_is_evaluated_alike(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
