@@ -1,6 +1,7 @@
 """Pictures on disk: their names, sizes and pixels."""
 
 import io
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -98,7 +99,16 @@ def turned_by_exif(path: Path) -> str:
             # of other forms Pillow would decode the pixels to look for it
             known = picture.format in {"JPEG", "MPO", "TIFF", "WEBP"} or "exif" in picture.info
             value = picture.getexif().get(ExifTags.Base.Orientation, 1) if known else 1
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+    except (
+        OSError,
+        SyntaxError,
+        ValueError,
+        KeyError,
+        TypeError,
+        struct.error,
+        Image.DecompressionBombError,
+    ):
+        # whoever decodes the picture says what is wrong with it
         return ""
     return "" if value == 1 else f" as stored, which EXIF orientation {value} asks viewers to turn"
 

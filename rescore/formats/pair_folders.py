@@ -65,7 +65,8 @@ def read_as_taken(root: Path, classes: ClassMap) -> tuple[DataSet, RawPair, Path
     """
     # EuRoC keeps its sensors in a folder of this name
     root = next((place for place in (root, root / "mav0") if place.is_dir() and _folders(place)), root)
-    folders = _folders(root)
+    # annotations.json goes before folders wherever a data set is read
+    folders = None if (root / "annotations.json").exists() else _folders(root)
     if folders is None or folders.right is None or folders.measured is not None:
         raise RescoreError(
             f"{root}: expected folders of left and right pictures alone to rectify, got another layout; give "

@@ -54,7 +54,12 @@ def _of_xml(path: Path, text: str) -> list[Named]:
         raise RescoreError(
             f"{path}: expected OpenCV's XML (opencv_storage), got {root.tag[:40]!r}; convert it"
         )
-    return [{element.tag: _value_of(element) for element in root}]
+    try:
+        return [{element.tag: _value_of(element) for element in root}]
+    except RecursionError as error:
+        raise RescoreError(
+            f"{path}: expected OpenCV's XML, got elements too deep in each other; check it"
+        ) from error
 
 
 def _value_of(element: ElementTree.Element) -> object:

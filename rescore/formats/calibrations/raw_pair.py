@@ -8,11 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from recon.arrays import FloatArray, UInt8Array
+from recon.arrays import Float32Array, FloatArray
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.formats.calibrations.numbers import Values, matrix_of
-from rescore.formats.calibrations.tools import FISHEYE
+from rescore.formats.calibrations.tools import FISHEYE, rotation
 
 MAX_APART_PX = 0.5
 """Pictures whose rows are at most this far apart count as rectified."""
@@ -45,12 +45,12 @@ class Rectified:
     projection: FloatArray
     """P1 or P2, shape (3, 4)."""
 
-    def picture(self, rgb: UInt8Array) -> UInt8Array:
-        """The rectified picture (h, w, 3) of a picture as taken; black where nothing was seen."""
-        size, raw = (rgb.shape[1], rgb.shape[0]), self.raw
+    def places(self, width_px: int, height_px: int) -> tuple[Float32Array, Float32Array]:
+        """Column and row in the picture as taken of each pixel of the rectified one, each (h, w)."""
+        raw, size = self.raw, (width_px, height_px)
         make = cv2.fisheye.initUndistortRectifyMap if raw.fisheye else cv2.initUndistortRectifyMap
         maps = make(raw.matrix, raw.distortion, self.turn, self.projection[:, :3], size, cv2.CV_32FC1)
-        return np.asarray(cv2.remap(rgb, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
+        return np.asarray(maps[0], np.float32), np.asarray(maps[1], np.float32)
 
     def boxes(self, xyxy_px: FloatArray, width_px: int, height_px: int) -> FloatArray:
         """The boxes (n, 4) around the mapped edges of boxes of the picture as taken, cut at the picture.
@@ -131,7 +131,7 @@ class RawPair:
         move = None
         if "T" in values:
             turn = matrix_of(path, values, "R", 3, 3) if "R" in values else np.eye(3)
-            move = (turn, matrix_of(path, values, "T", 3, 1)[:, 0])
+            move = (rotation(path, "R", turn), matrix_of(path, values, "T", 3, 1)[:, 0])
         if stated is None and move is None:
             return None
         return RawPair(cameras[0], cameras[1], move, stated)

@@ -11,10 +11,14 @@ from recon.errors import RescoreError
 from recon.files import atomic_path
 from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
 from rescore.data.pictures import read_rgb
+from rescore.files import remove
 from rescore.formats.calibrations.raw_pair import Rectified, RectifiedPair
 from rescore.formats.folders import calibration_notes
 from rescore.formats.labels import ClassMap
 from rescore.formats.pair_folders import read_as_taken
+
+SIDES = ("left", "right")
+"""Names of the folders of rectified pictures."""
 
 
 def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
@@ -30,7 +34,7 @@ def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
         RescoreError: the folder has no pairs, no calibration of two cameras as they stand or pictures of
             several sizes, or ``out`` has such pictures already.
     """
-    for side in ("left", "right"):
+    for side in SIDES:
         if (out / side).exists():
             raise RescoreError(
                 f"{out / side}: expected no pictures here yet, found some; choose another --out"
@@ -43,8 +47,7 @@ def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
             "rectify each in a folder of its own"
         )
     pair = raw.rectified(path, *sizes[0])
-    names = frame_names(data)
-    frames = tuple(_frame(f, pair, out, names[f.image_id]) for f in data.frames)
+    frames = _written(data, pair, out)
     truth = {f.image_id: _truth(data.truth[f.image_id], pair.left, f) for f in frames}
     notes = [n for n in data.notes if "no calibration" not in n]
     gone = sum(len(t.annotation_id) - len(truth[i].annotation_id) for i, t in data.truth.items())
@@ -55,23 +58,31 @@ def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
     return replace(data, frames=frames, truth=truth, notes=(*notes, *calibration_notes(frames, root)))
 
 
-def _frame(frame: FrameRecord, pair: RectifiedPair, out: Path, name: str) -> FrameRecord:
-    """The frame with its rectified pictures, which are written."""
-    assert frame.right_path is not None
-    written = []
-    for side, source, rectified in (
-        ("left", frame.left_path, pair.left),
-        ("right", frame.right_path, pair.right),
-    ):
-        picture = rectified.picture(read_rgb(source, frame.width_px, frame.height_px))
-        written.append(_write(out / side / f"{name}.png", picture))
-    return replace(
-        frame,
-        left_path=written[0],
-        right_path=written[1],
-        camera=pair.camera(frame.width_px, frame.height_px),
-        disparity_offset_px=pair.disparity_offset_px,
-    )
+def _written(data: DataSet, pair: RectifiedPair, out: Path) -> tuple[FrameRecord, ...]:
+    """The frames with their rectified pictures, which are written; none is left where one cannot be."""
+    width, height = data.frames[0].width_px, data.frames[0].height_px
+    camera, names = pair.camera(width, height), frame_names(data)
+    places = [one.places(width, height) for one in (pair.left, pair.right)]
+    found = []
+    try:
+        for frame in data.frames:
+            assert frame.right_path is not None
+            left, right = (
+                _write(
+                    out / side / f"{names[frame.image_id]}.png",
+                    np.asarray(cv2.remap(read_rgb(source, width, height), *at, cv2.INTER_LINEAR), np.uint8),
+                )
+                for side, source, at in zip(SIDES, (frame.left_path, frame.right_path), places, strict=True)
+            )
+            offset = pair.disparity_offset_px
+            found.append(
+                replace(frame, left_path=left, right_path=right, camera=camera, disparity_offset_px=offset)
+            )
+    except BaseException:
+        for side in SIDES:
+            remove(out / side)
+        raise
+    return tuple(found)
 
 
 def _write(path: Path, rgb: UInt8Array) -> Path:

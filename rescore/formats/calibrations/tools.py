@@ -30,6 +30,17 @@ ZED_SIZES = {
 """Names of ZED's sections by the size of its pictures in pixels."""
 
 
+def rotation(path: Path, name: str, matrix: FloatArray) -> FloatArray:
+    """A rotation matrix (3, 3) as it stands in a file.
+
+    Raises:
+        RescoreError: it is none.
+    """
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 0.01 or np.linalg.det(matrix) < 0:
+        raise RescoreError(f"{path}: {name}: expected a rotation, got another matrix; mend it")
+    return matrix
+
+
 def is_fisheye(model: object) -> bool:
     """Whether a camera model of a file is OpenCV's fisheye."""
     return str(model).casefold() in _FISHEYES
@@ -121,9 +132,19 @@ def of_euroc(path: Path, left: Values, right_path: Path, right: Values) -> Value
     """The two cameras of EuRoC's sensor files, each of which has its place on the body."""
     values = {"K1": left["K"], "D1": left["D"], "K2": right["K"], "D2": right["D"]}
     body = matrix_of(path, left, "T_BS", 4, 4), matrix_of(right_path, right, "T_BS", 4, 4)
-    move = np.asarray(np.linalg.solve(body[1], body[0]), float)
+    move = _inverse(right_path, "T_BS", body[1]) @ body[0]
     kept = {k: v for k, v in left.items() if k in ("width", "height", FISHEYE)}
     return values | kept | {"R": move[:3, :3], "T": move[:3, 3]}
+
+
+def _inverse(path: Path, name: str, move: FloatArray) -> FloatArray:
+    """The move back of a 4 x 4 matrix that turns and moves points.
+
+    Raises:
+        RescoreError: it is no such matrix.
+    """
+    turn = rotation(path, name, move[:3, :3])
+    return np.vstack([np.column_stack([turn.T, -turn.T @ move[:3, 3]]), [0, 0, 0, 1]])
 
 
 def of_ros(path: Path, left: Values, right_path: Path, right: Values) -> Values:
@@ -169,7 +190,8 @@ def of_orb_slam(path: Path, values: Values) -> Values:
     if "Stereo.b" in values:
         values["baseline_m"] = values["Stereo.b"]
     if "Stereo.T_c1_c2" in values:
-        move = np.asarray(np.linalg.inv(matrix_of(path, values, "Stereo.T_c1_c2", 4, 4)), float)
+        name = "Stereo.T_c1_c2"
+        move = _inverse(path, name, matrix_of(path, values, name, 4, 4))
         values |= {"R": move[:3, :3], "T": move[:3, 3]}
     for side, name in (("width", "Camera.width"), ("height", "Camera.height")):
         if name in values:

@@ -185,6 +185,23 @@ def test_cameras_that_do_not_stand_side_by_side_are_refused(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_damaged_picture_leaves_nothing(tmp_path: Path) -> None:
+    source = taken(tmp_path / "src")
+    own.write_png(source / "left" / "b.png", seen(K1, np.eye(3), np.zeros(3), False))
+    data = (source / "left" / "b.png").read_bytes()
+    (source / "right" / "b.png").write_bytes(data[: len(data) // 2])
+    with pytest.raises(RescoreError, match=r"right/b.png: expected a picture that OpenCV reads"):
+        rectified_dataset(source, ClassMap("car"), tmp_path / "out")
+    assert [p for p in (tmp_path / "out").rglob("*") if p.is_file()] == []
+    assert not (tmp_path / "out" / "left").exists()
+
+
+def test_annotations_are_not_passed_over(tmp_path: Path) -> None:
+    own.own_folder(taken(tmp_path / "src"))
+    with pytest.raises(RescoreError, match="expected folders of left and right pictures alone to rectify"):
+        rectified_dataset(tmp_path / "src", ClassMap("car"), tmp_path / "out")
+
+
 def test_what_cannot_be_rectified_is_told(tmp_path: Path) -> None:
     with pytest.raises(
         RescoreError, match=r"calib.yaml: expected two cameras as they stand .K1, D1, K2, D2, R, T."

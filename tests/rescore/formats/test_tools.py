@@ -203,6 +203,15 @@ def test_ros_states_the_rectified_cameras(tmp_path: Path) -> None:
     assert pair.doubt == "lens distortion (D1 up to 0.1, D2 up to 0.1)"
 
 
+def test_a_place_on_the_body_that_is_none(tmp_path: Path) -> None:
+    root = euroc(tmp_path, BENT) / "mav0"
+    own.write_text(root / "cam1" / "sensor.yaml", sensor(K2, np.zeros((4, 4)), BENT))
+    with pytest.raises(
+        RescoreError, match=r"cam1/sensor.yaml: T_BS: expected a rotation, got another matrix"
+    ):
+        read_dataset(tmp_path)
+
+
 def test_fisheye_cameras(tmp_path: Path) -> None:
     pair = raw_of(own.write_text(tmp_path / "camchain.yaml", camchain(BENT, "equidistant")))
     assert pair.left.fisheye
@@ -253,6 +262,9 @@ def test_the_distortion_of_one_camera_is_told(tmp_path: Path) -> None:
         ("SN1.conf", zed(np.zeros(3)), "SN1.conf: expected pictures of 1280 x 720, 672 x 376 .*, got 96"),
         ("SN1.conf", "fx=3\n", "SN1.conf: expected sections of name=value, got File contains no section"),
         ("calib.xml", "<opencv_storage><P1>", "calib.xml: expected OpenCV's XML, got damaged XML"),
+        ("calib.xml", f"<opencv_storage>{'<a>' * 5000}{'</a>' * 5000}</opencv_storage>", "too deep in each"),
+        ("calib.json", "[" * 100_000, "calib.json: expected a calibration as JSON, got maximum recursion"),
+        ("calib.yaml", own.opencv_yaml(OPENCV | {"R": np.ones((3, 3))}), "yaml: R: expected a rotation"),
         ("calib.xml", "<calibration/>", "calib.xml: expected OpenCV's XML .*, got 'calibration'"),
         ("calib.json", "[1, 2]", "calib.json: expected a calibration as a JSON object"),
         ("calib.json", '{"P1": ', "calib.json: expected a calibration as JSON, got Expecting value"),
