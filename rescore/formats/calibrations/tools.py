@@ -130,7 +130,10 @@ def _section(path: Path, sections: Mapping[str, Named], name: str) -> Values:
 
 def of_euroc(path: Path, left: Values, right_path: Path, right: Values) -> Values:
     """The two cameras of EuRoC's sensor files, each of which has its place on the body."""
-    values = {"K1": left["K"], "D1": left["D"], "K2": right["K"], "D2": right["D"]}
+    values: Values = {}
+    for number, file, own in ((1, path, left), (2, right_path, right)):
+        values[f"K{number}"] = matrix_of(file, own, "K", 3, 3)
+        values[f"D{number}"] = own.get("D", np.zeros(4))
     body = matrix_of(path, left, "T_BS", 4, 4), matrix_of(right_path, right, "T_BS", 4, 4)
     move = _inverse(right_path, "T_BS", body[1]) @ body[0]
     kept = {k: v for k, v in left.items() if k in ("width", "height", FISHEYE)}
