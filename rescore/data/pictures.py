@@ -110,7 +110,7 @@ def turned_by_exif(path: Path) -> str:
     ):
         # whoever decodes the picture says what is wrong with it
         return ""
-    return "" if value == 1 else f" as stored, which EXIF orientation {value} asks viewers to turn"
+    return f" as stored, which EXIF orientation {value} asks viewers to turn" if value in range(2, 9) else ""
 
 
 def files_in(folder: Path, suffixes: Sequence[str], what: str) -> list[Path]:
@@ -122,10 +122,7 @@ def files_in(folder: Path, suffixes: Sequence[str], what: str) -> list[Path]:
     found = sorted(p for p in folder.iterdir() if _ends(p, suffixes) and not p.name.startswith("."))
     if not found:
         raise RescoreError(f"{folder}: expected {what} ({', '.join(suffixes)}), found none; check the folder")
-    by_stem: dict[str, Path] = {}
-    for path in found:
-        _refuse_two(by_stem.setdefault(path.stem, path), path)
-    return found
+    return list(by_stem(found).values())
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -135,6 +132,18 @@ def pictures_in(folder: Path) -> list[Path]:
         RescoreError: there is none, or two bear one name.
     """
     return files_in(folder, PICTURES, "pictures")
+
+
+def by_stem(paths: Sequence[Path]) -> dict[str, Path]:
+    """The files of a folder by their names without the end, in their order.
+
+    Raises:
+        RescoreError: two bear one name.
+    """
+    found: dict[str, Path] = {}
+    for path in paths:
+        _refuse_two(found.setdefault(path.stem, path), path)
+    return found
 
 
 def file_named(folder: Path, stem: str, suffixes: Sequence[str]) -> Path | None:

@@ -9,7 +9,7 @@ from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
-from rescore.data.pictures import picture_size
+from rescore.data.pictures import by_stem, picture_size
 from rescore.formats.calibration_files import Calibration, doubts
 from rescore.formats.labels import ClassMap, LabelRow, image_ids, text_lines, truth_of
 
@@ -167,15 +167,15 @@ def files_of_frames(folder: Path, suffix: str, layout: Layout) -> tuple[list[Pat
         RescoreError: there are files, and none belongs to a frame.
     """
     there = sorted(p for p in folder.iterdir() if p.suffix.lower() == suffix and p.name not in NAME_FILES)
-    by_stem = {p.stem: p for p in there}
-    paths = [by_stem.get(p.stem) for p in layout.pictures]
+    by_name = by_stem(there)
+    paths = [by_name.get(p.stem) for p in layout.pictures]
     missing = paths.count(None)
     if there and missing == len(paths):
         raise RescoreError(
             f"{folder}: expected files of the names of the pictures, as {layout.pictures[0].stem}{suffix}, "
             f"got {there[0].name}; rename them"
         )
-    strangers = len(by_stem) - (len(paths) - missing)
+    strangers = len(by_name) - (len(paths) - missing)
     notes = []
     if missing:
         first = folder / f"{layout.pictures[paths.index(None)].stem}{suffix}"

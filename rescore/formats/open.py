@@ -11,6 +11,7 @@ from recon.arrays import FloatArray
 from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, frame_names
+from rescore.data.pictures import by_stem
 from rescore.formats import coco, coco_dataset
 from rescore.formats.box_files import is_kitti_text, read_yolo, yolo_classes
 from rescore.formats.folders import NAME_FILES, calibration_notes
@@ -98,7 +99,8 @@ def read_detections(
         return coco.read_detections(path, data, max_candidates)
     classes = classes or ClassMap(data.category)
     names = {name: image_id for image_id, name in frame_names(data).items()}
-    files = [p for p in sorted(path.glob("*.[tT][xX][tT]")) if p.name not in NAME_FILES]
+    texts = [p for p in sorted(path.glob("*.[tT][xX][tT]")) if p.name not in NAME_FILES]
+    files = list(by_stem(texts).values())
     if not files:
         raise RescoreError(f"{path}: expected detections, a .txt a frame, found none; check the folder")
     strangers = [p for p in files if p.stem not in names]

@@ -235,19 +235,21 @@ def _scene(root: Path, folder: Path) -> tuple[Pictures, tuple[str, ...]]:
 
 
 def _labels(layout: Layout, classes: ClassMap) -> tuple[list[list[LabelRow]], tuple[str, ...]]:
-    """The boxes of every frame, from the first kind of labels that is there."""
+    """The boxes of every frame, from the first kind of labels that is there; others are told."""
     root = layout.root
     texts = [p for p in sorted((root / "labels").glob("*.[tT][xX][tT]")) if p.name not in NAME_FILES]
-    folder = root / "label_2"
-    if texts and is_kitti_text(texts):
-        folder = root / "labels"
-    elif texts:
+    voc, kitti = _voc_folder(root), root / "label_2"
+    there = [root / "labels"] if texts else []
+    there += [folder for folder in (voc, kitti) if folder is not None and folder.is_dir()]
+    unused = tuple(f"{there[0]}: taken in place of the boxes in {p.name}" for p in there[1:])
+    if texts and not is_kitti_text(texts):
         names, notes = yolo_classes(root / "labels", texts, classes)
-        return _each(layout, root / "labels", ".txt", classes, names, notes)
-    elif (voc := _voc_folder(root)) is not None:
-        return _each(layout, voc, ".xml", classes, None, ())
+        return _each(layout, root / "labels", ".txt", classes, names, (*unused, *notes))
+    if voc is not None and not texts:
+        return _each(layout, voc, ".xml", classes, None, unused)
+    folder = root / "labels" if texts else kitti
     rows, counts, notes = kitti_labels(folder, layout, classes)
-    return rows, (*notes, *classes.notes(folder, counts))
+    return rows, (*unused, *notes, *classes.notes(folder, counts))
 
 
 def _voc_folder(root: Path) -> Path | None:

@@ -12,6 +12,7 @@ from rescore.data.pictures import picture_size, read_rgb, turned_by_exif
 from rescore.doctor import examine_dataset
 from rescore.doctor.findings import Level
 from rescore.formats.open import read_dataset
+from rescore.library.single_picture import read_photo
 from tests.rescore import own_data as own
 
 ORIENTATION = 0x0112
@@ -49,6 +50,21 @@ def test_the_doctor_says_that_exif_turns_a_picture(tmp_path: Path, orientation: 
     findings = [f for f in examine_dataset(tmp_path, "car", 1) if "EXIF" in f.what]
     assert [(f.level, f.where) for f in findings] == [(Level.WARNING, "image 1")]
     assert "boxes, depth and calibration must be of the stored pixels" in str(findings[0])
+
+
+def test_an_orientation_that_says_nothing_is_none(tmp_path: Path) -> None:
+    write_turned(tmp_path / "a.jpg", 0, "JPEG")
+    assert turned_by_exif(tmp_path / "a.jpg") == ""
+
+
+def test_a_photograph_that_exif_turns_is_refused(tmp_path: Path) -> None:
+    write_turned(tmp_path / "a.jpg", 6, "JPEG")
+    with pytest.raises(
+        RescoreError, match=r"a.jpg: expected a picture that is stored upright, .*EXIF orientation 6"
+    ):
+        read_photo(tmp_path / "a.jpg")
+    write_turned(tmp_path / "a.jpg", 1, "JPEG")
+    assert read_photo(tmp_path / "a.jpg").shape == (own.HEIGHT, own.WIDTH, 3)
 
 
 def test_a_size_that_exif_turned_names_it(tmp_path: Path) -> None:

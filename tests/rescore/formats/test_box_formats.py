@@ -291,6 +291,21 @@ def test_class_numbers_without_names(tmp_path: Path) -> None:
     assert any("took boxes of 1 2 as car" in n for n in mapped.notes)
 
 
+def test_of_two_kinds_of_labels_the_reader_says_which_it_takes(tmp_path: Path) -> None:
+    own.write_text(tmp_path / "Annotations" / "a.xml", VOC)
+    own.write_text(tmp_path / "label_2" / "a.txt", own.KITTI_LABEL)
+    notes = yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n").notes
+    for other in ("Annotations", "label_2"):
+        assert f"{tmp_path / 'labels'}: taken in place of the boxes in {other}" in notes
+
+
+def test_two_label_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n")
+    own.write_text(tmp_path / "labels" / "a.TXT", "")
+    with pytest.raises(RescoreError, match=r"labels: expected one file of the name 'a', got a.TXT and a.txt"):
+        read_dataset(tmp_path)
+
+
 def test_voc_in_small_letters(tmp_path: Path) -> None:
     own.pair_folder(tmp_path)
     own.write_text(tmp_path / "annotations" / "a.XML", VOC)
