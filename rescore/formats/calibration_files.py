@@ -195,7 +195,12 @@ def _middlebury(path: Path, values: Values) -> Calibration:
 def _of_one_matrix(path: Path, values: Values) -> Calibration:
     """Calibration from the left camera's matrix or ROS's projection matrix, and a baseline if there is
     one."""
-    name = next((n for n in ONE_CAMERA if n in values), None)
+    told = [n for n in ONE_CAMERA if n in values]
+    name = next((n for n in told if values[n].any()), None)
+    if told and name is None:
+        raise RescoreError(
+            f"{path}: expected a calibrated camera, got {told[0]} of zeros alone; calibrate it"
+        )
     if name is None:
         raise RescoreError(
             f"{path}: expected a calibration (P1 and P2, Q, K1, cameraMatrix, projection_matrix, or cam0), "

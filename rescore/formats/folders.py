@@ -160,13 +160,24 @@ def _named_in(line: str, known: Collection[str]) -> str | None:
     return None
 
 
+def box_files_in(folder: Path, suffix: str) -> list[Path]:
+    """The files of boxes of a folder in the order of their names; hidden files and YOLO's names are none."""
+    if not folder.is_dir():
+        return []
+    return sorted(
+        p
+        for p in folder.iterdir()
+        if p.suffix.lower() == suffix and p.name not in NAME_FILES and not p.name.startswith(".")
+    )
+
+
 def files_of_frames(folder: Path, suffix: str, layout: Layout) -> tuple[list[Path | None], tuple[str, ...]]:
     """The file of boxes of each frame, None where it has none, and what to say of those without.
 
     Raises:
         RescoreError: there are files, and none belongs to a frame.
     """
-    there = sorted(p for p in folder.iterdir() if p.suffix.lower() == suffix and p.name not in NAME_FILES)
+    there = box_files_in(folder, suffix)
     by_name = by_stem(there)
     paths = [by_name.get(p.stem) for p in layout.pictures]
     missing = paths.count(None)

@@ -14,7 +14,7 @@ from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import by_stem
 from rescore.formats import coco, coco_dataset
 from rescore.formats.box_files import is_kitti_text, read_yolo, yolo_classes
-from rescore.formats.folders import NAME_FILES, calibration_notes
+from rescore.formats.folders import box_files_in, calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
 from rescore.formats.labels import ClassMap, LabelRow
 from rescore.formats.pair_folders import is_plain, read_plain
@@ -99,8 +99,7 @@ def read_detections(
         return coco.read_detections(path, data, max_candidates)
     classes = classes or ClassMap(data.category)
     names = {name: image_id for image_id, name in frame_names(data).items()}
-    texts = [p for p in sorted(path.glob("*.[tT][xX][tT]")) if p.name not in NAME_FILES]
-    files = list(by_stem(texts).values())
+    files = list(by_stem(box_files_in(path, ".txt")).values())
     if not files:
         raise RescoreError(f"{path}: expected detections, a .txt a frame, found none; check the folder")
     strangers = [p for p in files if p.stem not in names]

@@ -12,7 +12,7 @@ from rescore.data.pictures import PICTURES, file_named, files_in, picture_size, 
 from rescore.formats.box_files import YoloClasses, chosen, is_kitti_text, read_voc, read_yolo, yolo_classes
 from rescore.formats.calibrations.in_folder import FolderCalibration, calibration_in
 from rescore.formats.calibrations.raw_pair import RawPair
-from rescore.formats.folders import NAME_FILES, Layout, Pictures, data_set, files_of_frames, splits_of
+from rescore.formats.folders import Layout, Pictures, box_files_in, data_set, files_of_frames, splits_of
 from rescore.formats.kitti import kitti_labels
 from rescore.formats.labels import ClassMap, LabelRow
 from rescore.formats.name_pairs import Side, paired
@@ -237,7 +237,7 @@ def _scene(root: Path, folder: Path) -> tuple[Pictures, tuple[str, ...]]:
 def _labels(layout: Layout, classes: ClassMap) -> tuple[list[list[LabelRow]], tuple[str, ...]]:
     """The boxes of every frame, from the first kind of labels that is there; others are told."""
     root = layout.root
-    texts = [p for p in sorted((root / "labels").glob("*.[tT][xX][tT]")) if p.name not in NAME_FILES]
+    texts = box_files_in(root / "labels", ".txt")
     voc, kitti = _voc_folder(root), root / "label_2"
     there = [root / "labels"] if texts else []
     there += [folder for folder in (voc, kitti) if folder is not None and folder.is_dir()]
@@ -255,7 +255,7 @@ def _labels(layout: Layout, classes: ClassMap) -> tuple[list[list[LabelRow]], tu
 def _voc_folder(root: Path) -> Path | None:
     """The folder of VOC's boxes, Annotations in capitals or not; COCO's folder of that name has no XML."""
     found = [p for p in sorted(root.iterdir()) if p.name.casefold() == "annotations" and p.is_dir()]
-    return next((p for p in found if any(f.suffix.lower() == ".xml" for f in p.iterdir())), None)
+    return next((p for p in found if box_files_in(p, ".xml")), None)
 
 
 def _each(

@@ -29,6 +29,7 @@ _SAME = {
     **{"distortion_coefficients": "D", "distortion_coeffs": "D", "Distortion_Coefficients": "D"},
     **{f"{side}.{k}": f"{k}{n}" for n, side in ((1, "LEFT"), (2, "RIGHT")) for k in "KDRP"},
     **{"LEFT.width": "width", "LEFT.height": "height", "Camera_Matrix": "cameraMatrix"},
+    **{"image_Width": "image_width", "image_Height": "image_height"},
 }
 """Names that mean what another one does."""
 _PAIR = [f"{k}{n}" for n in (1, 2) for k in "KDRP"]
@@ -41,7 +42,6 @@ _WANTED = frozenset(
         *("P0", "P3", "P_rect_02", "P_rect_03", "Q", "R", "T", "D", "cam0", "doffs", "rectification_matrix"),
         *("baseline", "baseline_m", "fx", "fy", "cx", "cy", "T_BS", "intrinsics"),
         *("width", "height", "image_width", "image_height", "imageSize", "image_size", "resolution"),
-        *("image_Width", "image_Height"),
         *(f"{k}_{n}" for k in ("P_rect", "S_rect", "R", "T") for n in (101, 103)),
         *("Camera.bf", "Camera.width", "Camera.height", "Stereo.b", "Stereo.T_c1_c2"),
         *(

@@ -306,6 +306,14 @@ def test_two_label_files_of_one_name_are_refused(tmp_path: Path) -> None:
         read_dataset(tmp_path)
 
 
+def test_hidden_files_hold_no_boxes(tmp_path: Path) -> None:
+    (tmp_path / "labels").mkdir()
+    (tmp_path / "labels" / "._a.txt").write_bytes(b"\x00\x05\x16\x07\xff")
+    data = yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n")
+    assert data.truth[1].xyxy_px.tolist() == [[12, 24, 36, 40]]
+    assert not any("belong to no picture" in n for n in data.notes)
+
+
 def test_voc_in_small_letters(tmp_path: Path) -> None:
     own.pair_folder(tmp_path)
     own.write_text(tmp_path / "annotations" / "a.XML", VOC)

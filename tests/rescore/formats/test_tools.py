@@ -290,6 +290,30 @@ def test_empty_projections_of_ros_get_their_own_line(tmp_path: Path) -> None:
         read_dataset(tmp_path)
 
 
+def test_a_single_camera_of_ros_without_a_projection(tmp_path: Path) -> None:
+    own.depth_folder(tmp_path, ".npy")
+    (tmp_path / "calib.yaml").unlink()
+    own.write_text(tmp_path / "camera_info.yaml", info(0 * P1))
+    assert camera_of(read_dataset(tmp_path))[:4] == EXPECTED[:4]
+    own.write_text(tmp_path / "camera_info.yaml", info(0 * P1).replace("80.0", "0").replace("48.0", "0"))
+    with pytest.raises(RescoreError, match="expected positive focal lengths, got 0 and 0"):
+        read_dataset(tmp_path)
+    zeros = str([0.0] * 9)
+    own.write_text(tmp_path / "camera_info.yaml", info(0 * P1).replace(str(own.K.ravel().tolist()), zeros))
+    with pytest.raises(
+        RescoreError, match="expected a calibrated camera, got P of zeros alone; calibrate it"
+    ):
+        read_dataset(tmp_path)
+
+
+def test_sizes_of_older_opencv(tmp_path: Path) -> None:
+    text = own.opencv_yaml({"P1": P1, "P2": P2}) + "image_Width: 640\nimage_Height: 480\n"
+    with pytest.raises(
+        RescoreError, match="expected the calibration of pictures of 96 x 64 pixels, got that of 640 x"
+    ):
+        read_dataset(with_files(tmp_path, {"calib.yaml": text}))
+
+
 def test_two_calibrations_of_different_forms_are_refused(tmp_path: Path) -> None:
     with_files(tmp_path, {"calib.txt": own.kitti_calib(), "calib.json": json.dumps(FLAT)})
     with pytest.raises(RescoreError, match=r"expected one calibration.*found calib.json, calib.txt"):
