@@ -17,8 +17,10 @@ from recon.localization.disparity_fit import BoxFit
 from recon.view_bins import ViewBins
 from rescore.cues.framing import FRAMING, FramingConfig, framing, resolved
 from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
+from rescore.cues.rivals import rival, same_car
 from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
 from rescore.cues.words import CueWords, Side, ends, metres, share, signed_nats, signed_share, times
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import predicted_region
 from rescore.evidence.guarded import GUARDED, GuardedConfig, guarded_alignment
@@ -53,6 +55,8 @@ class CueInput:
     config: CueConfig
     fits: Sequence[BoxFit | None] = ()
     """The instance of the class fitted to each box, None where there is none; empty where none was fitted."""
+    boxes3d: Boxes3D | None = None
+    """The 3D box of each of these instances; None where none was fitted."""
 
 
 Columns = Mapping[str, FloatArray]
@@ -115,6 +119,14 @@ def framed(given: CueInput) -> Columns:
     return {**dict(zip(FRAMING, found.T, strict=True)), "resolved": tells}
 
 
+def beside_others(given: CueInput) -> Columns:
+    """The cue ``rival``: how much better another box frames the same car."""
+    if given.boxes3d is None:
+        return {"rival": np.full(len(given.xyxy_px), np.nan)}
+    overlap = np.array([np.nan if fit is None else fit.overlap for fit in given.fits])
+    return {"rival": rival(overlap, same_car(given.xyxy_px, given.boxes3d))}
+
+
 def believable(given: CueInput) -> Columns:
     """The cues ``CHECKS``: whether the measured depth can be believed."""
     frame = given.frame
@@ -175,6 +187,11 @@ _SEEN_EXPLAINED = signed_share(
     "an empty place explains the depth as well as any car",
     Side("an empty place explains the depth better than any car, by {}", "% for none"),
     Side("the car that fits the depth best explains {} of what it could", "% for a car"),
+)
+_RIVAL = signed_share(
+    "another box frames this car as well",
+    Side("no other box frames this car as well, by {}", "% for the box"),
+    Side("another box frames this car better, by {}", "% for another"),
 )
 _OVER_PLANE = signed_nats(
     "a flat thing explains its depth as well as a car",
@@ -261,6 +278,7 @@ CUES: dict[str, Cue] = {
             share("above the car that fits the box best {} goes on at its depth"),
         ),
     ),
+    **_entries(beside_others, (Registration.INSTANCE,), ("rival", "class model", _RIVAL)),
     # the rest says nothing for or against a car, but how much the others count and can be believed
     "resolved": Cue(framed, share("what depth says of a car counts {} at this distance"), "", frozenset()),
     "agreement": Cue(
