@@ -30,7 +30,7 @@ FLOORS = {
     "recon": (
         *(
             "errors arrays",
-            "files boxes camera depth_map outlines view_bins pixels shape_matching",
+            "files reading boxes camera depth_map outlines view_bins pixels shape_matching",
             "shape_space view_looks",
         ),
         *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),
@@ -38,7 +38,7 @@ FLOORS = {
     "rescore": (
         *(
             "speech defaults",
-            "files parallel",
+            "files parallel locks",
             "data",
             "metrics",
             "cues",

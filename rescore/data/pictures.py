@@ -7,33 +7,38 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 from PIL.PngImagePlugin import PngImageFile
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
+from recon.reading import reading, refuse_large_picture
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"\x00\x00\x00\x00IEND\xae\x42\x60\x82"
 
 
 def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
-    """The pixels of a picture file as OpenCV gives them; None where it is no whole picture."""
+    """The pixels of a picture file as OpenCV gives them; None where it is no whole picture.
+
+    Raises:
+        RescoreError: its head claims more than ``recon.reading.MAX_PIXELS``.
+    """
     # imdecode on bytes, since imread neither takes every path nor says why it failed
     data = path.read_bytes()
     # OpenCV gives the rows before the damage of a damaged file, and prints lines of its own
-    damaged = (data.startswith(PNG_HEAD) and not _is_whole_png(data)) or (
+    damaged = (data.startswith(PNG_HEAD) and not is_whole_png(data)) or (
         data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data
     )
     if not data or damaged:
         return None
     try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
+        refuse_large_picture(path, data)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    except (OSError, SyntaxError, ValueError, cv2.error):
         return None
 
 
-def _is_whole_png(data: bytes) -> bool:
+def is_whole_png(data: bytes) -> bool:
     """Whether the chunks of a PNG follow each other up to the last one, each with the checksum it names."""
     # Pillow does not read the checksum of the last chunk, and OpenCV refuses pictures without it
     if PNG_END not in data:
@@ -49,15 +54,17 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
     """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
+    # a small file may claim any size: compared before it is unpacked
+    width, height = picture_size(path)
+    if (width, height) != (width_px, height_px):
+        raise RescoreError(
+            f"{path}: expected {width_px} x {height_px} pixels, got {width} x {height}; "
+            "mend width and height in annotations.json or the picture"
+        )
     bgr = decode_picture(path, cv2.IMREAD_COLOR)
     if bgr is None:
         raise RescoreError(
             f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
-        )
-    if bgr.shape[:2] != (height_px, width_px):
-        raise RescoreError(
-            f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}; "
-            "mend width and height in annotations.json or the picture"
         )
     return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
@@ -73,13 +80,8 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check the folder")
-    try:
-        with Image.open(path) as picture:
-            return picture.size
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise RescoreError(
-            f"{path}: expected a picture, could not read its head; write it again as PNG"
-        ) from error
+    with reading(path, "a picture", "write it again as PNG"):
+        return refuse_large_picture(path, path.read_bytes())
 
 
 def pictures_in(folder: Path) -> list[Path]:
