@@ -21,6 +21,7 @@ from rescore.commands.base import (
     app,
     config_of,
     detections_of,
+    file_target,
     mode_of,
     read_data,
     with_share,
@@ -42,7 +43,9 @@ def fit_evidence(
     detections: Annotated[
         list[Path], typer.Argument(help="Detections of one detector on the splits train and calibration.")
     ],
-    out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
+    out: Annotated[
+        Path, typer.Option(help="File to write the models of depth evidence to, JSON.", callback=file_target)
+    ],
     model: Model = None,
     predicted: Predicted = None,
     without: Annotated[
@@ -101,7 +104,7 @@ def fit_evidence(
 def tune(
     dataset: Dataset,
     detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
-    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
+    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.", callback=file_target)],
     model: Model = None,
     predicted: Predicted = None,
     registration: RegistrationMode = "paper",

@@ -26,7 +26,7 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     # imdecode on bytes, since imread neither takes every path nor says why it failed
     data = path.read_bytes()
     # OpenCV gives the rows before the damage of a damaged file, and prints lines of its own
-    damaged = (data.startswith(PNG_HEAD) and not is_whole_png(data)) or (
+    damaged = (data.startswith(PNG_HEAD) and not _is_whole_png(data)) or (
         data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data
     )
     if not data or damaged:
@@ -38,7 +38,7 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
         return None
 
 
-def is_whole_png(data: bytes) -> bool:
+def _is_whole_png(data: bytes) -> bool:
     """Whether the chunks of a PNG follow each other up to the last one, each with the checksum it names."""
     # Pillow does not read the checksum of the last chunk, and OpenCV refuses pictures without it
     if PNG_END not in data:
@@ -48,6 +48,14 @@ def is_whole_png(data: bytes) -> bool:
     except (OSError, SyntaxError, ValueError):
         return False
     return True
+
+
+def is_whole_png_file(path: Path) -> bool:
+    """Whether there is a file, and it is a whole PNG."""
+    try:
+        return _is_whole_png(path.read_bytes())
+    except OSError:
+        return False
 
 
 def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
