@@ -21,7 +21,6 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
-from recon.files import read_text
 from recon.learning.label_polygons import (
     LabelledImage,
     LabelledViews,
@@ -30,6 +29,7 @@ from recon.learning.label_polygons import (
     warnings_of,
 )
 from recon.part_views import LABELS_FILE, load_part_views
+from recon.reading import read_text, reading
 from recon.view_bins import ViewBins
 
 LABELS_TXT = "labels.txt"
@@ -230,10 +230,8 @@ def _image(
 
 def _read_object(path: Path, key: str, what: str) -> dict[str, Any]:
     """The JSON object of a file, which must have a key; ``what`` says what is expected and what to do."""
-    try:
+    with reading(path, "JSON", "export it again"):
         data = json.loads(path.read_bytes())
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise RescoreError(f"{path}: expected JSON, got {error}; export it again") from error
     if not isinstance(data, dict) or key not in data:
         came = (
             f"an object with {', '.join(sorted(data)) or 'no keys'}"

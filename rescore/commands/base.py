@@ -65,6 +65,25 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print JSON on standard output in place of text.", show_default=False)
 ]
 
+
+def file_target(path: Path | None) -> Path | None:
+    """The file that an option names to write; refused before any work where it cannot be written."""
+    from recon.files import refuse_as_file
+
+    if path is not None:
+        refuse_as_file(path)
+    return path
+
+
+def folder_target(path: Path | None) -> Path | None:
+    """The folder that an option names to write to; refused before any work where it cannot be."""
+    from recon.files import refuse_as_folder
+
+    if path is not None:
+        refuse_as_folder(path)
+    return path
+
+
 ALL_PROCESSORS = os.cpu_count() or 1
 
 

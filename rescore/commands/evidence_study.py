@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, print_json
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
 from rescore.speech import say
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
@@ -20,7 +20,9 @@ Things = Annotated[int, typer.Option(min=2, help="Things of each kind in the ban
 @app.command()
 def sweep(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for sweep.json, the curves and README.md.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for sweep.json, the curves and README.md.", callback=folder_target)
+    ],
     dials: Annotated[str | None, typer.Option(help="Dials, comma-separated; all of them else.")] = None,
     levels: Annotated[str | None, typer.Option(help="Levels of the one dial that is named.")] = None,
     frames: Frames = None,
@@ -46,7 +48,9 @@ def sweep(
 @app.command("study-evidence")
 def study_evidence(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for README.md, tables and pictures.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for README.md, tables and pictures.", callback=folder_target)
+    ],
     frames: Frames = None,
     things: Things = 40,
     detector: DetectorName = "hog",
@@ -82,7 +86,9 @@ def study_evidence(
 @app.command("study-class-model")
 def study_class_model(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for the page, its figure and numbers.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the page, its figure and numbers.", callback=folder_target)
+    ],
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -110,7 +116,9 @@ def study_class_model(
 @app.command("study-relief")
 def study_relief(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for the page, its figure and numbers.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the page, its figure and numbers.", callback=folder_target)
+    ],
     split: Annotated[str, typer.Option(help="Split whose frames are looked at.")] = "test",
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,

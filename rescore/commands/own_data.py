@@ -13,6 +13,8 @@ from rescore.commands.base import (
     Dataset,
     app,
     detections_of,
+    file_target,
+    folder_target,
     print_json,
     read_data,
     rectified_data,
@@ -22,13 +24,19 @@ from rescore.speech import say
 Maps = Annotated[
     list[str] | None, typer.Option("--map", help="Take a class for another, as van=car; may be repeated.")
 ]
+
+
+def _boxes_target(out: Path) -> Path | None:
+    return file_target(out) if out.suffix == ".json" else folder_target(out)
+
+
 ClassName = Annotated[str, typer.Option("--class", help="Class whose boxes count.")]
 
 
 @app.command(name="import")
 def import_dataset(
     dataset: Annotated[Path, typer.Argument(help="Folder of any layout that the README names.")],
-    out: Annotated[Path, typer.Option(help="Folder to write annotations.json to.")],
+    out: Annotated[Path, typer.Option(help="Folder to write annotations.json to.", callback=folder_target)],
     class_name: ClassName = "car",
     maps: Maps = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy the pictures too; else refer to them.")] = False,
@@ -41,12 +49,14 @@ def import_dataset(
     Example: [bold]rescore import kitti/training --map van=car --out data/kitti[/bold]
     """
     from rescore.formats.coco_write import write_dataset
+    from rescore.locks import locked
 
     if rectify:
         data = rectified_data(dataset, class_name, maps or (), out)
     else:
         data = read_data(dataset, class_name, maps or ())
-    file = write_dataset(out, data, copy=copy and not rectify)
+    with locked(out):
+        file = write_dataset(out, data, copy=copy and not rectify)
     boxes = sum(len(t.annotation_id) for t in data.truth.values())
     say(f"{len(data.frames)} frames, {boxes} boxes: {file}")
 
@@ -54,7 +64,12 @@ def import_dataset(
 @app.command()
 def convert(
     dataset: Dataset,
-    out: Annotated[Path, typer.Option(help="A .json file for COCO's form, else a folder for KITTI's text.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="A .json file for COCO's form, else a folder for KITTI's text.", callback=_boxes_target
+        ),
+    ],
     detections: Annotated[
         Path | None,
         typer.Argument(help=f"Detections to convert ({DETECTION_FORMS}); without, the annotated boxes."),

@@ -22,6 +22,7 @@ from rescore.commands.base import (
     app,
     config_of,
     detections_of,
+    file_target,
     mode_of,
     read_data,
     with_share,
@@ -43,7 +44,9 @@ def fit_evidence(
     detections: Annotated[
         list[Path], typer.Argument(help=f"Detections on the splits train and calibration: {DETECTION_FORMS}.")
     ],
-    out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
+    out: Annotated[
+        Path, typer.Option(help="File to write the models of depth evidence to, JSON.", callback=file_target)
+    ],
     model: Model = None,
     predicted: Predicted = None,
     without: Annotated[
@@ -104,7 +107,7 @@ def tune(
     detections: Annotated[
         Path, typer.Argument(help=f"Detections on the split validation: {DETECTION_FORMS}.")
     ],
-    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
+    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.", callback=file_target)],
     model: Model = None,
     predicted: Predicted = None,
     registration: RegistrationMode = "paper",

@@ -12,6 +12,7 @@ import numpy as np
 from recon.arrays import Float32Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
+from recon.reading import array_of, reading
 from recon.stereo.sgbm import read_png16
 
 SUFFIXES = (".png", ".pfm", ".npy", ".exr")
@@ -143,13 +144,8 @@ def _read_pfm(path: Path) -> Float32Array:
 
 
 def _read_npy(path: Path) -> Float32Array:
-    try:
-        value = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise RescoreError(
-            f"{path}: expected a whole NPY array of numbers, could not read it "
-            f"({str(error).splitlines()[0]}); write it again"
-        ) from error
+    with reading(path, "a whole NPY array of numbers", "write it again"):
+        value = array_of(path)
     if not (np.issubdtype(value.dtype, np.floating) or np.issubdtype(value.dtype, np.integer)):
         raise RescoreError(f"{path}: expected an array of numbers, got type {value.dtype}; convert it")
     return np.asarray(value, np.float32)

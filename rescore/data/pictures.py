@@ -8,11 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image
 from PIL.PngImagePlugin import PngImageFile
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
+from recon.reading import reading, refuse_large_picture
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 _TIFF_HEADS = (b"II*\x00", b"MM\x00*")
@@ -25,7 +26,8 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     An EXIF orientation is not followed: boxes, depth and calibration are of the stored pixels.
 
     Raises:
-        RescoreError: a TIFF with an orientation, which OpenCV follows whatever it is told.
+        RescoreError: its head claims more than ``recon.reading.MAX_PIXELS``, or it is a TIFF with an
+            orientation, which OpenCV follows whatever it is told.
     """
     # imdecode on bytes, since imread neither takes every path nor says why it failed
     data = path.read_bytes()
@@ -38,8 +40,9 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     if data.startswith(_TIFF_HEADS) and (told := turned_by_exif(path)):
         raise RescoreError(f"{path}: expected pixels, got a TIFF{told}; write it without an orientation")
     try:
+        refuse_large_picture(path, data)
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:
+    except (OSError, SyntaxError, ValueError, cv2.error):
         return None
 
 
@@ -55,19 +58,29 @@ def _is_whole_png(data: bytes) -> bool:
     return True
 
 
+def is_whole_png_file(path: Path) -> bool:
+    """Whether there is a file, and it is a whole PNG."""
+    try:
+        return _is_whole_png(path.read_bytes())
+    except OSError:
+        return False
+
+
 def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
     """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
+    # a small file may claim any size: compared before it is unpacked
+    width, height = picture_size(path)
+    if (width, height) != (width_px, height_px):
+        raise RescoreError(
+            f"{path}: expected {width_px} x {height_px} pixels, got {width} x {height}"
+            f"{turned_by_exif(path)}; mend width and height in annotations.json or the picture"
+        )
     bgr = decode_picture(path, cv2.IMREAD_COLOR)
     if bgr is None:
         raise RescoreError(
             f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
-        )
-    if bgr.shape[:2] != (height_px, width_px):
-        raise RescoreError(
-            f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}"
-            f"{turned_by_exif(path)}; mend width and height in annotations.json or the picture"
         )
     return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
@@ -83,13 +96,8 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check the folder")
-    try:
-        with Image.open(path) as picture:
-            return picture.size
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise RescoreError(
-            f"{path}: expected a picture, could not read its head; write it again as PNG"
-        ) from error
+    with reading(path, "a picture", "write it again as PNG"):
+        return refuse_large_picture(path, path.read_bytes())
 
 
 def turned_by_exif(path: Path) -> str:

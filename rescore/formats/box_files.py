@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from recon.errors import RescoreError
-from recon.files import read_text
+from recon.reading import read_text
 from rescore.formats.folders import NAME_FILES
 from rescore.formats.labels import ClassMap, LabelRow, checked_box, number, read_lines
 from rescore.formats.yaml_files import read_yaml

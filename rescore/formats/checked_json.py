@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError
 
 from recon.errors import RescoreError
-from recon.files import utf8_of
+from recon.reading import utf8_of
 
 T = TypeVar("T")
 Number = Annotated[int, Field(ge=-(2**63), lt=2**63)]

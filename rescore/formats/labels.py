@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
-from recon.files import read_text
+from recon.reading import read_text
 from rescore.data.boxes3d import Boxes3D, BoxValues
 from rescore.data.frames import Truth
 

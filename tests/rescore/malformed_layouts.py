@@ -128,7 +128,7 @@ KITTI: dict[str, tuple[Spoil, str]] = {
     ),
     "no picture": (
         lambda root: (root / "image_2" / "000003.png").write_text("hello"),
-        "image_2/000003.png: expected a picture, could not read its head",
+        "image_2/000003.png: expected a picture, could not read it .ValueError: its head",
     ),
     "one name twice": (
         lambda root: own.write_png(root / "image_2" / "000003.jpg", own.pair()[0]),

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from xml.etree import ElementTree
 
 from recon.errors import RescoreError
-from recon.files import read_text
+from recon.reading import read_text
 from rescore.formats.yaml_files import read_yaml
 
 Named = dict[str, object]

@@ -16,6 +16,7 @@ from rescore.formats.calibrations.raw_pair import Rectified, RectifiedPair
 from rescore.formats.folders import calibration_notes
 from rescore.formats.labels import ClassMap
 from rescore.formats.pair_folders import read_as_taken
+from rescore.locks import locked
 
 SIDES = ("left", "right")
 """Names of the folders of rectified pictures."""
@@ -47,7 +48,8 @@ def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
             "rectify each in a folder of its own"
         )
     pair = raw.rectified(path, *sizes[0])
-    frames = _written(data, pair, out)
+    with locked(out):
+        frames = _written(data, pair, out)
     truth = {f.image_id: _truth(data.truth[f.image_id], pair.left, f) for f in frames}
     notes = [n for n in data.notes if "no calibration" not in n]
     gone = sum(len(t.annotation_id) - len(truth[i].annotation_id) for i, t in data.truth.items())
