@@ -12,7 +12,7 @@ from types import MappingProxyType
 from xml.etree import ElementTree
 
 from recon.errors import RescoreError
-from recon.reading import read_text
+from recon.reading import read_text, reading
 from rescore.formats.yaml_files import read_yaml
 
 Named = dict[str, object]
@@ -44,22 +44,13 @@ def _of_lines(path: Path, text: str) -> list[Named]:
 
 def _of_xml(path: Path, text: str) -> list[Named]:
     """The entries of OpenCV's XML."""
-    try:
+    with reading(path, "OpenCV's XML", "write it again"):
         root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise RescoreError(
-            f"{path}: expected OpenCV's XML, got damaged XML ({error}); write it again"
-        ) from error
-    if root.tag != "opencv_storage":
-        raise RescoreError(
-            f"{path}: expected OpenCV's XML (opencv_storage), got {root.tag[:40]!r}; convert it"
-        )
-    try:
+        if root.tag != "opencv_storage":
+            raise RescoreError(
+                f"{path}: expected OpenCV's XML (opencv_storage), got {root.tag[:40]!r}; convert it"
+            )
         return [{element.tag: _value_of(element) for element in root}]
-    except RecursionError as error:
-        raise RescoreError(
-            f"{path}: expected OpenCV's XML, got elements too deep in each other; check it"
-        ) from error
 
 
 def _value_of(element: ElementTree.Element) -> object:
@@ -69,10 +60,8 @@ def _value_of(element: ElementTree.Element) -> object:
 
 
 def _of_json(path: Path, text: str) -> list[Named]:
-    try:
+    with reading(path, "a calibration as JSON", "write it again"):
         value = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise RescoreError(f"{path}: expected a calibration as JSON, got {error}; write it again") from error
     if not isinstance(value, dict):
         raise RescoreError(
             f"{path}: expected a calibration as a JSON object, got a list or a value; name its parts"
@@ -85,11 +74,8 @@ def _of_ini(path: Path, text: str) -> list[Named]:
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     # names keep their capitals
     parser.optionxform = str  # type: ignore[assignment, method-assign]
-    try:
+    with reading(path, "sections of name=value", "check it"):
         parser.read_string(text)
-    except configparser.Error as error:
-        first = str(error).splitlines()[0]
-        raise RescoreError(f"{path}: expected sections of name=value, got {first}; check it") from error
     return [{name: dict(parser[name]) for name in parser.sections()}]
 
 

@@ -188,7 +188,7 @@ def of_orb_slam(path: Path, values: Values) -> Values:
         order = ("k1", "k2", "k3", "k4") if FISHEYE in values else ("k1", "k2", "p1", "p2", "k3")
         bent = [values[prefix + k].flat[0] if prefix + k in values else 0.0 for k in order]
         values[f"D{number}"] = np.array(bent)
-    if "Camera.bf" in values and "K" in values:
+    if "Camera.bf" in values and "K" in values and values["K"][0, 0] > 0:
         values["baseline_m"] = values["Camera.bf"] / values["K"][0, 0]
     if "Stereo.b" in values:
         values["baseline_m"] = values["Stereo.b"]
@@ -209,6 +209,9 @@ def of_driving_stereo(path: Path, values: Values) -> Values:
     is of the full size.
     """
     p = [matrix_of(path, values, f"P_rect_{n}", 3, 4).copy() for n in (101, 103)]
+    kept = {k: v for k, v in values.items() if not k.endswith(("_101", "_103"))}
+    if not all(one[0, 0] > 0 for one in p):
+        return kept | {"P1": p[0], "P2": p[1]}
     apart = p[1][0, 3] / p[1][0, 0] - p[0][0, 3] / p[0][0, 0]
     if all(f"{name}_{n}" in values for name in ("R", "T") for n in (101, 103)):
         places = [_place(path, values, n) for n in (101, 103)]
@@ -216,12 +219,9 @@ def of_driving_stereo(path: Path, values: Values) -> Values:
     first, second = (p[0], p[1]) if apart < 0 else (p[1], p[0])
     first[0, 3], second[0, 3] = 0.0, -abs(apart) * second[0, 0]
     size = values.get("S_rect_101")
-    kept = {} if size is None or size.size != 2 else {"width": size[:1], "height": size[1:]}
-    return (
-        {k: v for k, v in values.items() if not k.endswith(("_101", "_103"))}
-        | {"P1": first, "P2": second}
-        | kept
-    )
+    if size is not None and size.size == 2:
+        kept |= {"width": size[:1], "height": size[1:]}
+    return kept | {"P1": first, "P2": second}
 
 
 def _place(path: Path, values: Values, number: int) -> FloatArray:
