@@ -1,5 +1,6 @@
 """Plain folders: left and right pictures, or left pictures with measured depth, and a calibration."""
 
+import filecmp
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -121,7 +122,7 @@ def _pairs(
     """Left pictures with their partners, and what to say of those without.
 
     Raises:
-        RescoreError: none has one, or a file belongs to two others.
+        RescoreError: none has one, a file belongs to two others, or both folders hold the same pictures.
     """
     pairs = paired(lefts, others, side)
     alone = len(lefts) - len(pairs)
@@ -129,6 +130,12 @@ def _pairs(
         raise RescoreError(
             f"{partner}: expected files of the names in {left.name}, as {lefts[0].stem!r}, got "
             f"{others[0].stem!r}; rename them"
+        )
+    # of the first pair alone: pictures without packing are all of one size, and reading them takes long
+    if side is Side.RIGHT and filecmp.cmp(*pairs[0], shallow=False):
+        raise RescoreError(
+            f"{pairs[0][1]}: expected the right picture of {pairs[0][0]}, got the same picture; give each "
+            "camera's pictures in a folder of their own"
         )
     told = f"{partner}: left out {alone} of {len(lefts)} left pictures without a partner"
     return pairs, (told,) if alone else ()

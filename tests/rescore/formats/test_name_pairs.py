@@ -84,6 +84,15 @@ def test_pictures_of_one_name_in_both_folders_go_together(tmp_path: Path) -> Non
     assert [f.right_path and f.right_path.stem for f in frames] == ["turn_left_01", "turn_right_01"]
 
 
+def test_both_views_in_both_folders_are_refused(tmp_path: Path) -> None:
+    for folder in ("left", "right"):
+        own.write_pair(tmp_path / folder / "1_left.png", tmp_path / folder / "1_right.png")
+    with pytest.raises(
+        RescoreError, match=r"right/1_left.png: expected the right picture of .*, got the same picture"
+    ):
+        read_dataset(tmp_path)
+
+
 @pytest.mark.parametrize("folder", ["left", "right", "disparity"])
 def test_two_files_of_one_name_in_a_folder_are_refused(tmp_path: Path, folder: str) -> None:
     own.pair_folder(tmp_path)
