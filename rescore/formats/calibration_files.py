@@ -43,12 +43,7 @@ class Calibration:
             RescoreError: the calibration is of another size, has no baseline that a pair needs, or no
                 camera is like that.
         """
-        said = (self.width_px or width_px, self.height_px or height_px)
-        if said != (width_px, height_px):
-            raise RescoreError(
-                f"{where}: expected the calibration of pictures of {width_px} x {height_px} pixels, got that "
-                f"of {said[0]} x {said[1]}; scale it or take the pictures it belongs to"
-            )
+        refuse_other_size(where, (self.width_px, self.height_px), (width_px, height_px))
         if self.baseline_m is None and not measures_depth:
             raise RescoreError(
                 f"{where}: expected a calibrated pair (P1 and P2, Q, or a baseline), got one camera; add the "
@@ -60,6 +55,16 @@ class Calibration:
             return StereoCamera(left, baseline)
         except RescoreError as error:
             raise RescoreError(f"{where}: {error}") from error
+
+
+def refuse_other_size(where: Path, said: tuple[int | None, int | None], size_px: tuple[int, int]) -> None:
+    """Raises RescoreError where a calibration says another width and height than the pictures have."""
+    stated = (said[0] or size_px[0], said[1] or size_px[1])
+    if stated != size_px:
+        raise RescoreError(
+            f"{where}: expected the calibration of pictures of {size_px[0]} x {size_px[1]} pixels, got that "
+            f"of {stated[0]} x {stated[1]}; scale it or take the pictures it belongs to"
+        )
 
 
 def read_calibration(
@@ -125,7 +130,8 @@ def notes_of(path: Path, values: Values) -> tuple[str, ...]:
     return ()
 
 
-def _size(path: Path, values: Values) -> tuple[int | None, int | None]:
+def size_of(path: Path, values: Values) -> tuple[int | None, int | None]:
+    """Width and height of the pictures in pixels, None where a calibration does not say them."""
     both = next((values[k] for k in ("imageSize", "image_size") if k in values and values[k].size == 2), None)
     if both is not None:
         return int(both.flat[0]), int(both.flat[1])
@@ -155,7 +161,7 @@ def _of_projections(path: Path, values: Values, first: str, second: str) -> Cali
             f"{path}: expected the right camera beside the left one, got {first} and {second} with "
             f"one last column ({p[0, 3]:g}); calibrate them as a pair, or write -fx baseline in {second}"
         )
-    width, height = _size(path, values)
+    width, height = size_of(path, values)
     return _checked(
         path,
         Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline, q[0, 2] - p[0, 2], width, height),
@@ -169,14 +175,14 @@ def _of_q(path: Path, values: Values) -> Calibration:
         raise RescoreError(f"{path}: Q: expected Q[2, 3] > 0 and Q[3, 2] other than 0; mend Q")
     # stereoRectify writes -1 / Tx with Tx negative where the second camera stands on the right
     baseline, offset = 1 / q[3, 2], q[3, 3] / q[3, 2]
-    width, height = _size(path, values)
+    width, height = size_of(path, values)
     return _checked(path, Calibration(q[2, 3], q[2, 3], -q[0, 3], -q[1, 3], baseline, offset, width, height))
 
 
 def _middlebury(path: Path, values: Values) -> Calibration:
     """cam0 is [f 0 cx; 0 f cy; 0 0 1], baseline in millimetres, doffs in pixels (Scharstein et al. 2014)."""
     k = matrix_of(path, values, "cam0", 3, 3)
-    width, height = _size(path, values)
+    width, height = size_of(path, values)
     return _checked(
         path,
         Calibration(
@@ -208,7 +214,7 @@ def _of_one_matrix(path: Path, values: Values) -> Calibration:
         )
     columns = 4 if values[name].size == 12 else 3
     k = matrix_of(path, values, name, 3, columns)
-    width, height = _size(path, values)
+    width, height = size_of(path, values)
     return _checked(
         path,
         Calibration(

@@ -6,7 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from recon.errors import RescoreError
-from rescore.formats.calibration_files import Calibration, calibration_of, notes_of
+from rescore.formats.calibration_files import (
+    Calibration,
+    calibration_of,
+    notes_of,
+    refuse_other_size,
+    size_of,
+)
 from rescore.formats.calibrations.file_forms import FORMS
 from rescore.formats.calibrations.numbers import Values, number_of
 from rescore.formats.calibrations.raw_pair import RawPair
@@ -63,6 +69,7 @@ def calibration_in(
     path, *second = files
     values = calibration_values(path, second[0] if second else None, size_px)
     if as_taken:
+        refuse_other_size(path, size_of(path, values), size_px)
         return FolderCalibration(path, None, RawPair.of(path, values))
     pair = ("P0", "P1") if left.name == "image_0" else ("P2", "P3")
     return FolderCalibration(

@@ -196,6 +196,16 @@ def test_a_damaged_picture_leaves_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "left").exists()
 
 
+def test_a_calibration_of_another_size_is_refused(tmp_path: Path) -> None:
+    source = taken(tmp_path / "src")
+    text = (source / "camchain.yaml").read_text().replace("[320, 240]", "[640, 480]")
+    own.write_text(source / "camchain.yaml", text)
+    with pytest.raises(
+        RescoreError, match="calibration of pictures of 320 x 240 pixels, got that of 640 x 480"
+    ):
+        rectified_dataset(source, ClassMap("car"), tmp_path / "out")
+
+
 def test_annotations_are_not_passed_over(tmp_path: Path) -> None:
     own.own_folder(taken(tmp_path / "src"))
     with pytest.raises(RescoreError, match="expected folders of left and right pictures alone to rectify"):
