@@ -34,8 +34,9 @@ from reports.run.tables import (
 from reports.run.tables3d import boxes3d_table, error_table, pose_table
 from reports.templating import asset, render
 from rescore.results.metrics_file import Metrics
-from rescore.results.run_folder import Run, load_run
+from rescore.results.run_folder import Run, load_run, missing_evidence
 from rescore.results.sweep_file import read_sweep
+from rescore.speech import say
 
 ONE_RUN, SEVERAL_RUNS = "report.html", "comparison.html"
 _ROOM = "reports.page"
@@ -87,6 +88,8 @@ def build_report(run_dirs: Path | Sequence[Path], out: Path | None = None) -> Pa
     folders = [run_dirs] if isinstance(run_dirs, Path) else [Path(f) for f in run_dirs]
     runs = [load_run(folder) for folder in folders]
     names = _names([run.root for run in runs])
+    for note in (note for run in runs for note in missing_evidence(run)):
+        say(f"note: {note}")
     if len(runs) == 1:
         write_curves(runs[0], runs[0].root / "curves")
     page = render_report([Evaluated(n, run) for n, run in zip(names, runs, strict=True)])
@@ -132,7 +135,7 @@ def _section(one: Evaluated, key: str, max_cards: int) -> Section:
         key=key,
         metrics=run.metrics,
         headline=headline(run.metrics),
-        warning=few_images(run.metrics),
+        warning=" ".join(filter(None, (few_images(run.metrics), *missing_evidence(run)))),
         tiles=tiles(run.metrics),
         curves=curve_group(f"{key}-curves", curve_sets(run), run.metrics, bands),
         band_note=band_note,

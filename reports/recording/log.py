@@ -33,7 +33,8 @@ from reports.run.frame_view import CandidateView, FrameReader, FrameView
 from reports.run.tables import short_table
 from reports.templating import render
 from rescore.parallel import track
-from rescore.results.run_folder import Run, load_run
+from rescore.results.run_folder import Run, load_run, missing_evidence
+from rescore.speech import say
 
 APPLICATION_ID = "rescore"
 _CHUNK_BYTES = 2**19
@@ -67,6 +68,8 @@ def write_recording(
         RescoreError: not a run folder, no such mode, or no frame of the kind.
     """
     story = Story.of(load_run(run_dir), mode)
+    for note in missing_evidence(story.run):
+        say(f"note: {note}")
     chosen = choose_frames(story, frames, max_frames)
     out = Path(out) if out is not None else story.run.root / "recording.rrd"
     with atomic_path(out) as beside:
@@ -182,6 +185,7 @@ def _guide(story: Story, stride: int) -> str:
         mode=mode_name(story.mode),
         other_system=story.run.other_system,
         fits=any(story.shows_fits(d) for d in story.run.detectors),
+        missing=missing_evidence(story.run),
         point=story.points[story.run.detectors[0]].text,
         low=low,
         high=high,

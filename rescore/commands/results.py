@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rescore.commands.base import (
+    DETECTION_FORMS,
     AsJson,
     Dataset,
     Report,
@@ -15,6 +16,8 @@ from rescore.commands.base import (
     app,
     configs_behind,
     detections_of,
+    file_target,
+    folder_target,
     print_json,
     read_split,
 )
@@ -28,8 +31,10 @@ if TYPE_CHECKING:
 @app.command()
 def evaluate(
     dataset: Dataset,
-    detections: Annotated[list[Path], typer.Argument(help="Detections, rescored or not; a file a detector.")],
-    out: Annotated[Path, typer.Option(help="Run folder to write to.")],
+    detections: Annotated[
+        list[Path], typer.Argument(help=f"Detections, rescored or not, of each detector: {DETECTION_FORMS}.")
+    ],
+    out: Annotated[Path, typer.Option(help="Run folder to write to.", callback=folder_target)],
     tuned: Annotated[
         list[Path] | None, typer.Option(help="What `rescore tune` wrote, to show the choice of w; repeat.")
     ] = None,
@@ -50,6 +55,7 @@ def evaluate(
     """
     from rescore.evidence.settings import RescoreConfig, with_stereo_for
     from rescore.fusion.tuning_file import load_tuning
+    from rescore.locks import locked
     from rescore.results.evaluate import evaluate as evaluate_files
     from rescore.results.run_config_file import write_run_config
     from rescore.results.run_folder import RunFolder
@@ -60,13 +66,14 @@ def evaluate(
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     settings |= predictions_behind(detections)
     stereo = with_stereo_for(RescoreConfig(), data, disparities).stereo
-    metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
-    write_run_config(RunFolder(out).config, "evaluate", settings, None, stereo=stereo, data=dataset)
-    _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
-    if report:
-        from reports.page.report import build_report
+    with locked(out):
+        metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
+        write_run_config(RunFolder(out).config, "evaluate", settings, None, stereo=stereo, data=dataset)
+        _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
+        if report:
+            from reports.page.report import build_report
 
-        build_report(out)
+            build_report(out)
     shown = {"report": out / "report.html"} if report else {"figures": RunFolder(out).metrics}
     print_results(metrics, shown, as_json)
 
@@ -100,6 +107,7 @@ def report(
         typer.Option(
             help="Page to write.",
             show_default="RUN/report.html; of several runs comparison.html of the first",
+            callback=file_target,
         ),
     ] = None,
 ) -> None:
@@ -119,7 +127,8 @@ def report(
 def log(
     run: Annotated[Path, typer.Argument(help="Run folder of `rescore evaluate` or `rescore reproduce`.")],
     out: Annotated[
-        Path | None, typer.Option(help="Recording to write.", show_default="RUN/recording.rrd")
+        Path | None,
+        typer.Option(help="Recording to write.", show_default="RUN/recording.rrd", callback=file_target),
     ] = None,
     frames: Annotated[
         str,

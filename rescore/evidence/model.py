@@ -16,6 +16,7 @@ from scipy.special import expit
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
+from recon.reading import reading
 from rescore.cues.plausibility import CHECKS
 from rescore.data.frames import GroundSource
 from rescore.evidence.candidates import OK, CandidateTable
@@ -224,15 +225,10 @@ def models_of_json(value: Any, where: Path) -> dict[Registration, EvidenceModel]
     Raises:
         RescoreError: something else.
     """
-    try:
+    with reading(where, f"models of depth evidence ({FORMAT!r})", "run `rescore fit-evidence` again"):
         if value["format"] != FORMAT:
             raise ValueError(f"format {value['format']!r}")
         return {Registration(m): _model(Registration(m), row) for m, row in value["modes"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RescoreError(
-            f"{where}: expected models of depth evidence ({FORMAT!r}), got {type(error).__name__} {error}; "
-            "run `rescore fit-evidence` again"
-        ) from error
 
 
 def load_model(path: Path, mode: Registration) -> EvidenceModel:

@@ -133,7 +133,7 @@ def test_a_damaged_or_foreign_table_is_refused(command: Command, run_dir: Path, 
         (root / "candidates.parquet").write_bytes(damaged)
         code, _, err = command(root)
         assert (code, err.count("\n")) == (1, 1)
-        assert "expected a table of candidates, got" in err
+        assert "expected a table of candidates, could not read it" in err
 
 
 def test_a_run_of_the_detector_alone_has_nothing_to_compare(run_dir: Path, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_read_rgb_gives_red_first(tmp_path: Path) -> None:
     with pytest.raises(RescoreError, match="expected a picture, found no file"):
         read_rgb(tmp_path / "none.png", 40, 20)
     path.write_bytes(path.read_bytes()[:30])
-    with pytest.raises(RescoreError, match="could not decode"):
+    with pytest.raises(RescoreError, match=r"could not (decode|read) it"):
         read_rgb(path, 40, 20)
 
 
@@ -86,7 +86,7 @@ def test_a_damaged_picture_is_one_error_and_prints_nothing(
     path = tmp_path / "left.png"
     for place in (20, 200, *range(len(whole) - 30, len(whole))):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 255]) + whole[place + 1 :])
-        with pytest.raises(RescoreError, match="could not decode"):
+        with pytest.raises(RescoreError, match=r"could not (decode|read) it"):
             read_rgb(path, 40, 20)
     path.write_bytes(whole + b"what follows the end is nothing")
     np.testing.assert_array_equal(read_rgb(path, 40, 20), noise[..., ::-1])
@@ -102,7 +102,7 @@ def test_a_cut_off_picture_is_one_error_and_prints_nothing(
     whole = cv2.imencode(suffix, noise)[1].tobytes()
     path = tmp_path / f"left{suffix}"
     path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(RescoreError, match="could not decode"):
+    with pytest.raises(RescoreError, match=r"could not (decode|read) it"):
         read_rgb(path, 40, 20)
     assert capfd.readouterr() == ("", "")
 
@@ -114,7 +114,7 @@ def test_a_png_without_its_last_chunk_is_one_error_and_prints_nothing(
     path = tmp_path / "left.png"
     for left_out in range(1, 13):
         path.write_bytes(whole[:-left_out])
-        with pytest.raises(RescoreError, match="could not decode"):
+        with pytest.raises(RescoreError, match=r"could not (decode|read) it"):
             read_rgb(path, 40, 20)
     assert capfd.readouterr() == ("", "")
 
