@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-<<<<<<< HEAD
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
@@ -16,12 +15,11 @@ from rescore.commands.base import (
     Seed,
     app,
     detections_of,
+    file_target,
+    folder_target,
     print_json,
     read_data,
 )
-=======
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
->>>>>>> fmt
 from rescore.speech import say
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
@@ -165,7 +163,10 @@ def study_relief(
 def study_places(
     dataset: Dataset,
     detections: Annotated[Path, typer.Argument(help="Detections in all its frames, with likelihoods.")],
-    out: Annotated[Path, typer.Option(help="JSON file; its page and figure are written beside it.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="JSON file; its page and figure are written beside it.", callback=file_target),
+    ],
     rescorer: Annotated[
         Path | None,
         typer.Option(
