@@ -11,7 +11,8 @@ from pathlib import Path
 
 from recon.errors import RescoreError
 from recon.files import atomic_path
-from reports.run.tables import LEVEL, RECALLS, Table, factor, number
+from reports.run.reductions import reduction_cell
+from reports.run.tables import LEVEL, RECALLS, Table, number
 from rescore.files import read_json_object, write_json
 from rescore.results.candidate_file import ALONE
 from rescore.results.metrics_file import Metrics, read_metrics
@@ -86,7 +87,7 @@ def figures_table(runs: Mapping[str, Metrics]) -> Table:
 
 
 def _rows(title: str, metrics: Metrics) -> list[tuple[str, ...]]:
-    gains = {(c.detector, c.mode): factor(c.reduction.get(LEVEL)) for c in metrics.comparisons}
+    gains = {(c.detector, c.mode): reduction_cell(c.reduction.get(LEVEL)) for c in metrics.comparisons}
     return [
         (
             f"{title}, detector alone" if row.mode == ALONE else f"{title}, rescored",

@@ -8,6 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 
 from reports.palette import detector_name, mode_name
+from reports.run.reductions import reduction_cell
 from rescore.results.candidate_file import ALONE, Columns, of_mode
 from rescore.results.metrics_file import (
     DetectorDifficulty,
@@ -195,8 +196,8 @@ def comparison_table(metrics: Metrics) -> Table | None:
         (
             detector_name(c.detector),
             mode_name(c.mode),
-            *(factor(c.reduction.get(level)) for level in RECALLS),
-            factor((c.reduction_without_pictures or {}).get(LEVEL)),
+            *(reduction_cell(c.reduction.get(level)) for level in RECALLS),
+            reduction_cell((c.reduction_without_pictures or {}).get(LEVEL)),
             difference(c.auc_difference),
             difference(c.average_precision_difference),
         )
@@ -217,7 +218,7 @@ def terminal_comparison(metrics: Metrics) -> Table | None:
         rows.append(
             (
                 f"{detector_name(c.detector, short=True)}, {c.mode}",
-                *(factor(f).replace(" (", "\n(", 1) for f in factors),
+                *(reduction_cell(f).replace(" (", "\n(", 1) for f in factors),
                 # no room for noughts before the point
                 *(difference(f).replace(" (", "\n(", 1).replace("0.", ".") for f in areas),
             )
@@ -316,14 +317,6 @@ def in_interval(tuned: TunedWeight) -> list[bool]:
     return [u is not None and u.low <= w <= u.high for w in tuned.w_grid]
 
 
-def factor(figure: Estimate | None) -> str:
-    """A reduction factor with its interval; a dash where it is undefined."""
-    if figure is None or figure.interval is None:
-        return "–"
-    low, high = (_factor(end) for end in figure.interval)
-    return f"{_factor(figure.value)} ({low}–{high})"
-
-
 def difference(figure: Estimate) -> str:
     """A signed difference with its interval; a dash where it is undefined."""
     if figure.interval is None:
@@ -334,13 +327,6 @@ def difference(figure: Estimate) -> str:
 
 def _counts(values: Sequence[str]) -> dict[str, int]:
     return {v: values.count(v) for v in dict.fromkeys(values)}
-
-
-def _factor(value: float | None) -> str:
-    """Three digits as far as there is a point; null is infinity."""
-    if value is None:
-        return "∞"
-    return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}"
 
 
 def _first_mode(metrics: Metrics, detector: str) -> str:

@@ -59,16 +59,30 @@ def evaluate(
     tunings = {(t.detector, t.registration): t for t in (load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     settings |= predictions_behind(detections)
+    detector_of = dict(zip(detections, (f.detector for f in files), strict=True))
+    settings |= _rescored_with(detector_of)
     stereo = with_stereo_for(RescoreConfig(), data, disparities).stereo
     metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
     write_run_config(RunFolder(out).config, "evaluate", settings, None, stereo=stereo, data=dataset)
-    _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
+    _keep_evidence_models(out, detector_of)
     if report:
         from reports.page.report import build_report
 
         build_report(out)
     shown = {"report": out / "report.html"} if report else {"figures": RunFolder(out).metrics}
     print_results(metrics, shown, as_json)
+
+
+def _rescored_with(detector_of: dict[Path, str]) -> dict[str, Any]:
+    """The settings that rescored detections, by detector and mode, but for the numbers of evidence models."""
+    found: dict[str, dict[str, Any]] = {}
+    for path, config in configs_behind(list(detector_of)):
+        if "registration" in config:
+            kept = {
+                name: value for name, value in config.items() if name not in ("evidence_model", "predicted")
+            }
+            found.setdefault(detector_of[path], {})[config["registration"]] = kept
+    return {"rescored": found} if found else {}
 
 
 def _keep_evidence_models(out: Path, detector_of: dict[Path, str]) -> None:

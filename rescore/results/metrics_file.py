@@ -54,6 +54,27 @@ class Estimate(MetricsPart):
     """Resamples in which it is infinite."""
 
 
+class Reduction(Estimate):
+    """False positives an image before rescoring over those after, above 1 where there are fewer, with both.
+
+    Without false positives before and after the factor is 1, without any after infinite, before 0.
+    """
+
+    before: float | None = None
+    """False positives an image before; None where the recall is never reached, or not known in old files."""
+    after: float | None = None
+
+    @property
+    def none_before(self) -> bool:
+        """Whether there is no false positive before."""
+        return self.before == 0
+
+    @property
+    def none_after(self) -> bool:
+        """Whether there is no false positive after."""
+        return self.after == 0
+
+
 class Intervals(MetricsPart):
     """Intervals of the figures of a row."""
 
@@ -109,9 +130,9 @@ class ModeComparison(MetricsPart):
     auc_difference: Estimate
     auc_p_value: float | None = None
     average_precision_difference: Estimate
-    reduction: dict[str, Estimate]
+    reduction: dict[str, Reduction]
     """How many times fewer false positives, by recall."""
-    reduction_without_pictures: dict[str, Estimate] | None = None
+    reduction_without_pictures: dict[str, Reduction] | None = None
     """How many times fewer, false alarms on pictures of cars left out; None where kinds are unknown."""
     n_on_pictures: int | None = None
 

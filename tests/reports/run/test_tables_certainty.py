@@ -5,11 +5,11 @@ from rich.console import Console
 
 from reports.page.paired_runs import Evaluated
 from reports.page.report import render_report
+from reports.run.reductions import reduction_cell
 from reports.run.tables import (
     TERMINAL_CAPTION,
     comparison_table,
     difference,
-    factor,
     fusion_table,
     reliability_table,
     terminal_comparison,
@@ -17,7 +17,15 @@ from reports.run.tables import (
     weight_text,
 )
 from rescore.files import write_json
-from rescore.results.metrics_file import Ends, Estimate, Metrics, ModeComparison, TunedWeight, read_metrics
+from rescore.results.metrics_file import (
+    Ends,
+    Estimate,
+    Metrics,
+    ModeComparison,
+    Reduction,
+    TunedWeight,
+    read_metrics,
+)
 from rescore.results.run_folder import Run
 
 
@@ -25,10 +33,8 @@ def figure(value: float | None, interval: Ends | None) -> Estimate:
     return Estimate(value=value, interval=interval, n_undefined=0, n_infinite=0)
 
 
-def test_factors_show_infinity_and_what_is_undefined():
-    assert factor(figure(1.236, (0.994, 12.34))) == "1.24 (0.99–12.3)"
-    assert factor(figure(None, (1.5, None))) == "∞ (1.50–∞)"
-    assert factor(figure(None, None)) == factor(None) == "–"
+def reduction(value: float | None, interval: Ends | None) -> Reduction:
+    return Reduction(**dict(figure(value, interval)))
 
 
 def test_differences_are_signed():
@@ -42,8 +48,8 @@ def test_the_comparison_shows_metrics_json(run: Run):
     assert len(table.rows) == len(run.metrics.comparisons) == 2
     for cells, c in zip(table.rows, run.metrics.comparisons, strict=True):
         shown = dict(zip(table.head, cells, strict=True))
-        assert shown["fewer FP at 70%"] == factor(c.reduction["0.7"])
-        assert shown["at 70% without pictures"] == factor(c.reduction_without_pictures["0.7"])
+        assert shown["fewer FP at 70%"] == reduction_cell(c.reduction["0.7"])
+        assert shown["at 70% without pictures"] == reduction_cell(c.reduction_without_pictures["0.7"])
         assert shown["area"] == difference(c.auc_difference)
         assert shown["AP"] == difference(c.average_precision_difference)
 
@@ -55,8 +61,8 @@ def test_the_terminal_comparison_fits_80_columns_at_its_widest():
             detector="hog",
             mode=mode,
             against="detector",
-            reduction={"0.7": figure(123.4, (11.11, 987.6))},
-            reduction_without_pictures={"0.7": figure(None, (11.11, None))},
+            reduction={"0.7": reduction(123.4, (11.11, 987.6))},
+            reduction_without_pictures={"0.7": reduction(None, (11.11, None))},
             auc_difference=wide,
             average_precision_difference=wide,
         )
