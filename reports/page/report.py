@@ -29,6 +29,7 @@ from reports.run.tables import (
     reliability_table,
     result_table,
     stereo_table,
+    tie_notes,
     weight_table,
 )
 from reports.run.tables3d import boxes3d_table, error_table, pose_table
@@ -113,6 +114,7 @@ def render_report(runs: Sequence[Evaluated]) -> str:
         depth_stops=colour_stops(DEPTH_COLOURS),
         residual_stops=colour_stops(RESIDUAL_COLOURS),
         number=number,
+        tie_notes=tie_notes,
         detector_name=detector_name,
         charts={name: chart for g in groups for name, chart in g.as_json().items()},
         style=asset(_ROOM, "report.css"),

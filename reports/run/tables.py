@@ -115,6 +115,23 @@ def terminal_table(metrics: Metrics) -> RichTable:
     )
 
 
+def tie_notes(metrics: Metrics) -> tuple[str, ...]:
+    """A sentence for each row whose average precision depends on the order of equal scores."""
+    notes = []
+    for row in metrics.rows if metrics.n_cars else ():
+        if row.ties is None:
+            continue
+        low, high = (number(end) for end in row.ties.average_precision)
+        if low != high:
+            notes.append(
+                f"{detector_name(row.detector, short=True)}, {SHORT_MODE.get(row.mode, row.mode)}: "
+                f"{row.ties.n_candidates} candidates share their score, hits with false positives. Their "
+                f"order in the file decides where average precision lies between {low} and {high}, as in "
+                "COCO's tool"
+            )
+    return tuple(notes)
+
+
 def reason_table(columns: Columns, detectors: Sequence[str]) -> Table:
     """How many candidates of each detector had depth evidence, and why the others had none."""
     counts = {d: _counts([str(s) for s in columns["status"][columns["detector"] == d]]) for d in detectors}

@@ -165,7 +165,7 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
         return
     from rich.console import Console
 
-    from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table
+    from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table, tie_notes
     from reports.run.tables3d import TERMINAL_CAPTION_3D, terminal_boxes3d
 
     console = Console()
@@ -173,6 +173,8 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
         say("no car is annotated in these frames: nothing is counted as right or wrong")
     else:
         console.print(terminal_table(metrics))
+    for note in tie_notes(metrics):
+        say(f"note: {note}")
     comparison = terminal_comparison(metrics) if metrics.n_cars else None
     if comparison is not None:
         console.print(comparison.rich(TERMINAL_CAPTION))

@@ -19,7 +19,7 @@ from rescore.files import read_json_object, write_json
 from rescore.formats.checked_json import first_difference, read_checked
 from rescore.fusion.fuse import LearnedFusion
 from rescore.fusion.weight_interval import WeightInterval
-from rescore.metrics.curves import Summary
+from rescore.metrics.curves import Summary, Ties
 from rescore.metrics.reliability import Reliability
 
 Ends = tuple[float | None, float | None]
@@ -88,6 +88,19 @@ class Intervals(MetricsPart):
     """Resamples in which a recall is never reached, by recall."""
 
 
+class TiedScores(MetricsPart):
+    """Hits and false positives of equal score: average precision depends on the order of the file."""
+
+    n_candidates: int
+    average_precision: tuple[float | None, float | None]
+    """With the hits of each score last, and first; None where no car is annotated."""
+
+    @classmethod
+    def of(cls, tied: Ties) -> Self:
+        """What the file holds of it."""
+        return cls(n_candidates=tied.n, average_precision=(finite(tied.lowest), finite(tied.highest)))
+
+
 class Row(MetricsPart):
     """The figures of one detector in one mode."""
 
@@ -103,10 +116,18 @@ class Row(MetricsPart):
     fppi_at_recall: dict[str, float | None]
     """False positives per image by recall, as "0.7"; None where it is never reached."""
     intervals: Intervals | None = None
+    ties: TiedScores | None = None
+    """None where no hit has the score of a false positive, or in old files."""
 
     @classmethod
     def of(
-        cls, detector: str, mode: str, w: float | None, summary: Summary, intervals: Intervals | None
+        cls,
+        detector: str,
+        mode: str,
+        w: float | None,
+        summary: Summary,
+        intervals: Intervals | None,
+        tied: Ties | None = None,
     ) -> Self:
         """The row of a match table's figures."""
         return cls(
@@ -118,6 +139,7 @@ class Row(MetricsPart):
             recall_ceiling=finite(summary.recall_ceiling),
             fppi_at_recall=_by_level(summary),
             intervals=intervals,
+            ties=None if tied is None or not tied.n else TiedScores.of(tied),
         )
 
 
