@@ -20,12 +20,16 @@ class Tile:
     """One detector before and after, at a glance."""
 
     title: str
+    short: str
+    """The title where there is little room."""
     before: str
     after: str | None
     """Figure after rescoring; None where nothing was rescored."""
     what: str
     factor: str
     """What changed, with its interval; empty where there is none."""
+    never: bool
+    """Whether so many cars are found neither before nor after."""
     worse: bool
     """Whether there are more false positives after."""
 
@@ -45,7 +49,7 @@ def headline(metrics: Metrics) -> str:
 def few_images(metrics: Metrics) -> str | None:
     """A warning where the images are so few that the figures prove little; else None."""
     n = metrics.n_images
-    if n >= FEW_IMAGES:
+    if n >= FEW_IMAGES or not metrics.n_cars:
         return None
     images = "One image proves" if n == 1 else f"{n} images prove"
     return (
@@ -60,15 +64,17 @@ def tiles(metrics: Metrics) -> tuple[Tile, ...]:
     for detector in metrics.detectors:
         first, last = _ends(metrics, detector)
         values = [_false_positives(row) for row in (first, last)]
-        before, after = (number(v, 2) for v in values)
+        before, after = ("never" if v is None else number(v, 2) for v in values)
         found = _comparison(metrics, last)
         shown.append(
             Tile(
                 detector_name(detector),
+                detector_name(detector, short=True),
                 before,
                 after if last is not first else None,
                 f"false positives per image at {LEVEL_TEXT} of the cars",
                 "" if found is None else reduction_text(found.reduction.get(HEADLINE_RECALL)),
+                never=values[0] is None and values[1] is None,
                 worse=values[0] is not None and (values[1] is None or values[1] > values[0]),
             )
         )

@@ -81,7 +81,8 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
             f"least *l* {_least(story, detector, ALONE)}, least score {_least(story, detector, mode)}."
         )
     if told is not None:
-        lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
+        text = told[c.row].text
+        lines.append(f"**Why:** {text[:1].upper()}{text[1:]}.{_sum(story, detector, c)}")
     elif c.status != "ok":
         lines.append(f"No evidence: {status_text(c.status)}.")
     if c.view:
@@ -133,7 +134,7 @@ def _moved(delta: int) -> str:
 
 
 def _verdict(accepted: bool) -> str:
-    return "Accepted" if accepted else "Rejected"
+    return "Accepted" if accepted else "Below the threshold"
 
 
 def _least(story: Story, detector: str, mode: str) -> str:

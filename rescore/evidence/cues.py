@@ -162,63 +162,67 @@ _CALIBRATED = (Registration.METRIC, Registration.INSTANCE)
 _FINE = "{:.1f} %"
 _MOST = FramingConfig().most
 _GAP = signed_share(
-    "no car elsewhere explains the depth better than one in the box",
-    Side("a car in the box explains the depth better than any elsewhere, by {}", "% for the box"),
-    Side("a car elsewhere explains the depth better than one in the box, by {}", "% for elsewhere"),
+    "no car beside the box explains the depth better than one in it",
+    Side("a car in the box explains the depth {} better than any beside it", "% better in it"),
+    Side("a car that is not in the box explains the depth {} better", "% better elsewhere"),
 )
 _EXPLAINED = signed_share(
-    "an empty place explains the depth as well as a car in the box",
-    Side("an empty place explains the depth better than a car in the box, by {}", "% for none"),
-    Side("a car in the box explains {} of the depth that it could", "% for a car"),
+    "nothing at all explains the depth as well as a car in the box",
+    Side("nothing at all explains the depth {} better than a car in the box", "% for nothing"),
+    Side("a car in the box explains {} of what a car could", "% of it"),
 )
 _SEEN_EXPLAINED = signed_share(
-    "an empty place explains the depth as well as any car",
-    Side("an empty place explains the depth better than any car, by {}", "% for none"),
-    Side("the car that fits the depth best explains {} of what it could", "% for a car"),
+    "nothing at all explains the depth as well as any car",
+    Side("nothing at all explains the depth {} better than any car", "% for nothing"),
+    Side("the car that depth shows explains {} of what a car could", "% of it"),
 )
 _OVER_PLANE = signed_nats(
-    "a flat thing explains its depth as well as a car",
-    Side("a flat thing explains its depth better than a car, by {}", "for a flat thing"),
-    Side("a car explains its depth better than a flat thing, by {}", "for a car"),
+    "a flat board explains the depth as well as a car",
+    Side("a flat board explains the depth better than a car, by {}", "for a board"),
+    Side("a car explains the depth better than a flat board, by {}", "for a car"),
 )
 CUES: dict[str, Cue] = {
     **_entries(
         relief,
         (Registration.GUARDED, Registration.METRIC),
-        ("relief_scale", "all relief", times("relief {} the predicted one")),
-        ("relief_residual", "all relief", share("off the fitted relief by {} of the distance", _FINE)),
-        ("relief_gain", "all relief", times("the relief fits {} as well as a flat surface", "{:.2f} times")),
-        ("roughness", "all relief", share("depth varies by {} of the distance", _FINE)),
+        ("relief_scale", "all relief", times("its relief is {} the predicted one")),
+        ("relief_residual", "all relief", share("it is off a car's relief by {} of its distance", _FINE)),
+        (
+            "relief_gain",
+            "all relief",
+            times("a car's relief fits {} as well as a flat board", "{:.2f} times"),
+        ),
+        ("roughness", "all relief", share("its depth varies by {} of its distance", _FINE)),
     ),
     **_entries(
         around,
         _METRIC,
-        ("width", "all of size", times("{} as wide as a car")),
-        ("height", "all of size", times("{} as tall as a car")),
+        ("width", "all of size", times("it is {} as wide as a car")),
+        ("height", "all of size", times("it is {} as tall as a car")),
     ),
     **_entries(
         around,
         _CALIBRATED,
-        ("foot", "foot and ground", metres("foot {} above the ground")),
-        ("compact", "fill", share("{} of its middle at one depth")),
-        ("left", "edges beside", share("to the left {} goes on at its depth")),
-        ("right", "edges beside", share("to the right {} goes on at its depth")),
-        ("above", "edges above", share("above it {} goes on at its depth")),
-        ("behind_above", "edges above", share("above it {} lies behind")),
-        ("fill_left", "fill", share("left rim {} filled")),
-        ("fill_right", "fill", share("right rim {} filled")),
-        ("fill_top", "fill", share("top {} filled")),
+        ("foot", "foot and ground", metres("its foot is {} above the ground")),
+        ("compact", "fill", share("{} of its middle is at one depth")),
+        ("left", "edges beside", share("to its left {} is as far away as it is")),
+        ("right", "edges beside", share("to its right {} is as far away as it is")),
+        ("above", "edges above", share("above it {} is as far away as it is")),
+        ("behind_above", "edges above", share("above it {} lies farther back")),
+        ("fill_left", "fill", share("it fills {} of the box's left rim")),
+        ("fill_right", "fill", share("it fills {} of the box's right rim")),
+        ("fill_top", "fill", share("it fills {} of the box's upper rim")),
         ("ground_below", "foot and ground", share("below it {} is ground")),
     ),
-    **_entries(around, _METRIC, ("relief", "all relief", metres("upper part {} behind the lower"))),
-    **_entries(around, _CALIBRATED, ("near", "fill", share("{} covered by nearer things"))),
+    **_entries(around, _METRIC, ("relief", "all relief", metres("its upper part is {} behind the lower"))),
+    **_entries(around, _CALIBRATED, ("near", "fill", share("nearer things cover {} of it"))),
     **_entries(
-        around, _METRIC, ("support", "all of size", share("{} at the distance that its size asks for"))
+        around, _METRIC, ("support", "all of size", share("{} of it is where a car of this size would be"))
     ),
-    **_entries(around, _CALIBRATED, ("lower", "fill", share("{} of its foot at its depth"))),
+    **_entries(around, _CALIBRATED, ("lower", "fill", share("{} of its foot is as far away as it is"))),
     "measured": Cue(
         around,
-        share("stereo measured on {}", _FINE),
+        share("stereo measured {} of it", _FINE),
         "measured share",
         frozenset(_CALIBRATED),
         frozenset(_CALIBRATED),
@@ -228,13 +232,13 @@ CUES: dict[str, Cue] = {
     **_entries(
         relief,
         _METRIC,
-        ("depth_ratio", "depth ratio", times("at {} the distance of its ground line", "{:.2f} times")),
+        ("depth_ratio", "depth ratio", times("it is {} as far away as its ground line", "{:.2f} times")),
     ),
     **_entries(
         framed,
         (Registration.INSTANCE,),
-        ("overlap", "class model", share("cars that fit the depth overlap the box by {} on average")),
-        ("framed_overlap", "class model", share("the car that fits the box best overlaps it by {}")),
+        ("overlap", "class model", share("a car where depth puts it overlaps the box by {}")),
+        ("framed_overlap", "class model", share("the best-fitting car overlaps the box by {}")),
         ("end_left", "class model", ends("width", "left", _MOST)),
         ("end_top", "class model", ends("height", "upper", _MOST)),
         ("end_right", "class model", ends("width", "right", _MOST)),
@@ -246,19 +250,19 @@ CUES: dict[str, Cue] = {
         (
             "seen_through",
             "class model",
-            share("through {} of the car that fits the box best something behind it is seen"),
+            share("something behind shows through {} of a car in the box"),
         ),
-        ("hidden", "class model", share("nearer things hide {} of the car that fits the box best")),
-        ("beyond_box", "class model", share("{} of the car that fits the depth best lies outside the box")),
+        ("hidden", "class model", share("nearer things hide {} of a car in the box")),
+        ("beyond_box", "class model", share("{} of the car that depth shows lies outside the box")),
         (
             "goes_on_beside",
             "class model",
-            share("beside the car that fits the box best {} goes on at its depth"),
+            share("beside a car in the box {} is as far away as it is"),
         ),
         (
             "goes_on_above",
             "class model",
-            share("above the car that fits the box best {} goes on at its depth"),
+            share("above a car in the box {} is as far away as it is"),
         ),
     ),
     # the rest says nothing for or against a car, but how much the others count and can be believed

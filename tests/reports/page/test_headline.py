@@ -102,6 +102,8 @@ def test_nothing_is_claimed_without_annotated_cars():
 
 def test_few_images_get_a_warning():
     assert few_images(metrics(n_images=30)) is None
+    # without annotated cars there are no figures, and no intervals
+    assert few_images(metrics(n_images=6, n_cars=0)) is None
     assert str(few_images(metrics(n_images=6))).startswith("6 images prove little")
     assert str(few_images(metrics(n_images=1))).startswith("One image proves little")
 

@@ -254,7 +254,7 @@ def test_several_runs_come_side_by_side(run: Run, tmp_path: Path):
     assert "All settings, seeds and versions are the same" in page.text
     # a run against itself differs by nothing, in every resample
     for row in page.tables["paired-1"][1:]:
-        assert row[3:] == ["+0.000 (+0.000, +0.000)"] * 2
+        assert row[4:] == ["+0.000 (+0.000, +0.000)"] * 2
 
 
 def test_a_run_named_twice_is_refused(run: Run):
