@@ -83,7 +83,8 @@ class Mover:
     @property
     def verdict(self) -> str:
         """The move and what it does to the counts, in words."""
-        return f"{self.move.capitalize()}: {self.group_text}"
+        move = self.move.capitalize()
+        return move if self.group is Group.IGNORED else f"{move}: {self.group_text}"
 
     @property
     def group_text(self) -> str:

@@ -150,10 +150,13 @@ def reason_table(columns: Columns, detectors: Sequence[str]) -> Table:
 
 
 def kind_table(columns: Columns, detectors: Sequence[str], max_rows: int = 12) -> Table | None:
-    """What the false alarms show, by kind of rendered thing, most first; None where that is unknown."""
+    """What the false alarms show, by kind of rendered thing, most first; None where that is unknown, or
+    there is none."""
     if "kind" not in columns or not any(str(k) for k in columns["kind"]):
         return None
     false = of_mode(columns, "outcome", ALONE) == "false_alarm"
+    if not false.any():
+        return None
     per = {
         d: _counts([str(k) or "unknown" for k in columns["kind"][false & (columns["detector"] == d)]])
         for d in detectors

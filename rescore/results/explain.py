@@ -215,7 +215,7 @@ class _Teller:
                 detail = self._failed_checks(cues)
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
         keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")
-        left = keeps if self.mode == Registration.PAPER else "gets the D of no evidence"
+        left = keeps if self.mode == Registration.PAPER else "depth counts neither for nor against it"
         return f"{told}{f' ({detail})' if detail else ''}: {left}"
 
     def _failed_checks(self, cues: FloatArray) -> str:

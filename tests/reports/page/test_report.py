@@ -260,3 +260,20 @@ def test_several_runs_come_side_by_side(run: Run, tmp_path: Path):
 def test_a_run_named_twice_is_refused(run: Run):
     with pytest.raises(RescoreError, match=r"expected different run folders, got .* twice"):
         build_report([run.root, run.root / "."])
+
+
+def test_a_run_without_annotated_cars_claims_nothing(run: Run):
+    nothing = {"auc": None, "average_precision": None, "recall_ceiling": None, "intervals": None}
+    fppi = dict.fromkeys(("0.5", "0.6", "0.7", "0.8"))
+    rows = tuple(row.model_copy(update=nothing | {"fppi_at_recall": fppi}) for row in run.metrics.rows)
+    unknown = {"comparisons": (), "reliability": (), "tuning": {}, "n_cars": 0, "rows": rows}
+    columns = {
+        name: np.full(len(c), "ignored", object) if name.startswith("outcome_") else c
+        for name, c in run.candidates.items()
+    }
+    page = Page(text_of(replace(run, metrics=run.metrics.model_copy(update=unknown), candidates=columns)))
+    assert "No car is annotated in these images" in page.text
+    for word in ("nterval", "no likelihoods", "false alarm", "duplicate is", "Gain", "FP/image"):
+        assert word not in page.text, word
+    assert {c["data-move"] for c in page.cards} == {"rise", "fall"}
+    assert "r0-fusion" not in page.tables

@@ -90,8 +90,14 @@ def test_without_evidence_the_status_and_the_failed_check_are_told() -> None:
     rows = rows_of(model, cues, ["stereo_not_believed", "no_stereo"])
     doubted, empty = explain(rows, "metric", np.zeros(2, bool), model)
     told = "75.0 % of neighbouring measurements agree, at least 90.0 % needed"
-    assert doubted.text == f"{STATUS_TEXT['stereo_not_believed']} ({told}): gets the D of no evidence"
-    assert empty.text == "too little measured depth (88 % of stereo missing): gets the D of no evidence"
+    assert (
+        doubted.text
+        == f"{STATUS_TEXT['stereo_not_believed']} ({told}): depth counts neither for nor against it"
+    )
+    assert (
+        empty.text
+        == "too little measured depth (88 % of stereo missing): depth counts neither for nor against it"
+    )
     assert not doubted.parts
 
 
@@ -226,6 +232,9 @@ def test_a_box_in_which_no_car_could_be_placed_says_so_where_stereo_measured() -
     rows = instance_rows(model, cues, ["no_stereo"] * 2)
     placed, empty = explain(rows, "instance", np.ones(2, bool), model)
     assert placed.text == (
-        "no car could be placed (a car's distance is not known): gets the D of no evidence"
+        "no car could be placed (a car's distance is not known): depth counts neither for nor against it"
     )
-    assert empty.text == "too little measured depth (100 % of stereo missing): gets the D of no evidence"
+    assert (
+        empty.text
+        == "too little measured depth (100 % of stereo missing): depth counts neither for nor against it"
+    )
