@@ -117,21 +117,20 @@ def metres(sentence: str, form: str = "{:.1f} m") -> CueWords:
     return CueWords(sentence, float, form)
 
 
-def ends(extent: str, side: str, most: float) -> CueWords:
-    """Words of where the car that depth shows ends, in extents of the box.
+def ends(side: str, most: float) -> CueWords:
+    """Words of where the car that depth shows ends, in widths or heights of the box.
 
     Args:
-        extent: "width" or "height".
         side: "left", "right", "upper" or "lower".
         most: extents at which the cue is cut off, both ways.
     """
-    car, of_box = "the car that depth shows", f"{{}} of its {extent}"
+    car = "the car depth shows"
     return TwoWayWords(
         f"{car} ends at the box's {side} edge",
         lambda v: 100 * v,
         "{:.0f} %",
-        Side(f"{car} ends inside the box, {of_box} from the {side} edge", "% inside"),
-        Side(f"{car} goes on past the box's {side} edge, by {of_box}", "% past"),
+        Side(f"{car} ends {{}} inside the box's {side} edge", "% inside"),
+        Side(f"{car} goes {{}} past the box's {side} edge", "% past"),
         least=3,
         most=100 * most - 0.5,
     )

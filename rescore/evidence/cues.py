@@ -162,24 +162,24 @@ _CALIBRATED = (Registration.METRIC, Registration.INSTANCE)
 _FINE = "{:.1f} %"
 _MOST = FramingConfig().most
 _GAP = signed_share(
-    "no car beside the box explains the depth better than one in it",
-    Side("a car in the box explains the depth {} better than any beside it", "% better in it"),
-    Side("a car that is not in the box explains the depth {} better", "% better elsewhere"),
+    "no car elsewhere explains the depth better",
+    Side("a car in the box explains the depth {} better than elsewhere", "% better in it"),
+    Side("a car elsewhere explains the depth {} better", "% better elsewhere"),
 )
 _EXPLAINED = signed_share(
-    "nothing at all explains the depth as well as a car in the box",
-    Side("nothing at all explains the depth {} better than a car in the box", "% for nothing"),
-    Side("a car in the box explains {} of what a car could", "% of it"),
+    "an empty place explains the depth as well as a car",
+    Side("an empty place explains the depth {} better", "% for none"),
+    Side("a car in the box explains {} of what a car could", "% by a car"),
 )
 _SEEN_EXPLAINED = signed_share(
-    "nothing at all explains the depth as well as any car",
-    Side("nothing at all explains the depth {} better than any car", "% for nothing"),
-    Side("the car that depth shows explains {} of what a car could", "% of it"),
+    "an empty place explains the depth as well as any car",
+    Side("an empty place explains the depth {} better than any car", "% for none"),
+    Side("the car depth shows explains {} of what a car could", "% by a car"),
 )
 _OVER_PLANE = signed_nats(
     "a flat board explains the depth as well as a car",
-    Side("a flat board explains the depth better than a car, by {}", "for a board"),
-    Side("a car explains the depth better than a flat board, by {}", "for a car"),
+    Side("a flat board explains the depth better, by {}", "for a board"),
+    Side("a car explains it better than a flat board, by {}", "for a car"),
 )
 CUES: dict[str, Cue] = {
     **_entries(
@@ -239,10 +239,10 @@ CUES: dict[str, Cue] = {
         (Registration.INSTANCE,),
         ("overlap", "class model", share("a car where depth puts it overlaps the box by {}")),
         ("framed_overlap", "class model", share("the best-fitting car overlaps the box by {}")),
-        ("end_left", "class model", ends("width", "left", _MOST)),
-        ("end_top", "class model", ends("height", "upper", _MOST)),
-        ("end_right", "class model", ends("width", "right", _MOST)),
-        ("end_bottom", "class model", ends("height", "lower", _MOST)),
+        ("end_left", "class model", ends("left", _MOST)),
+        ("end_top", "class model", ends("upper", _MOST)),
+        ("end_right", "class model", ends("right", _MOST)),
+        ("end_bottom", "class model", ends("lower", _MOST)),
         ("gap", "class model", _GAP),
         ("explained", "class model", _EXPLAINED),
         ("seen_explained", "class model", _SEEN_EXPLAINED),
@@ -253,16 +253,16 @@ CUES: dict[str, Cue] = {
             share("something behind shows through {} of a car in the box"),
         ),
         ("hidden", "class model", share("nearer things hide {} of a car in the box")),
-        ("beyond_box", "class model", share("{} of the car that depth shows lies outside the box")),
+        ("beyond_box", "class model", share("{} of the car depth shows is outside the box")),
         (
             "goes_on_beside",
             "class model",
-            share("beside a car in the box {} is as far away as it is"),
+            share("beside a car in the box {} is as far as the car"),
         ),
         (
             "goes_on_above",
             "class model",
-            share("above a car in the box {} is as far away as it is"),
+            share("above a car in the box {} is as far as the car"),
         ),
     ),
     # the rest says nothing for or against a car, but how much the others count and can be believed

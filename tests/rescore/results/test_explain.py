@@ -188,12 +188,12 @@ def test_where_the_car_ends_is_told_by_its_side_of_the_box() -> None:
     cues = np.stack([cues_with(overlap=0.8, end_right=v) for v in ends])
     found = explain(instance_rows(model, cues, ["ok"] * 4), "instance", np.zeros(4, bool), model)
     told = [next(p.text for p in e.parts if p.cue == "end_right") for e in found]
-    car, wanted = "the car that depth shows", "(cars: 20 % inside to 20 % past)"
+    car, wanted = "the car depth shows", "(cars: 20 % inside to 20 % past)"
     assert told == [
-        f"{car} goes on past the box's right edge, by 95 % of its width {wanted}",
-        f"{car} ends inside the box, 40 % of its width from the right edge {wanted}",
+        f"{car} goes 95 % past the box's right edge {wanted}",
+        f"{car} ends 40 % inside the box's right edge {wanted}",
         f"{car} ends at the box's right edge {wanted}",
-        f"{car} goes on past the box's right edge, by at least 150 % of its width {wanted}",
+        f"{car} goes at least 150 % past the box's right edge {wanted}",
     ]
 
 
@@ -211,12 +211,12 @@ def test_what_fell_is_told_by_what_it_is_taken_for() -> None:
 
 def test_other_explanations_of_the_depth_are_told_in_words() -> None:
     plane, gap, explained = (words_of(cue) for cue in ("over_plane", "gap", "explained"))
-    assert plane.told(np.log1p(30)) == "a car explains the depth better than a flat board, by 30 nats"
-    assert plane.told(-np.log1p(30)) == "a flat board explains the depth better than a car, by 30 nats"
+    assert plane.told(np.log1p(30)) == "a car explains it better than a flat board, by 30 nats"
+    assert plane.told(-np.log1p(30)) == "a flat board explains the depth better, by 30 nats"
     assert plane.told(-0.3) == "a flat board explains the depth as well as a car"
-    assert gap.told(0.44) == "a car that is not in the box explains the depth 44 % better"
-    assert gap.told(0.0) == "no car beside the box explains the depth better than one in it"
-    assert explained.told(-1.8) == "nothing at all explains the depth 180 % better than a car in the box"
+    assert gap.told(0.44) == "a car elsewhere explains the depth 44 % better"
+    assert gap.told(0.0) == "no car elsewhere explains the depth better"
+    assert explained.told(-1.8) == "an empty place explains the depth 180 % better"
     assert range_text([(np.log1p(2), np.inf)], plane) == "2 for a car or more"
     assert range_text([(-np.inf, -np.log1p(2))], plane) == "at least 2 for a board"
     assert range_text([(-np.log1p(2), np.inf)], plane) == "at most 2 for a board"
