@@ -12,7 +12,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, field_serializer
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    SerializerFunctionWrapHandler,
+    TypeAdapter,
+    ValidationError,
+    field_serializer,
+    model_serializer,
+)
 
 from recon.errors import RescoreError
 from rescore.files import read_json_object, write_json
@@ -63,6 +71,11 @@ class Reduction(Estimate):
     before: float | None = None
     """False positives an image before; None where the recall is never reached, or not known in old files."""
     after: float | None = None
+
+    @model_serializer(mode="wrap")
+    def _known_rates(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        unknown = {"before", "after"} - self.model_fields_set
+        return {name: value for name, value in handler(self).items() if name not in unknown}
 
     @property
     def none_before(self) -> bool:
@@ -118,6 +131,11 @@ class Row(MetricsPart):
     intervals: Intervals | None = None
     ties: TiedScores | None = None
     """None where no hit has the score of a false positive, or in old files."""
+
+    @model_serializer(mode="wrap")
+    def _known_ties(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        unknown = {"ties"} if self.ties is None else set()
+        return {name: value for name, value in handler(self).items() if name not in unknown}
 
     @classmethod
     def of(
