@@ -27,7 +27,10 @@ PUBLISHED = ROOT / "reports" / "published"
 PAGES = {
     "README.md": ("caption", "real", "paper", "more", "localization", "limits"),
     "docs/class-models.md": ("localization",),
-    "docs/detectors.md": ("uiuc", "uiuc_intervals"),
+    "docs/detectors.md": ("uiuc", "uiuc_intervals", "modelled_detector"),
+    "docs/boxes3d.md": ("second_boxes",),
+    "docs/evidence.md": ("guarded_checks",),
+    "docs/own-data.md": ("strong_detector",),
 }
 """The fragments of each page."""
 _WIDTH = 120
