@@ -113,19 +113,20 @@ class Gallery:
         return (*chosen, *(m for m in self.movers if m not in chosen))[:N_TELLING]
 
 
-def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
+def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS, explained: bool = True) -> Gallery:
     """The largest moves of each detector: right ones and wrong ones, of hits and of false alarms.
 
     Args:
         run: the run folder.
         mode: a way of rescoring; detectors without it are left out.
         max_cards: candidates of all detectors together.
+        explained: whether the parts of D are told, which takes the model that made it.
 
     Raises:
         RescoreError: the data set is not where the run says, or the model of the evidence is another.
     """
     having = [d for d in run.detectors if any((r.detector, r.mode) == (d, mode) for r in run.metrics.rows)]
-    inspections = {d: inspect_run(run, d, mode) for d in having}
+    inspections = {d: inspect_run(run, d, mode, explained=explained) for d in having}
     per_pick = max(1, max_cards // (4 * len(inspections)))
     # frames are read one after another; only the small pictures stay
     picks = [(i, gain, picked) for i in inspections.values() for gain, picked in _picks(i, per_pick)]

@@ -51,6 +51,7 @@ def inspect_run(
     mode: str | None = None,
     point: OperatingPoint | None = None,
     evidence_model: Path | None = None,
+    explained: bool = True,
 ) -> Inspection:
     """The changes of one detector in one mode of a run, explained.
 
@@ -60,6 +61,7 @@ def inspect_run(
         mode: None for the detector's last one, which is that of the most evidence.
         point: the points of the two curves; None for ``rescore.results.changes.default_point``.
         evidence_model: file of the models that made D; None for that of the run folder, if there is one.
+        explained: whether the parts of D are told; else D alone, whatever made it.
 
     Raises:
         RescoreError: no such detector or mode, the point is never reached, or the model is another.
@@ -79,7 +81,7 @@ def inspect_run(
         run.metrics.n_images,
         run.metrics.n_cars,
         point,
-        model_of(run, detector, mode, evidence_model),
+        model_of(run, detector, mode, evidence_model) if explained else None,
         explain_config(run),
     )
 

@@ -3,7 +3,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const PRINT_WIDTH = 330;
-const DASH = { solid: "", dashed: "7 4", dashdot: "9 4 2 4", dotted: "2 3" };
+const DASH = { solid: "", longdash: "16 4", dashed: "7 4", dashdot: "9 4 2 4", dotted: "2 3" };
 
 function make(name, attributes, parent, text) {
   const node = document.createElementNS(SVG, name);

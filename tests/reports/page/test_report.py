@@ -28,6 +28,7 @@ from rescore.results.sweep_file import (
     write_sweep,
 )
 from tests.reports.html_reader import Page
+from tests.reports.metric_run import make_metric_run
 from tests.reports.solid_rows import boxes3d_level, boxes3d_row
 
 
@@ -277,3 +278,14 @@ def test_a_run_without_annotated_cars_claims_nothing(run: Run):
         assert word not in page.text, word
     assert {c["data-move"] for c in page.cards} == {"rise", "fall"}
     assert "r0-fusion" not in page.tables
+
+
+def test_another_evidence_model_takes_the_reasons_and_not_the_pictures(run_dir: Path, tmp_path: Path):
+    other = load_run(make_metric_run(run_dir, tmp_path / "other"))
+    page = Page(text_of(other))
+    assert "epth speaks" in page.text
+    table = other.candidates | {"difference_metric": other.candidates["difference_metric"] * 0.5}
+    doubted = Page(text_of(replace(other, candidates=table)))
+    assert "No reasons are told: depth evidence (metric): expected the model" in doubted.text
+    assert "epth speaks" not in doubted.text
+    assert len(doubted.cards) == len(page.cards) > 0
