@@ -32,14 +32,19 @@ def paired_overlap(a_xyxy_px: FloatArray, b_xyxy_px: FloatArray) -> tuple[FloatA
     """
     low = np.maximum(a_xyxy_px[..., :2], b_xyxy_px[..., :2])
     high = np.minimum(a_xyxy_px[..., 2:], b_xyxy_px[..., 2:])
-    inter = np.prod(np.clip(high - low, 0, None), axis=-1)
-    area_a = np.prod(a_xyxy_px[..., 2:] - a_xyxy_px[..., :2], axis=-1)
-    area_b = np.prod(b_xyxy_px[..., 2:] - b_xyxy_px[..., :2], axis=-1)
+    inter = _area(np.maximum(high - low, 0))
+    area_a = _area(a_xyxy_px[..., 2:] - a_xyxy_px[..., :2])
+    area_b = _area(b_xyxy_px[..., 2:] - b_xyxy_px[..., :2])
     union = area_a + area_b - inter
     area_a = np.broadcast_to(area_a, inter.shape)
     iou = np.divide(inter, union, out=np.zeros_like(inter), where=union > 0)
     share = np.divide(inter, area_a, out=np.zeros_like(inter), where=area_a > 0)
     return iou, share
+
+
+def _area(size_px: FloatArray) -> FloatArray:
+    # of two numbers, np.prod is slower by far
+    return np.asarray(size_px[..., 0] * size_px[..., 1])
 
 
 def suppress(

@@ -1,4 +1,4 @@
-"""A folder with a page: ``README.md``, and the figures that it shows."""
+"""A folder with a page, mostly ``README.md``, and the figures that it shows."""
 
 from pathlib import Path
 
@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 from recon.files import atomic_path
 
 
-def write_page(folder: Path, text: str) -> Path:
+def write_page(folder: Path, text: str, name: str = "README.md") -> Path:
     """Write the page of a folder, which is made where it is missing; returns the page."""
-    page = folder / "README.md"
+    page = folder / name
     with atomic_path(page) as beside:
         beside.write_text(text, encoding="utf-8")
     return page

@@ -64,8 +64,8 @@ PANELS = {
     "Your own data": ("doctor", "import", "convert"),
     "One picture in 3D": ("reconstruct", "popup", "learn-primitives"),
     "Studies": (
-        *("sweep", "study-evidence", "study-class-model", "study-relief", "study-weight", "study-stereo"),
-        *("study-models", "study-views", "localize", "gallery", "uiuc"),
+        *("sweep", "study-evidence", "study-class-model", "study-relief", "study-places", "study-weight"),
+        *("study-stereo", "study-models", "study-views", "localize", "gallery", "uiuc"),
     ),
 }
 """The commands in the order in which `rescore --help` lists them."""

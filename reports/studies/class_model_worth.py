@@ -1,16 +1,15 @@
 """The page on what the class model is worth: false positives with and without its cues, by detector."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.pages import write_figure, write_page
 from reports.palette import DARK_GREY, GREEN, ORANGE, detector_name
 from reports.run.reductions import reduction_text
 from reports.run.tables import Table, interval_text, number_text
+from reports.studies.false_positives import draw_false_positives
 from rescore.results.candidate_file import ALONE
 from rescore.results.metrics_file import Reduction, finite
 from rescore.results.sweep_file import SweptInterval
@@ -24,8 +23,7 @@ from rescore.studies.class_model_worth import (
 )
 
 NAMES = {ALONE: "detector alone", WITHOUT: "depth without the class model", WITH: "depth with all cues"}
-_COLOURS = {ALONE: DARK_GREY, WITHOUT: ORANGE, WITH: GREEN}
-_MARKERS = {ALONE: "s", WITHOUT: "o", WITH: "D"}
+_LOOKS = {ALONE: (DARK_GREY, "s"), WITHOUT: (ORANGE, "o"), WITH: (GREEN, "D")}
 MAIN_RECALL = "0.7"
 
 
@@ -109,36 +107,12 @@ def draw_worth(result: WorthResult) -> Figure:
     figure = Figure(figsize=(max(7.2, 4.4 * count), 4.4), layout="constrained")
     axes = figure.subplots(1, count, squeeze=False)[0]
     for ax, one in zip(axes, result.detectors, strict=True):
-        _draw_detector(ax, one)
+        draw_false_positives(ax, {NAMES[way]: (one.figures[way].fppi, *_LOOKS[way]) for way in NAMES})
+        ax.set_title(detector_name(one.detector, short=True), loc="left", fontweight="bold")
     axes[0].set_ylabel("false positives an image")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
     return figure
-
-
-def _draw_detector(ax: Axes, one: DetectorWorth) -> None:
-    known = [i for f in one.figures.values() for i in f.fppi.values() if np.isfinite(i.value)]
-    largest = max((i.value for i in known), default=1.0)
-    # an end far above all figures would press them together
-    top = min(1.06 * max((i.high for i in known), default=1.0), 2.5 * largest)
-    for offset, name in zip((-0.16, 0.0, 0.16), NAMES, strict=True):
-        intervals = [one.figures[name].fppi[f"{recall:g}"] for recall in RECALLS]
-        reached = [k for k, i in enumerate(intervals) if np.isfinite(i.value)]
-        x = np.array(reached) + offset
-        value, low, high = (_column(intervals, reached, end) for end in ("value", "low", "high"))
-        # an open end leaves the picture
-        ax.vlines(x, low, np.minimum(high, 10 * top), color=_COLOURS[name], lw=2, alpha=0.6)
-        ax.plot(x, value, _MARKERS[name], color=_COLOURS[name], label=NAMES[name])
-        never = [k + offset for k in range(len(RECALLS)) if k not in reached]
-        ax.plot(never, np.full(len(never), 0.97 * top), "x", color=_COLOURS[name], clip_on=False)
-    ax.set_xticks(range(len(RECALLS)), [f"{recall:.0%}" for recall in RECALLS])
-    ax.set(xlabel="share of all cars found (× at the top: not reached)", ylim=(0, top))
-    ax.set_title(detector_name(one.detector, short=True), loc="left", fontweight="bold")
-    ax.spines[["top", "right"]].set_visible(False)
-
-
-def _column(intervals: Sequence[SweptInterval], rows: Sequence[int], end: str) -> np.ndarray:
-    return np.array([getattr(intervals[k], end) for k in rows])
 
 
 def worth_page(result: WorthResult) -> str:

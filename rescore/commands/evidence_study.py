@@ -1,4 +1,4 @@
-"""The commands that study depth evidence: sweep, study-evidence, study-class-model, study-relief."""
+"""The commands that study depth evidence: sweep, study-evidence, -class-model, -relief and -places."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 from pathlib import Path
@@ -6,7 +6,18 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, print_json
+from recon.errors import RescoreError
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    AsJson,
+    Dataset,
+    Jobs,
+    Seed,
+    app,
+    detections_of,
+    print_json,
+    read_data,
+)
 from rescore.speech import say
 
 FinishedRunFolder = Annotated[Path, typer.Argument(help="Folder that `rescore reproduce` has finished.")]
@@ -136,3 +147,48 @@ def study_relief(
     else:
         Console().print(target_sentence(result.target), highlight=False, markup=False)
     say(f"relief: {page}")
+
+
+@app.command("study-places")
+def study_places(
+    dataset: Dataset,
+    detections: Annotated[Path, typer.Argument(help="Detections in all its frames, with likelihoods.")],
+    out: Annotated[Path, typer.Option(help="JSON file; its page and figure are written beside it.")],
+    rescorer: Annotated[
+        Path | None,
+        typer.Option(
+            help="Rescorer file (docs/library.md) of mode instance.", show_default="that of the package"
+        ),
+    ] = None,
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+    as_json: AsJson = False,
+) -> None:
+    """What D is worth that is fitted on labelled frames of your own, every place left out in turn.
+
+    Neighbouring frames show the same cars: frames whose pictures share points are one place. D is fitted on
+    all other places; class model, w and the D it is compared with are those of a rescorer.
+
+    Example: [bold]rescore study-places MY_DATA my_detections.json --out runs/places.json[/bold]
+    """
+    from rich.console import Console
+
+    from reports.studies.leave_one_out import figures_table, places_sentence, write_places_study
+    from rescore.library.rescorer import Rescorer
+    from rescore.studies.leave_one_out import study_places as study
+
+    if out.suffix != ".json":
+        raise RescoreError(f"--out: expected a name that ends in .json, got {out.name!r}; change it")
+    used = Rescorer.default() if rescorer is None else Rescorer.from_file(rescorer)
+    data = read_data(dataset, "car" if used.class_model is None else used.class_model.class_name)
+    file = detections_of(detections, data)
+    given = "" if rescorer is None else f" --rescorer {rescorer}"
+    command = f"rescore study-places {dataset} {detections} --out {out}{given} --seed {seed}"
+    result = study(data, file.detector, file.candidates(data), used, command, seed=seed, jobs=jobs)
+    page = write_places_study(result, out)
+    if as_json:
+        print_json(result.as_json())
+    else:
+        Console().print(figures_table(result, short=True).rich())
+        Console().print(places_sentence(result), highlight=False, markup=False)
+    say(f"places: {page}")

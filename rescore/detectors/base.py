@@ -79,10 +79,15 @@ def ordered(
     xyxy_px: FloatArray, score: FloatArray, azimuth_deg: FloatArray | None = None, *, max_count: int = 2000
 ) -> Detections:
     """The best detections, ordered by their values alone: threads deliver them in any order."""
-    found = Detections(xyxy_px, score, azimuth_deg)
-    if len(score) > max_count:
-        found = found.take(np.flatnonzero(score >= np.partition(score, -max_count)[-max_count]))
+    found = Detections(xyxy_px, score, azimuth_deg).take(best_rows(score, max_count))
     return found.take(np.lexsort((*found.xyxy_px.T[::-1], -found.score))[:max_count])
+
+
+def best_rows(score: FloatArray, count: int) -> NDArray[np.intp]:
+    """Ascending rows of the ``count`` best scores (n,), with all that score as the last of these."""
+    if len(score) <= count:
+        return np.arange(len(score))
+    return np.flatnonzero(score >= np.partition(score, -count)[-count])
 
 
 def best_candidates(

@@ -1,6 +1,6 @@
 """Run a detector on a data set: its candidates, and its Platt scaling."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from joblib import delayed
@@ -16,22 +16,41 @@ from rescore.parallel import in_order, one_thread, track
 
 def calibrate_detector(detector: Detector, data: DataSet, jobs: int, show: bool = True) -> PlattScaling:
     """Platt scaling fitted on the split "calibration" of a data set, which has trained nothing."""
+    return calibrate_and_detect(detector, data, jobs, show)[0]
+
+
+def calibrate_and_detect(
+    detector: Detector, data: DataSet, jobs: int, show: bool = True
+) -> tuple[PlattScaling, CandidateTable]:
+    """Platt scaling fitted on the split "calibration" of a data set, and the candidates of that split."""
     frames = Splits.of(data).calibration
+    found = list(_detections(detector, frames, jobs, f"calibrate {detector.name}", show))
     scores, is_car = [], []
-    for image_id, found in _detections(detector, frames, jobs, f"calibrate {detector.name}", show):
-        car, counts = label_candidates(found, frames.truth[image_id])
-        scores.append(found.score[counts])
+    for image_id, of_frame in found:
+        car, counts = label_candidates(of_frame, frames.truth[image_id])
+        scores.append(of_frame.score[counts])
         is_car.append(car[counts])
-    return fit_platt(np.concatenate([np.zeros(0), *scores]), np.concatenate([np.zeros(0, bool), *is_car]))
+    scaling = fit_platt(np.concatenate([np.zeros(0), *scores]), np.concatenate([np.zeros(0, bool), *is_car]))
+    return scaling, _with_likelihoods(found, scaling)
 
 
 def detect_candidates(
     detector: Detector, scaling: PlattScaling, data: DataSet, jobs: int, show: bool = True
 ) -> CandidateTable:
     """The candidates of every frame of a data set, with likelihoods."""
+    return _with_likelihoods(_detections(detector, data, jobs, f"detect {detector.name}", show), scaling)
+
+
+def _with_likelihoods(found: Iterable[tuple[int, Detections]], scaling: PlattScaling) -> CandidateTable:
     return CandidateTable.of_candidates(
-        Candidates(image_id, found.xyxy_px, found.score, scaling.likelihood(found.score), found.azimuth_deg)
-        for image_id, found in _detections(detector, data, jobs, f"detect {detector.name}", show)
+        Candidates(
+            image_id,
+            of_frame.xyxy_px,
+            of_frame.score,
+            scaling.likelihood(of_frame.score),
+            of_frame.azimuth_deg,
+        )
+        for image_id, of_frame in found
     )
 
 

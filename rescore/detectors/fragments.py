@@ -5,7 +5,7 @@ in a window is the greatest normalised correlation of the patch with the filtere
 Correlations are taken on a grid of pixels, once for all windows of a level.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -206,26 +206,49 @@ def _cut_group(
 
 def correlations(
     responses: Float32Array, patches: Float32Array, grid_px: int, noise_floor: float
-) -> Iterator[tuple[slice, Float32Array]]:
-    """Absolute normalised correlations of patches (k, s, s) with responses (h, w), some grid rows at a time.
+) -> Float32Array:
+    """Absolute normalised correlations (rows, k, columns) of patches (k, s, s) with responses (h, w).
 
-    Yields (rows, (k, rows, columns)), values in [0, 1]. The norm of a picture patch is raised by that of
-    noise, so that flat ground correlates with nothing. Without it, these are cv2.TM_CCOEFF_NORMED, absolute.
+    They are taken on a grid and lie in [0, 1]. The norm of a picture patch is raised by that of noise, so
+    that flat ground correlates with nothing. Without it, these are cv2.TM_CCOEFF_NORMED, absolute.
     """
-    size = patches.shape[1]
-    n = size * size
-    # a patch of ones brings the sums along; the others have mean 0, so pictures need not be centred for them
-    templates = np.concatenate([patches.reshape(-1, n), np.ones((1, n), np.float32)])
-    views = sliding_window_view(responses, (size, size))[::grid_px, ::grid_px]
-    step = max(1, 200_000 // max(1, views.shape[1] * n))  # patches that fit in the processor's cache
-    for start in range(0, views.shape[0], step):
-        rows = slice(start, min(start + step, views.shape[0]))
-        part = views[rows].reshape(-1, n)
-        found = templates @ part.T
-        squares = np.einsum("ij,ij->i", part, part) - found[-1] ** 2 / n
-        norm = np.sqrt(np.maximum(squares, 0)) + np.float32(noise_floor * size + 1e-6)
-        found = np.abs(found[:-1]) / norm
-        yield rows, found.reshape(len(patches), rows.stop - rows.start, views.shape[1])
+    count, size, _ = patches.shape
+    windows = _windows(responses, size, grid_px)
+    contrast = _contrast(responses, size, grid_px)[: windows.shape[0], : windows.shape[2]]
+    norm = contrast + np.float32(noise_floor * size + 1e-6)
+    out = np.empty((windows.shape[0], count, windows.shape[2]), np.float32)
+    step = max(1, 250_000 // max(1, out[0].size))  # values that fit in the processor's cache
+    for start in range(0, len(out), step):
+        rows = slice(start, start + step)
+        # patches have mean 0, so pictures need not be centred for them
+        found = np.matmul(patches.reshape(count, -1), windows[rows], out=out[rows])
+        np.abs(found, out=found)
+        found /= norm[rows, None]
+    return out
+
+
+def _windows(responses: Float32Array, size: int, grid_px: int) -> Float32Array:
+    """The square windows of a grid, shape (rows, size * size, columns), a view that cannot be written.
+
+    For each column of a window the responses are copied once. The rows lie one after the other in the copies,
+    so that the windows of one row of the grid are a matrix, which overlaps with that of the next.
+    """
+    height, width = responses.shape
+    columns = (width - size) // grid_px + 1
+    copies = np.empty((height, size, columns), np.float32)
+    for x in range(size):
+        copies[:, x] = responses[:, x : x + (columns - 1) * grid_px + 1 : grid_px]
+    stacked = copies.reshape(height * size, columns)
+    return sliding_window_view(stacked, size * size, axis=0)[:: grid_px * size].transpose(0, 2, 1)
+
+
+def _contrast(responses: Float32Array, size: int, grid_px: int) -> Float32Array:
+    """Norms (rows, columns) of the centred square windows with their first corners on a grid."""
+    box, corner = (size, size), (0, 0)
+    total = cv2.boxFilter(responses, cv2.CV_32F, box, anchor=corner, normalize=False)
+    squares = cv2.sqrBoxFilter(responses, cv2.CV_32F, box, anchor=corner, normalize=False)
+    total, squares = total[::grid_px, ::grid_px], squares[::grid_px, ::grid_px]
+    return np.asarray(np.sqrt(np.maximum(squares - total**2 / (size * size), 0)), np.float32)
 
 
 def level_features(
@@ -250,44 +273,28 @@ def level_features(
     ):
         for which in np.unique(filters):
             members = np.flatnonzero(filters == which)
-            maps = _maps(responses[which], patches[members], config)
-            for k, found in zip(members, maps, strict=True):
-                near = cv2.dilate(found, mask)
+            maps = correlations(responses[which], patches[members], g, config.noise_floor)
+            side_by_side = maps.reshape(len(maps), -1)
+            # masks stay inside their windows, so none reads what crosses from the next
+            near = cv2.dilate(side_by_side, mask, dst=side_by_side).reshape(maps.shape)
+            for i, k in enumerate(members):
                 gx, gy = places[k]
-                out[first + k] = near[gy::stride, gx::stride][:n_rows, :n_columns]
+                out[first + k] = near[gy::stride, i, gx::stride][:n_rows, :n_columns]
         first += len(patches)
     return out
 
 
-def _maps(responses: Float32Array, patches: Float32Array, config: FragmentConfig) -> Float32Array:
-    size = patches.shape[1]
-    r = FILTER_RADIUS_PX
-    rows, columns = grid_size(responses.shape[0] + 2 * r, responses.shape[1] + 2 * r, size, config.grid_px)
-    maps = np.empty((len(patches), rows, columns), np.float32)
-    for part, found in correlations(responses, patches, config.grid_px, config.noise_floor):
-        maps[:, part] = found
-    return maps
-
-
 def crop_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
     """Features (f, n) of canonical crops (n, height, width): those that a scan finds in such a window."""
-    config = dictionary.config
-    r = config.mask_radius
-    out = np.empty((len(dictionary), len(crops)), np.float32)
-    for i, crop in enumerate(crops):
-        responses = filter_responses(crop)
-        first = 0
-        for patches, filters, places in zip(
-            dictionary.patches, dictionary.filter_index, dictionary.place, strict=True
-        ):
-            for which in np.unique(filters):
-                members = np.flatnonzero(filters == which)
-                maps = _maps(responses[which], patches[members], config)
-                near = sliding_window_view(maps, (2 * r + 1, 2 * r + 1), axis=(1, 2))
-                gx, gy = (places[members] - r).T
-                out[first + members, i] = near[np.arange(len(members)), gy, gx].max(axis=(1, 2))
-            first += len(patches)
-    return out
+    n, height, width = crops.shape
+    g = dictionary.config.grid_px
+    # side by side, each from a place of the grid on, crops are one picture
+    pitch = -(-width // g) * g
+    strip = np.zeros((height, n, pitch), np.uint8)
+    strip[:, :, :width] = crops.transpose(1, 0, 2)
+    window = WindowGeometry(width, height, 0, 0)
+    features = level_features(strip.reshape(height, n * pitch), dictionary, window, stride=1)
+    return features[:, 0, :: pitch // g]
 
 
 def features_of_crops(crops: UInt8Array, dictionary: Dictionary, jobs: int) -> Float32Array:

@@ -14,7 +14,7 @@ from recon.boxes import iou_matrix, suppress
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.pictures import read_rgb
-from rescore.detectors.base import Detections, Detector
+from rescore.detectors.base import Detections, Detector, best_rows
 from rescore.detectors.windows import WindowGeometry, crop_windows, gray
 from rescore.parallel import in_order
 
@@ -140,9 +140,15 @@ def hard_crops(
 
 def hard_negatives(found: Detections, truth: Truth, config: MiningConfig, max_count: int) -> NDArray[np.intp]:
     """Indices of the false alarms to learn from: away from every car, no near-copies, best first."""
-    away = np.flatnonzero(_car_overlap(found.xyxy_px, truth) <= config.max_car_iou)
-    keep = suppress(found.xyxy_px[away], found.score[away], config.hard_max_iou, max_count)
-    return np.asarray(away[keep], dtype=np.intp)
+    looked_at = 40 * max_count
+    while True:
+        # suppression never looks at less than it needs: the best ones tell which the best are
+        best = best_rows(found.score, looked_at)
+        away = best[_car_overlap(found.xyxy_px[best], truth) <= config.max_car_iou]
+        keep = suppress(found.xyxy_px[away], found.score[away], config.hard_max_iou, max_count)
+        if len(keep) == max_count or len(best) == len(found):
+            return np.asarray(away[keep], dtype=np.intp)
+        looked_at *= 4
 
 
 def _car_overlap(boxes_px: FloatArray, truth: Truth) -> FloatArray:

@@ -6,6 +6,7 @@ it is evidence, and with which others it is left out in the study of what cues a
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -17,8 +18,10 @@ from recon.localization.disparity_fit import BoxFit
 from recon.view_bins import ViewBins
 from rescore.cues.framing import FRAMING, FramingConfig, framing, resolved
 from rescore.cues.plausibility import CHECKS, PlausibilityConfig, plausibility
+from rescore.cues.rivals import rival, same_car
 from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surroundings
 from rescore.cues.words import CueWords, Side, ends, metres, share, signed_nats, signed_share, times
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import Frame
 from rescore.evidence.align_depth import predicted_region
 from rescore.evidence.guarded import GUARDED, GuardedConfig, guarded_alignment
@@ -53,6 +56,8 @@ class CueInput:
     config: CueConfig
     fits: Sequence[BoxFit | None] = ()
     """The instance of the class fitted to each box, None where there is none; empty where none was fitted."""
+    boxes3d: Boxes3D | None = None
+    """The 3D box of each of these instances; None where none was fitted."""
 
 
 Columns = Mapping[str, FloatArray]
@@ -115,6 +120,14 @@ def framed(given: CueInput) -> Columns:
     return {**dict(zip(FRAMING, found.T, strict=True)), "resolved": tells}
 
 
+def beside_others(given: CueInput) -> Columns:
+    """The cue ``rival``: how much better another box frames the same car."""
+    if given.boxes3d is None:
+        return {"rival": np.full(len(given.xyxy_px), np.nan)}
+    overlap = np.array([np.nan if fit is None else fit.overlap for fit in given.fits])
+    return {"rival": rival(overlap, same_car(given.xyxy_px, given.boxes3d))}
+
+
 def believable(given: CueInput) -> Columns:
     """The cues ``CHECKS``: whether the measured depth can be believed."""
     frame = given.frame
@@ -134,6 +147,16 @@ def _depth_ratio(
     return float(np.median(np.log(camera.depth_m(measured[use]) / predicted.depth[use])))
 
 
+class Sense(IntEnum):
+    """Direction in which a cue speaks as it rises."""
+
+    FOR = 1
+    """The more of it, the more it speaks for a whole car in the box, or as much."""
+    AGAINST = -1
+    EITHER = 0
+    """A car has neither much more nor much less, as with a size."""
+
+
 @dataclass(frozen=True)
 class Cue:
     """One part of the depth evidence."""
@@ -148,13 +171,20 @@ class Cue:
     """Modes in which it is evidence."""
     checked_in: frozenset[Registration] = frozenset()
     """Modes in which it must not be lower than where the mode was fitted, or a candidate has no evidence."""
+    sense: Sense = Sense.EITHER
+    """Direction in which it may speak as it rises: its function in an evidence model keeps to that."""
 
 
 def _entries(
-    compute: Callable[[CueInput], Columns], modes: Iterable[Registration], *named: tuple[str, str, CueWords]
+    compute: Callable[[CueInput], Columns],
+    modes: Iterable[Registration],
+    *named: tuple[str, str, Sense, CueWords],
 ) -> dict[str, Cue]:
-    """Entries of cues that one function computes, from their names, groups and words."""
-    return {name: Cue(compute, words, group, frozenset(modes)) for name, group, words in named}
+    """Entries of cues that one function computes, from their names, groups, senses and words."""
+    found = {}
+    for name, group, sense, words in named:
+        found[name] = Cue(compute, words, group, frozenset(modes), sense=sense)
+    return found
 
 
 _METRIC = (Registration.METRIC,)
@@ -176,6 +206,11 @@ _SEEN_EXPLAINED = signed_share(
     Side("an empty place explains the depth {} better than any car", "% for none"),
     Side("the car depth shows explains {} of what a car could", "% by a car"),
 )
+_RIVAL = signed_share(
+    "no other box frames this car better",
+    Side("no other box frames this car as well, by {}", "% for the box"),
+    Side("another box frames this car {} better", "% better by another"),
+)
 _OVER_PLANE = signed_nats(
     "a flat board explains the depth as well as a car",
     Side("a flat board explains the depth better, by {}", "for a board"),
@@ -185,86 +220,130 @@ CUES: dict[str, Cue] = {
     **_entries(
         relief,
         (Registration.GUARDED, Registration.METRIC),
-        ("relief_scale", "all relief", times("its relief is {} the predicted one")),
-        ("relief_residual", "all relief", share("it is off a car's relief by {} of its distance", _FINE)),
+        ("relief_scale", "all relief", Sense.EITHER, times("its relief is {} the predicted one")),
+        (
+            "relief_residual",
+            "all relief",
+            Sense.AGAINST,
+            share("it is off a car's relief by {} of its distance", _FINE),
+        ),
         (
             "relief_gain",
             "all relief",
+            Sense.FOR,
             times("a car's relief fits {} as well as a flat board", "{:.2f} times"),
         ),
-        ("roughness", "all relief", share("its depth varies by {} of its distance", _FINE)),
+        ("roughness", "all relief", Sense.EITHER, share("its depth varies by {} of its distance", _FINE)),
     ),
     **_entries(
         around,
         _METRIC,
-        ("width", "all of size", times("it is {} as wide as a car")),
-        ("height", "all of size", times("it is {} as tall as a car")),
+        ("width", "all of size", Sense.EITHER, times("it is {} as wide as a car")),
+        ("height", "all of size", Sense.EITHER, times("it is {} as tall as a car")),
     ),
     **_entries(
         around,
         _CALIBRATED,
-        ("foot", "foot and ground", metres("its foot is {} above the ground")),
-        ("compact", "fill", share("{} of its middle is at one depth")),
-        ("left", "edges beside", share("to its left {} is as far away as it is")),
-        ("right", "edges beside", share("to its right {} is as far away as it is")),
-        ("above", "edges above", share("above it {} is as far away as it is")),
-        ("behind_above", "edges above", share("above it {} lies farther back")),
-        ("fill_left", "fill", share("it fills {} of the box's left rim")),
-        ("fill_right", "fill", share("it fills {} of the box's right rim")),
-        ("fill_top", "fill", share("it fills {} of the box's upper rim")),
-        ("ground_below", "foot and ground", share("below it {} is ground")),
+        ("foot", "foot and ground", Sense.EITHER, metres("its foot is {} above the ground")),
+        ("compact", "fill", Sense.FOR, share("{} of its middle is at one depth")),
+        ("left", "edges beside", Sense.AGAINST, share("to its left {} is as far away as it is")),
+        ("right", "edges beside", Sense.AGAINST, share("to its right {} is as far away as it is")),
+        ("above", "edges above", Sense.AGAINST, share("above it {} is as far away as it is")),
+        ("behind_above", "edges above", Sense.FOR, share("above it {} lies farther back")),
+        ("fill_left", "fill", Sense.FOR, share("it fills {} of the box's left rim")),
+        ("fill_right", "fill", Sense.FOR, share("it fills {} of the box's right rim")),
+        ("fill_top", "fill", Sense.FOR, share("it fills {} of the box's upper rim")),
+        ("ground_below", "foot and ground", Sense.FOR, share("below it {} is ground")),
     ),
-    **_entries(around, _METRIC, ("relief", "all relief", metres("its upper part is {} behind the lower"))),
-    **_entries(around, _CALIBRATED, ("near", "fill", share("nearer things cover {} of it"))),
     **_entries(
-        around, _METRIC, ("support", "all of size", share("{} of it is where a car of this size would be"))
+        around,
+        _METRIC,
+        ("relief", "all relief", Sense.EITHER, metres("its upper part is {} farther back")),
     ),
-    **_entries(around, _CALIBRATED, ("lower", "fill", share("{} of its foot is as far away as it is"))),
+    **_entries(around, _CALIBRATED, ("near", "fill", Sense.AGAINST, share("nearer things cover {} of it"))),
+    **_entries(
+        around,
+        _METRIC,
+        ("support", "all of size", Sense.FOR, share("{} of it is where a car of this size would be")),
+    ),
+    **_entries(
+        around, _CALIBRATED, ("lower", "fill", Sense.FOR, share("{} of its foot is as far as the rest"))
+    ),
     "measured": Cue(
         around,
         share("stereo measured {} of it", _FINE),
         "measured share",
         frozenset(_CALIBRATED),
         frozenset(_CALIBRATED),
+        Sense.FOR,
     ),
     # the median logarithm of measured over predicted depth: 0 where the thing stands where the ground line
     # and the part planes put it
     **_entries(
         relief,
         _METRIC,
-        ("depth_ratio", "depth ratio", times("it is {} as far away as its ground line", "{:.2f} times")),
+        (
+            "depth_ratio",
+            "depth ratio",
+            Sense.EITHER,
+            times("it is {} as far away as its ground line", "{:.2f} times"),
+        ),
     ),
     **_entries(
         framed,
         (Registration.INSTANCE,),
-        ("overlap", "class model", share("a car where depth puts it overlaps the box by {}")),
-        ("framed_overlap", "class model", share("the best-fitting car overlaps the box by {}")),
-        ("end_left", "class model", ends("left", _MOST)),
-        ("end_top", "class model", ends("upper", _MOST)),
-        ("end_right", "class model", ends("right", _MOST)),
-        ("end_bottom", "class model", ends("lower", _MOST)),
-        ("gap", "class model", _GAP),
-        ("explained", "class model", _EXPLAINED),
-        ("seen_explained", "class model", _SEEN_EXPLAINED),
-        ("over_plane", "class model", _OVER_PLANE),
+        (
+            "overlap",
+            "class model",
+            Sense.FOR,
+            share("a car where depth puts it overlaps the box by {}"),
+        ),
+        (
+            "framed_overlap",
+            "class model",
+            Sense.FOR,
+            share("the best-fitting car overlaps the box by {}"),
+        ),
+        ("end_left", "class model", Sense.EITHER, ends("left", _MOST)),
+        ("end_top", "class model", Sense.EITHER, ends("upper", _MOST)),
+        ("end_right", "class model", Sense.EITHER, ends("right", _MOST)),
+        ("end_bottom", "class model", Sense.EITHER, ends("lower", _MOST)),
+        ("gap", "class model", Sense.AGAINST, _GAP),
+        ("explained", "class model", Sense.FOR, _EXPLAINED),
+        ("seen_explained", "class model", Sense.FOR, _SEEN_EXPLAINED),
+        ("over_plane", "class model", Sense.FOR, _OVER_PLANE),
         (
             "seen_through",
             "class model",
+            Sense.AGAINST,
             share("something behind shows through {} of a car in the box"),
         ),
-        ("hidden", "class model", share("nearer things hide {} of a car in the box")),
-        ("beyond_box", "class model", share("{} of the car depth shows is outside the box")),
+        (
+            "hidden",
+            "class model",
+            Sense.AGAINST,
+            share("nearer things hide {} of a car in the box"),
+        ),
+        (
+            "beyond_box",
+            "class model",
+            Sense.AGAINST,
+            share("{} of the car depth shows is outside the box"),
+        ),
         (
             "goes_on_beside",
             "class model",
+            Sense.AGAINST,
             share("beside a car in the box {} is as far as the car"),
         ),
         (
             "goes_on_above",
             "class model",
+            Sense.AGAINST,
             share("above a car in the box {} is as far as the car"),
         ),
     ),
+    **_entries(beside_others, (Registration.INSTANCE,), ("rival", "class model", Sense.AGAINST, _RIVAL)),
     # the rest says nothing for or against a car, but how much the others count and can be believed
     "resolved": Cue(framed, share("what depth says of a car counts {} at this distance"), "", frozenset()),
     "agreement": Cue(

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import Bounds, minimize
+from scipy.special import expit
 from scipy.stats import mannwhitneyu
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import RescoreError
 from rescore.data.splits import FittingSet
 from rescore.evidence.candidates import CandidateTable
-from rescore.evidence.cues import MIRRORED, checks_of, cue_column, cues_of
+from rescore.evidence.cues import CUES, MIRRORED, Sense, checks_of, cue_column, cues_of
 from rescore.evidence.model import EvidenceModel, enough_cues
 from rescore.evidence.registration import LEARNED, Registration
 from rescore.metrics.matching import HIT, IGNORED, TruthTable, greedy_match, ranking_of
@@ -23,7 +26,8 @@ class EvidenceConfig:
     knots: int = 5
     """Knots of each cue's function, at evenly spaced quantiles."""
     inverse_penalty: float = 0.1
-    """scikit-learn's C: smaller is stronger. About a hundred cars fit twenty functions, so it is strong."""
+    """The smaller, the stronger squares of coefficients are punished. About a hundred cars fit twenty
+    functions, so it is strong."""
     min_share: float = 0.5
     """A candidate with a smaller share of a mode's cues has no evidence."""
     floor_quantile: float = 0.01
@@ -67,7 +71,7 @@ def fit_evidence(
         raise RescoreError(
             f"depth evidence ({registration}): expected at least {config.min_cars} cars and some other "
             f"things among candidates with measured depth, got {n_cars} cars of {len(is_car)}; "
-            "add frames to the splits 'train' and 'calibration'"
+            "add labelled frames to fit it on (of a data set with splits: 'train' and 'calibration')"
         )
     model = _fitted(*_with_mirrored(cues, is_car, names), registration, names, config)
     checked = {name: cues[:, cue_column(name)] for name in checks_of(registration)}
@@ -119,18 +123,62 @@ def _fitted(
         knots[name] = at
         shapes.append(full)
         middles.append(middle)
-    from sklearn.linear_model import LogisticRegression  # noqa: PLC0415 (takes a second; fitting alone needs it)
-
-    fitted = LogisticRegression(
-        C=config.inverse_penalty,
-        max_iter=5000,
-        tol=1e-8,
-        class_weight="balanced" if registration.even_odds else None,
-    ).fit(np.hstack(shapes), is_car)
+    weight = _even_weights(is_car) if registration.even_odds else np.ones(len(is_car))
+    keep_to = [_one_way(len(m), CUES[name].sense) for name, m in zip(names, middles, strict=True)]
+    bias, coefficients = _logistic(np.hstack(shapes), is_car, weight, keep_to, config.inverse_penalty)
     splits = np.cumsum([len(m) for m in middles])[:-1]
-    parts = np.split(fitted.coef_[0], splits)
+    parts = np.split(coefficients, splits)
     log_odds = {n: part - float(part @ m) for n, part, m in zip(names, parts, middles, strict=True)}
-    return EvidenceModel(registration, knots, log_odds, float(fitted.intercept_[0]), config.min_share, {})
+    return EvidenceModel(registration, knots, log_odds, bias, config.min_share, {})
+
+
+def _even_weights(is_car: BoolArray) -> FloatArray:
+    """Weights of candidates that make cars and others count alike, shape (n,), one on average."""
+    share = is_car.mean()
+    return np.asarray(np.where(is_car, 0.5 / share, 0.5 / (1 - share)))
+
+
+def _one_way(knots: int, sense: Sense) -> tuple[FloatArray, FloatArray]:
+    """What keeps the function of one cue to its sense: a matrix (k, k) and lower bounds (k,).
+
+    The matrix makes values at the knots of unknowns that are not below the bounds: the first value and, for
+    a cue with a sense, the steps from knot to knot.
+    """
+    if sense is Sense.EITHER:
+        return np.eye(knots), np.full(knots, -np.inf)
+    steps = np.tril(np.full((knots, knots), float(sense)))
+    steps[:, 0] = 1
+    return steps, np.append(-np.inf, np.zeros(knots - 1))
+
+
+def _logistic(
+    features: FloatArray,
+    is_car: BoolArray,
+    weight: FloatArray,
+    keep_to: Sequence[tuple[FloatArray, FloatArray]],
+    inverse_penalty: float,
+) -> tuple[float, FloatArray]:
+    """Bias and coefficients (k,) of penalised logistic regression under the bounds of ``_one_way``."""
+    make, lowest = block_diag(*(m for m, _ in keep_to)), np.concatenate([low for _, low in keep_to])
+    sign = np.where(is_car, 1.0, -1.0)
+
+    def loss(unknown: FloatArray) -> tuple[float, FloatArray]:
+        coefficients = make @ unknown[1:]
+        margin = sign * (unknown[0] + features @ coefficients)
+        pull = -weight * sign * expit(-margin)
+        value = weight @ np.logaddexp(0, -margin) + coefficients @ coefficients / (2 * inverse_penalty)
+        slope = make.T @ (features.T @ pull + coefficients / inverse_penalty)
+        return float(value), np.append(pull.sum(), slope)
+
+    found = minimize(
+        loss,
+        np.zeros(1 + len(lowest)),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=Bounds(np.append(-np.inf, lowest), np.inf),
+        options={"maxiter": 5000, "maxfun": 50000, "ftol": 1e-12, "gtol": 1e-7},
+    )
+    return float(found.x[0]), make @ found.x[1:]
 
 
 _RELIEF = "relief_px"

@@ -57,7 +57,8 @@ class Experiment:
         for kind in self.config.detectors:
             self.train(kind)
             for split in (*self._fitted_on(), "validation", "test"):
-                self.detect(kind, split)
+                if split != "calibration":
+                    self.detect(kind, split)
                 self.find_evidence(kind, split)
             if self._learned:
                 self.fit_evidence(kind)
@@ -118,7 +119,7 @@ class Experiment:
         self.report(run_stage(self.folder.root, stage, work))
 
     def train(self, kind: str) -> None:
-        """One detector, and its Platt scaling."""
+        """One detector, its Platt scaling, and its candidates on the split that the scaling is fitted to."""
         settings, module = self.config.detector_settings[kind], DETECTORS[kind].module
         stage = Stage(
             f"train_{kind}",
@@ -133,22 +134,25 @@ class Experiment:
             train_detector(kind, data, settings, self.seed, self.jobs).save(out)
 
         self.report(run_stage(self.folder.root, stage, work))
+        scaling, detections = self.folder.scaling(kind), self.folder.detections(kind, "calibration")
         stage = Stage(
             f"calibrate_{kind}",
             None,
             (self.folder.detector(kind), self.folder.data),
-            (self.folder.scaling(kind),),
-            (detect, platt, module),
+            (scaling, detections),
+            (detect, platt, coco, module),
         )
 
-        def fit(out: Path) -> None:
+        def fit() -> None:
             detector = load_detector(self.folder.detector(kind))
-            platt.save_scaling(out, detect.calibrate_detector(detector, data, self.jobs))
+            fitted, table = detect.calibrate_and_detect(detector, data, self.jobs)
+            platt.save_scaling(scaling, fitted)
+            coco.write_detections(detections, kind, table, data.split("calibration"))
 
-        self.report(run_stage(self.folder.root, stage, fit))
+        self.report(run_stage_in_place(self.folder.root, stage, fit))
 
     def detect(self, kind: str, split: str) -> None:
-        """The candidates of one detector on one split."""
+        """The candidates of one detector on a split other than "calibration", whose come with the scaling."""
         detector, scaling = self.folder.detector(kind), self.folder.scaling(kind)
         stage = Stage(
             f"detect_{kind}_{split}",

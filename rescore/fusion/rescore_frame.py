@@ -122,8 +122,8 @@ def rescore_frame(
         instances, alignments = Instances((), candidate_views(frame, candidates, source, config, sides)), ()
     depths = instances.scaled_depths or (None,) * len(candidates)
     azimuth_rad = instances.views.azimuth_rad
-    cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues, fits))
     fitted = boxes_of_fits(fits, frame)
+    cues = frame_cues(CueInput(frame, candidates.xyxy_px, depths, azimuth_rad, config.cues, fits, fitted))
     placed = candidates if fitted is None else replace(candidates, boxes3d=fitted.or_else(candidates.boxes3d))
     outcomes = alignments or (None,) * len(candidates)
     evidence = replace(CandidateTable.of_alignments(placed, outcomes, cues, frame.ground_source), **told)

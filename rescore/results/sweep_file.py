@@ -5,6 +5,7 @@ The report of a run shows a sweep, so that the file is known here and not with t
 """
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -52,6 +53,11 @@ class SweptInterval(StudyPart):
     def of(cls, i: Interval) -> "SweptInterval":
         """The figure of a bootstrap."""
         return cls(value=i.value, low=i.low, high=i.high, n_undefined=i.n_undefined, n_infinite=i.n_infinite)
+
+
+def swept_levels(figures: Mapping[float, Interval]) -> dict[str, SweptInterval]:
+    """Figures of a bootstrap by their level, which files write as "0.7"."""
+    return {f"{level:g}": SweptInterval.of(figure) for level, figure in figures.items()}
 
 
 class SweepFigures(StudyPart):

@@ -18,11 +18,12 @@ from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.tune import match_at
-from rescore.metrics.bootstrap import Bootstrap, BootstrapConfig, Interval, bootstrap
+from rescore.metrics.bootstrap import Bootstrap, BootstrapConfig, Comparison, bootstrap
 from rescore.metrics.matching import TruthTable
+from rescore.metrics.resampled import Levels
 from rescore.results.candidate_file import ALONE
 from rescore.results.run_folder import RunFolder
-from rescore.results.sweep_file import StudyPart, SweptInterval
+from rescore.results.sweep_file import StudyPart, SweptInterval, swept_levels
 from rescore.studies.ablation import AblationInput, Judged, groups, judged
 
 MODE = Registration.INSTANCE
@@ -52,6 +53,14 @@ class Change(StudyPart):
     """False positives before over those after, by recall: above 1 where the second makes fewer."""
     average_precision: SweptInterval
     """Average precision after less before."""
+
+    @classmethod
+    def of(cls, change: Comparison) -> "Change":
+        """The change that a bootstrap found."""
+        return cls(
+            factor=swept_levels(change.reduction),
+            average_precision=SweptInterval.of(change.difference.average_precision),
+        )
 
 
 class DetectorWorth(StudyPart):
@@ -129,13 +138,14 @@ def worth_of(given: AblationInput, detector: str, config: RunConfig, seed: int) 
     pairs = [(WITHOUT, WITH), (ALONE, WITH), (ALONE, WITHOUT)]
     rng = np.random.default_rng(seed)
     matches = {name: way.match for name, way in ways.items()}
-    found = bootstrap(matches, truth.cars_of_image, pairs, rng, BootstrapConfig())
+    levels = BootstrapConfig(levels=Levels(recalls=RECALLS))
+    found = bootstrap(matches, truth.cars_of_image, pairs, rng, levels)
     return DetectorWorth(
         detector=detector,
         n_candidates=len(given.test),
         figures={name: _figures(found, name, way) for name, way in ways.items()},
-        class_model=_change(found, WITHOUT, WITH),
-        depth={name: _change(found, ALONE, name) for name in (WITH, WITHOUT)},
+        class_model=Change.of(found.comparisons[WITHOUT, WITH]),
+        depth={name: Change.of(found.comparisons[ALONE, name]) for name in (WITH, WITHOUT)},
     )
 
 
@@ -144,21 +154,9 @@ def _figures(found: Bootstrap, name: str, way: Judged) -> WorthFigures:
     return WorthFigures(
         w=way.w,
         with_evidence=way.with_evidence,
-        fppi=_by_recall(table.fppi_at_recall),
+        fppi=swept_levels(table.fppi_at_recall),
         average_precision=SweptInterval.of(table.average_precision),
     )
-
-
-def _change(found: Bootstrap, before: str, after: str) -> Change:
-    change = found.comparisons[before, after]
-    return Change(
-        factor=_by_recall(change.reduction),
-        average_precision=SweptInterval.of(change.difference.average_precision),
-    )
-
-
-def _by_recall(figures: dict[float, Interval]) -> dict[str, SweptInterval]:
-    return {f"{recall:g}": SweptInterval.of(figures[recall]) for recall in RECALLS}
 
 
 def write_worth(path: Path, result: WorthResult) -> None:

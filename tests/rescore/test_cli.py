@@ -83,6 +83,7 @@ def test_a_shell_completes_commands_and_options() -> None:
         "study-evidence",
         "study-class-model",
         "study-relief",
+        "study-places",
         "study-weight",
         "study-stereo",
         "study-models",

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
@@ -182,9 +183,7 @@ def train_boosted_views(
         street = _street(detector, data, rng, jobs, mined=mined > 0)
         features = np.concatenate([features, features_of_crops(street.pixels, dictionary, jobs)], axis=1)
         crops = _Crops.joined([crops, street])
-        stumps = joint_boost(features, crops.label, config.boosting, rng)
-        if mined == config.mining.rounds:
-            stumps = stumps.shifted(-_even_odds(features, crops, config, rng))
+        stumps = _fitted(features, crops, config, rng, jobs, last=mined == config.mining.rounds)
         used = stumps.used()
         detector = replace(blank, dictionary=dictionary.chosen(used), stumps=stumps.renumbered(used))
     return detector
@@ -306,18 +305,37 @@ def _random_windows(
     return Detections(np.concatenate([corner, corner + size], axis=1), rng.random(n))
 
 
-def _even_odds(
-    features: Float32Array, crops: _Crops, config: BoostedViewsConfig, rng: np.random.Generator
-) -> FloatArray:
-    """The score (bins,) at which cars are as likely as street, as told by stumps on frames not seen by them.
+def _fitted(
+    features: Float32Array,
+    crops: _Crops,
+    config: BoostedViewsConfig,
+    rng: np.random.Generator,
+    jobs: int,
+    *,
+    last: bool,
+) -> SharedStumps:
+    """Stumps fitted to all crops; the last ones are shifted so that at 0 cars are as likely as street."""
+    folds = config.examples.folds if last else 0
+    fold = crops.frame % config.examples.folds
+    parts = [np.ones(len(fold), bool), *(fold != f for f in range(folds))]
+    tasks = (
+        delayed(joint_boost)(features[:, part], crops.label[part], draws, config.boosting.thresholds)
+        for part, draws in [(part, config.boosting.draws(len(features), rng)) for part in parts]
+    )
+    fitted: list[SharedStumps] = Parallel(n_jobs=jobs)(tasks)
+    if not last:
+        return fitted[0]
+    held_out = np.zeros(crops.label.shape)
+    for part, of_others in zip(parts[1:], fitted[1:], strict=True):
+        held_out[~part] = of_others.score(features[:, ~part]).T
+    return fitted[0].shifted(-_even_odds(held_out, crops))
+
+
+def _even_odds(held_out: FloatArray, crops: _Crops) -> FloatArray:
+    """The score (bins,) at which cars are as likely as street, by scores (n, bins) of crops not seen before.
 
     Here the rate of false alarms would not do: the fewer cars a bin has, the wider its scores are spread.
     """
-    folds, held_out = config.examples.folds, np.zeros(crops.label.shape)
-    for fold in range(folds):
-        seen = crops.frame % folds != fold
-        stumps = joint_boost(features[:, seen], crops.label[seen], config.boosting, rng)
-        held_out[~seen] = stumps.score(features[:, ~seen]).T
     is_street = (crops.label != 1).all(axis=1)
     scalings = []
     for score, label in zip(held_out.T, crops.label.T, strict=True):

@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-import cv2
 import numpy as np
 from joblib import Parallel, delayed
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
@@ -32,15 +32,11 @@ from rescore.detectors.views.examples import (
     score_exceeded,
     windows_around,
 )
+from rescore.detectors.views.hog_blocks import BINS, CELL_PX, LENGTH, block_features
 from rescore.detectors.views.levels import levels_of
 from rescore.detectors.windows import WindowGeometry, gray
-from rescore.parallel import one_thread
+from rescore.parallel import in_order, one_thread
 
-CELL_PX = 8
-BLOCK_PX = 16
-BINS = 9
-LENGTH = 36
-"""Numbers of a block: 2 x 2 cells of 9 bins each."""
 MINING_FLOOR = -1.0
 """Where the margin of an SVM ends: street that scores less teaches nothing."""
 
@@ -83,23 +79,42 @@ class ViewFilter:
     """Shape (rows, columns, 36) of blocks a cell apart."""
     bias: float = 0.0
 
-    def scores(self, blocks: Float32Array, step: int) -> Float32Array:
-        """Scores (r, c) at all places of a grid of blocks (R, C, 36), ``step`` of them to a cell."""
-        height, width, _ = self.weight.shape
-        rows, columns = blocks.shape[0] - (height - 1) * step, blocks.shape[1] - (width - 1) * step
-        total = np.full((max(0, rows), max(0, columns)), self.bias, np.float32)
-        if not total.size:
-            return total
-        # one product for all cells of the filter, then sums of shifted maps
-        maps = self.weight.reshape(-1, LENGTH) @ blocks.reshape(-1, LENGTH).T
-        maps = maps.reshape(height, width, *blocks.shape[:2])
-        for y, x in np.ndindex(height, width):
-            total += maps[y, x, y * step : y * step + rows, x * step : x * step + columns]
-        return total
-
     def mirrored(self, view_bin: int) -> "ViewFilter":
         """The filter of a mirrored picture."""
         return replace(self, view_bin=view_bin, weight=mirrored_blocks(self.weight))
+
+
+def filter_scores(filters: Sequence[ViewFilter], blocks: Float32Array, step: int) -> list[Float32Array]:
+    """Scores (r, c) of filters of one height at all places of blocks (R, C, 36), ``step`` to a cell."""
+    height, columns = len(filters[0].weight), blocks.shape[1]
+    rows = max(0, blocks.shape[0] - (height - 1) * step)
+    # one product for the columns of all filters, then sums of shifted maps
+    weight = np.concatenate([f.weight.transpose(1, 0, 2).reshape(-1, height * LENGTH) for f in filters])
+    widths = [f.weight.shape[1] for f in filters]
+    scores = [
+        np.full((rows, max(0, columns - (width - 1) * step)), f.bias, np.float32)
+        for f, width in zip(filters, widths, strict=True)
+    ]
+    for phase in range(min(step, rows)):
+        of_phase = [score[phase::step] for score in scores]
+        # rows that lie a cell apart come one below the other, so that the blocks of a column are one vector
+        apart = np.ascontiguousarray(blocks[phase::step].transpose(0, 2, 1)).reshape(-1, columns)
+        views = sliding_window_view(apart, height * LENGTH, axis=0)[::LENGTH].transpose(0, 2, 1)
+        at_once = max(1, 1_000_000 // (len(weight) * columns))  # maps that fit in the processor's cache
+        found = np.empty((min(at_once, len(views)), len(weight), columns), np.float32)
+        for first in range(0, len(views), at_once):
+            some = views[first : first + at_once]
+            maps = np.matmul(weight, some, out=found[: len(some)])
+            of_filters = np.split(maps, np.cumsum(widths)[:-1], axis=1)
+            for score, of_filter in zip(of_phase, of_filters, strict=True):
+                _add_shifted(score[first : first + at_once], of_filter, step)
+    return scores
+
+
+def _add_shifted(score: Float32Array, maps: Float32Array, step: int) -> None:
+    """Add maps (r, columns of the filter, C) to scores (r, c), each from its column on."""
+    for x in range(maps.shape[1] if score.size else 0):
+        score += maps[:, x, x * step : x * step + score.shape[1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +165,8 @@ class HogViewsDetector:
         """All windows of a pyramid that score more than a floor."""
         stride, parts = self.config.stride_px, []
         for number, level in enumerate(levels):
-            for k, found in enumerate(self.filters):
-                score = found.scores(level.blocks, CELL_PX // stride)
+            scores = filter_scores(self.filters, level.blocks, CELL_PX // stride)
+            for k, (found, score) in enumerate(zip(self.filters, scores, strict=True)):
                 at = np.argwhere(score > floor)
                 corner = (at[:, ::-1] * stride - self.config.padding_px) / level.zoom
                 boxes = found.window.boxes(corner, 1 / level.zoom)
@@ -205,18 +220,6 @@ def window_of(object_width_px: int, config: HogViewsConfig) -> WindowGeometry:
     )
     margins = (across - object_width_px) // 2, (down - config.object_height_px) // 2
     return WindowGeometry(object_width_px, config.object_height_px, *margins)
-
-
-def block_features(picture: UInt8Array, stride_px: int) -> Float32Array:
-    """Blocks (rows, columns, 36) of a grey picture, ``stride_px`` apart; what fills no cell is left off."""
-    height, width = (n // CELL_PX * CELL_PX for n in picture.shape)
-    size = (width, height)
-    hog = cv2.HOGDescriptor(size, (BLOCK_PX, BLOCK_PX), (stride_px, stride_px), (CELL_PX, CELL_PX), BINS)
-    found = np.ravel(hog.compute(np.ascontiguousarray(picture[:height, :width])))
-    columns, rows = ((n - BLOCK_PX) // stride_px + 1 for n in size)
-    # OpenCV goes down a column first
-    blocks = found.reshape(columns, rows, LENGTH).transpose(1, 0, 2)
-    return np.ascontiguousarray(blocks, dtype=np.float32)
 
 
 def mirrored_blocks(blocks: Float32Array) -> Float32Array:
@@ -293,7 +296,8 @@ class _BinExamples:
         for fold in range(folds):
             unseen = self.without(fold, folds).fit(svm_c)
             blocks = self.street.take(self.street.frame % folds == fold).blocks
-            scores.append(np.tensordot(blocks, unseen.weight, axes=3) + unseen.bias)
+            with one_thread():
+                scores.append(np.tensordot(blocks, unseen.weight, axes=3) + unseen.bias)
         fitted = self.fit(svm_c)
         return replace(fitted, bias=fitted.bias - score_exceeded(np.concatenate(scores), false_alarms))
 
@@ -307,10 +311,7 @@ def train_hog_views(
         RescoreError: too few cars of every bin are seen well enough, or none has an azimuth.
     """
     cars = car_views(data, config.examples, config.mining)
-    bins = {
-        b: _examples_of(b, 2 * round(aspect * config.object_height_px / 2), cars, config, rng)
-        for b, aspect in aspects(cars, config.examples).items()
-    }
+    bins = _examples(cars, config, rng, jobs)
     blank = [ViewFilter(b, e.window, np.zeros_like(e.cars.blocks[0])) for b, e in bins.items()]
     detector = _with_mirrored(blank, config)
     for mined in range(1 + config.mining.rounds):
@@ -337,31 +338,62 @@ def _with_mirrored(learned: Sequence[ViewFilter], config: HogViewsConfig) -> Hog
     return HogViewsDetector(tuple(sorted([*learned, *others], key=lambda f: f.view_bin)), config)
 
 
-def _examples_of(
-    view_bin: int,
-    object_width_px: int,
-    cars: tuple[CarViews, ...],
-    config: HogViewsConfig,
-    rng: np.random.Generator,
-) -> _BinExamples:
-    """The cars of a bin with shifted copies, and the cars seen from elsewhere."""
-    window, limits = window_of(object_width_px, config), config.examples
-    shown: list[_Rows] = []
-    others: list[_Rows] = []
-    for frame, views in enumerate(cars):
-        away = limits.away_deg(views.azimuth_deg, view_bin)
-        picture = read_gray(views.record)
-        for rows, copies, found in (
-            (away <= limits.reach_deg, config.mining.jitter_copies, shown),
-            (away > limits.apart_deg, 0, others),
-        ):
-            mining = replace(config.mining, jitter_copies=copies)
-            windows = jittered(windows_around(views.xyxy_px[rows], window), mining, rng)
-            crops = cut_like_a_scan(picture, windows, window)
-            mirror = np.concatenate([views.mirrored[rows], np.repeat(views.mirrored[rows], copies)])
-            crops[mirror] = crops[mirror][:, :, ::-1]
-            found.append(_Rows(_descriptors(crops, window), np.full(len(crops), frame)))
-    return _BinExamples(view_bin, window, _Rows.joined(shown), _Rows.joined(others))
+@dataclass(frozen=True, eq=False)
+class _Cuts:
+    """Windows of a frame, to be cut for a bin."""
+
+    window: WindowGeometry
+    windows_px: FloatArray
+    """Shape (n, 4), in the picture as it is."""
+    mirrored: BoolArray
+    """Mask (n,) of those that are to be mirrored."""
+
+    @staticmethod
+    def around(
+        views: CarViews,
+        rows: BoolArray,
+        window: WindowGeometry,
+        mining: MiningConfig,
+        rng: np.random.Generator,
+    ) -> "_Cuts":
+        """The windows of some cars with their shifted copies."""
+        windows = jittered(windows_around(views.xyxy_px[rows], window), mining, rng)
+        which = views.mirrored[rows]
+        return _Cuts(window, windows, np.concatenate([which, np.repeat(which, mining.jitter_copies)]))
+
+
+def _examples(
+    cars: tuple[CarViews, ...], config: HogViewsConfig, rng: np.random.Generator, jobs: int
+) -> dict[int, _BinExamples]:
+    """The cars of each bin with shifted copies, and the cars seen from elsewhere."""
+    limits, alone = config.examples, replace(config.mining, jitter_copies=0)
+    windows = {
+        b: window_of(2 * round(aspect * config.object_height_px / 2), config)
+        for b, aspect in aspects(cars, limits).items()
+    }
+    cuts: list[list[_Cuts]] = [[] for _ in cars]
+    for b, window in windows.items():
+        for views, of_frame in zip(cars, cuts, strict=True):
+            away = limits.away_deg(views.azimuth_deg, b)
+            of_frame.append(_Cuts.around(views, away <= limits.reach_deg, window, config.mining, rng))
+            of_frame.append(_Cuts.around(views, away > limits.apart_deg, window, alone, rng))
+    tasks = (
+        delayed(_cut)(frame, views.record, of_frame)
+        for frame, (views, of_frame) in enumerate(zip(cars, cuts, strict=True))
+    )
+    found = [_Rows.joined(parts) for parts in zip(*in_order(tasks, jobs), strict=True)]
+    pairs = zip(windows.items(), found[::2], found[1::2], strict=True)
+    return {b: _BinExamples(b, window, shown, others) for (b, window), shown, others in pairs}
+
+
+def _cut(frame: int, record: FrameRecord, cuts: Sequence[_Cuts]) -> list[_Rows]:
+    picture, found = read_gray(record), []
+    with one_thread():
+        for of_bin in cuts:
+            crops = cut_like_a_scan(picture, of_bin.windows_px, of_bin.window)
+            crops[of_bin.mirrored] = crops[of_bin.mirrored][:, :, ::-1]
+            found.append(_Rows(_descriptors(crops, of_bin.window), np.full(len(crops), frame)))
+    return found
 
 
 def _descriptors(crops: UInt8Array, window: WindowGeometry) -> Float32Array:

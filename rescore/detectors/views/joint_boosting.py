@@ -74,6 +74,13 @@ class JointBoostConfig:
     thresholds: int = 12
     """Thresholds tried of a feature: quantiles of its values."""
 
+    def draws(self, n_features: int, rng: np.random.Generator) -> IntArray:
+        """The features tried in each round, shape (rounds, tried), ascending in a row."""
+        tried = min(self.features_per_round, n_features)
+        return np.array(
+            [np.sort(rng.choice(n_features, tried, replace=False)) for _ in range(self.rounds)], np.int64
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Steps:
@@ -98,6 +105,15 @@ class Steps:
         count = np.stack([np.bincount(s, minlength=thresholds + 1) for s in step]).astype(np.int32)
         return Steps(threshold, sample, count)
 
+    def among(self, chosen: BoolArray) -> "Steps":
+        """Steps of the chosen samples (n,) alone, which are numbered anew."""
+        kept = chosen[self.sample]
+        number = np.cumsum(chosen, dtype=np.int32) - np.int32(1)
+        sample = number[self.sample[kept]].reshape(len(kept), -1)
+        until = np.concatenate([np.zeros((len(kept), 1), int), np.cumsum(kept, axis=1)], axis=1)
+        at_ends = np.take_along_axis(until, np.cumsum(self.count, axis=1), axis=1)
+        return Steps(self.threshold, sample, np.diff(at_ends, axis=1, prepend=0).astype(np.int32))
+
     def sums_above(self, rows: IntArray, values: FloatArray) -> FloatArray:
         """Sums (k, t, v) of values (n, v), over the samples that exceed each threshold of features (k,)."""
         count = self.count[rows]
@@ -108,11 +124,10 @@ class Steps:
         return np.asarray(np.cumsum(sums[:, ::-1], axis=1)[:, ::-1][:, 1:])
 
 
-def joint_boost(
-    features: Float32Array, label: IntArray, config: JointBoostConfig, rng: np.random.Generator
-) -> SharedStumps:
+def joint_boost(features: Float32Array, label: IntArray, tries: IntArray, thresholds: int) -> SharedStumps:
     """Stumps fitted to features (f, n) and labels (n, bins) of 1, -1, and 0 for what says nothing of a bin.
 
+    ``tries`` (rounds, tried) are the features that each round chooses from, see ``JointBoostConfig.draws``.
     Each round fits a stump to the labels under the weights exp(-label * score). In each bin three groups
     start with total weights of their own, whatever their numbers: its cars, street, and cars of other bins.
     These have little, or stumps would part views rather than cars and street, and serve few bins.
@@ -127,12 +142,11 @@ def joint_boost(
             f"{others.tolist()} of street; add training frames"
         )
     weight = _balanced(label)
-    steps = Steps.of(features, config.thresholds)
-    tried = min(config.features_per_round, len(features))
+    steps = Steps.of(features, thresholds)
+    of_cars = steps.among((label == 1).any(axis=1))
     feature, threshold, below, step = [], [], [], []
-    for _ in range(config.rounds):
-        rows = np.sort(rng.choice(len(features), tried, replace=False))
-        k, t, low, high = best_shared_stump(steps, rows, label, weight)
+    for rows in tries:
+        k, t, low, high = best_shared_stump(steps, of_cars, rows, label, weight)
         feature.append(k)
         threshold.append(steps.threshold[k, t])
         below.append(low)
@@ -154,59 +168,77 @@ def _balanced(label: IntArray) -> FloatArray:
 
 
 def best_shared_stump(
-    steps: Steps, rows: IntArray, label: IntArray, weight: FloatArray
+    steps: Steps, of_cars: Steps, rows: IntArray, label: IntArray, weight: FloatArray
 ) -> tuple[int, int, FloatArray, FloatArray]:
     """The feature, the number of its threshold, and what bins (bins,) get below and above it.
 
     The weighted squared error is a constant less the sum, over groups that get one number, of (sum w z)^2 /
     sum w. For each threshold, bins join those that share one by one, each time the one that lowers the error
-    most (the greedy search of the paper); the best of all is kept.
+    most (the greedy search of the paper); the best of all is kept. Weights (n, bins) are 0 where labels are;
+    ``of_cars`` are the steps of the samples that are cars of some bin.
     """
-    bins = label.shape[1]
-    sums = steps.sums_above(rows, np.concatenate([weight, weight * label], axis=1))
-    w_above, z_above = sums[..., :bins], sums[..., bins:]
+    is_car = label == 1
+    w_above = steps.sums_above(rows, weight).reshape(-1, label.shape[1])
+    # few samples are cars, and all others have the label -1 where they have weight
+    w_of_cars = of_cars.sums_above(rows, (weight * is_car)[is_car.any(axis=1)]).reshape(w_above.shape)
+    z_above = 2 * w_of_cars - w_above
     w_all, z_all = weight.sum(axis=0), (weight * label).sum(axis=0)
-    above, below = _Side(w_above, z_above), _Side(w_all - w_above, z_all - z_above)
-    alone = z_all**2 / w_all
-    gain, shares = _greedy(above, below, alone)
-    row, t = np.unravel_index(int(np.argmax(gain)), gain.shape)
-    chosen, constant = shares[row, t], z_all / w_all
-    low, high = (np.where(chosen, s.mean(int(row), int(t), chosen), constant) for s in (below, above))
-    return int(rows[row]), int(t), low, high
+    sides = np.stack([w_above, z_above, w_all - w_above, z_all - z_above])
+    chosen, shares = _best_threshold(sides, z_all**2 / w_all)
+    above, below = (
+        float(z[chosen, shares].sum() / max(w[chosen, shares].sum(), 1e-300))
+        for w, z in (sides[:2], sides[2:])
+    )
+    constant = z_all / w_all
+    row, t = divmod(chosen, steps.threshold.shape[1])
+    return int(rows[row]), t, np.where(shares, below, constant), np.where(shares, above, constant)
 
 
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """Sums of weights and of weighted labels on one side of each threshold, shape (k, t, bins)."""
-
-    weight: FloatArray
-    target: FloatArray
-
-    def mean(self, row: int, t: int, chosen: BoolArray) -> float:
-        return float(self.target[row, t, chosen].sum() / max(self.weight[row, t, chosen].sum(), 1e-300))
+FIRST = 64
+"""Thresholds that are searched before the bound is known that spares the others."""
 
 
-def _greedy(above: _Side, below: _Side, alone: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The greatest gain at each threshold, shape (k, t), and the bins that share it, shape (k, t, bins)."""
-    shape = above.weight.shape
+def _best_threshold(sides: FloatArray, alone: FloatArray) -> tuple[int, BoolArray]:
+    """The place of the threshold with the greatest gain, and the bins (bins,) that share it.
+
+    ``sides`` (4, m, bins) are weights and weighted labels above and below each threshold, ``alone`` (bins,)
+    the gain of each bin without a stump. No sharing gains more than bins do that have numbers of their own,
+    so the search is spared where even that is less than what another threshold gains.
+    """
+    w_above, z_above, w_below, z_below = sides
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = np.nan_to_num(z_above**2 / w_above) + np.nan_to_num(z_below**2 / w_below)
+    bound = np.maximum(bound, alone).sum(axis=1)
+    first = bound >= np.partition(bound, -min(FIRST, len(bound)))[-min(FIRST, len(bound))]
+    gain, shares = np.full(len(bound), -np.inf), np.zeros(sides.shape[1:], bool)
+    gain[first], shares[first] = _greedy(sides[:, first], alone)
+    # rounding may put the bound a little below the gain
+    rest = ~first & (bound >= gain.max() - 1e-9)
+    gain[rest], shares[rest] = _greedy(sides[:, rest], alone)
+    best = int(np.argmax(gain))
+    return best, shares[best]
+
+
+def _greedy(sides: FloatArray, alone: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The greatest gain at each threshold, shape (m,), and the bins that share it, shape (m, bins)."""
+    shape = sides.shape[1:]
     shares, best_shares = np.zeros(shape, bool), np.zeros(shape, bool)
-    sums = np.zeros((4, *shape[:2], 1))
-    parts = np.stack([above.weight, above.target, below.weight, below.target])
-    left, best = np.full((*shape[:2], 1), alone.sum()), np.full(shape[:2], -np.inf)
-    for _ in range(shape[2]):
-        wa, za, wb, zb = sums + parts
+    sums = np.zeros((4, shape[0], 1))
+    left, best = np.full((shape[0], 1), alone.sum()), np.full(shape[0], -np.inf)
+    for _ in range(shape[1]):
+        wa, za, wb, zb = sums + sides
         with np.errstate(divide="ignore", invalid="ignore"):
             gain = za**2 / wa + zb**2 / wb + left - alone
         # a side without weight parts nothing
         gain = np.where(shares | ~np.isfinite(gain), -np.inf, gain)
-        joins = gain.argmax(axis=2)[..., None]
-        value = np.take_along_axis(gain, joins, axis=2)
+        joins = gain.argmax(axis=1)[:, None]
+        value = np.take_along_axis(gain, joins, axis=1)
         if not np.isfinite(value).any():
             break
-        np.put_along_axis(shares, joins, True, axis=2)
-        sums += np.take_along_axis(parts, np.broadcast_to(joins, (4, *joins.shape)), axis=3)
+        np.put_along_axis(shares, joins, True, axis=1)
+        sums += np.take_along_axis(sides, np.broadcast_to(joins, (4, *joins.shape)), axis=2)
         left = left - alone[joins]
-        better = value[..., 0] > best
-        best = np.where(better, value[..., 0], best)
-        best_shares = np.where(better[..., None], shares, best_shares)
+        better = value[:, 0] > best
+        best = np.where(better, value[:, 0], best)
+        best_shares = np.where(better[:, None], shares, best_shares)
     return best, best_shares

@@ -47,9 +47,8 @@ def test_correlations_are_those_of_match_template():
     patches = rng.normal(size=(3, 7, 7)).astype(np.float32)
     patches -= patches.mean(axis=(1, 2), keepdims=True)
     patches /= np.linalg.norm(patches, axis=(1, 2), keepdims=True)
-    parts = list(correlations(picture, patches, 2, noise_floor=0.0))
-    found = np.concatenate([part for _, part in parts], axis=1)
-    for patch, values in zip(patches, found, strict=True):
+    found = correlations(picture, patches, 2, noise_floor=0.0)
+    for patch, values in zip(patches, found.transpose(1, 0, 2), strict=True):
         expected = np.abs(cv2.matchTemplate(picture, patch, cv2.TM_CCOEFF_NORMED))[::2, ::2]
         assert values == pytest.approx(expected, abs=1e-4)
 
@@ -59,10 +58,7 @@ def test_noise_floor_silences_flat_ground():
     patch = np.zeros((1, 7, 7), np.float32)
     patch[0, :, :3], patch[0, :, 4:] = -1, 1
     patch /= np.linalg.norm(patch)
-    loud, quiet = (
-        np.concatenate([p for _, p in correlations(flat, patch, 1, floor)], axis=1).max()
-        for floor in (0.0, 10.0)
-    )
+    loud, quiet = (correlations(flat, patch, 1, floor).max() for floor in (0.0, 10.0))
     assert loud > 0.2
     assert quiet < 0.05
 
@@ -93,6 +89,19 @@ def test_features_of_a_scan_equal_those_of_its_crops():
     rows, columns = np.indices(features.shape[1:]).reshape(2, -1) * step
     crops = np.stack([picture[r : r + 40, c : c + 80] for r, c in zip(rows, columns, strict=True)])
     assert crop_features(crops, dictionary) == pytest.approx(features.reshape(60, -1), abs=2e-5)
+
+
+def test_a_crop_has_its_features_whatever_lies_beside_it():
+    # 77 px are no whole number of grid steps
+    crops = np.ascontiguousarray(noisy_crops(5)[:, :, :77])
+    window = WindowGeometry(61, 24, 8, 8)
+    dictionary = cut_dictionary(crops, window, FragmentConfig(count=40), np.random.default_rng(0))
+    together = crop_features(crops, dictionary)
+    assert together.shape == (40, 5)
+    for crop, features in zip(crops, together.T, strict=True):
+        alone = level_features(crop, dictionary, window, stride=2)
+        assert alone.shape == (40, 1, 1)
+        assert features == pytest.approx(alone.ravel(), abs=2e-5)
 
 
 def test_a_fragment_answers_most_to_the_crop_it_was_cut_from():

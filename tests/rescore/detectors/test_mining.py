@@ -108,6 +108,26 @@ def test_hard_negatives_are_away_from_cars_and_best_first():
     assert hard_negatives(found, truth, MiningConfig(), 1).tolist() == [2]
 
 
+def test_hard_negatives_are_found_however_many_windows_score_better() -> None:
+    rng = np.random.default_rng(0)
+    corner = np.concatenate([rng.uniform(100, 103, (900, 2)), rng.uniform(200, 600, (600, 2))])
+    boxes = np.concatenate([corner, corner + rng.uniform(38, 42, (1500, 2))], axis=1)
+    # the windows on the car are the best ones; scores that are equal keep their order
+    score = np.round(np.concatenate([rng.uniform(1, 2, 900), rng.uniform(-1, 1, 600)]), 1)
+    car = np.array([[100.0, 100.0, 140.0, 140.0]])
+    truth = Truth(np.arange(1), car, np.zeros(1, bool), np.ones(1), ("",))
+    wanted: list[int] = []
+    for i in np.argsort(-score, kind="stable").tolist():
+        apart = iou_matrix(boxes[[i]], np.concatenate([car, boxes[wanted]]))[0]
+        if apart[0] <= 0.35 and (apart[1:] <= 0.6).all():
+            wanted.append(i)
+    found = Detections(boxes, score)
+    assert len(wanted) > 100
+    for count in (1, 7, 100):
+        assert hard_negatives(found, truth, MiningConfig(), count).tolist() == wanted[:count]
+    assert hard_negatives(found, truth, MiningConfig(), 2000).tolist() == wanted
+
+
 class FixedDetector:
     """Finds the same boxes in any picture."""
 

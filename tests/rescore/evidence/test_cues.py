@@ -39,7 +39,7 @@ from rescore.studies.ablation import groups
 
 def test_groups_of_cues_by_name() -> None:
     assert cues_of_groups(()) == ()
-    assert set(cues_of_groups(("class model",))) == set(FRAMING)
+    assert set(cues_of_groups(("class model",))) == {*FRAMING, "rival"}
     with pytest.raises(RescoreError, match=r"group of cues: expected all relief, .*, got 'relief'; choose"):
         cues_of_groups(("class model", "relief"))
 
@@ -50,6 +50,7 @@ def test_every_cue_that_is_computed_has_an_entry() -> None:
         *SURROUNDINGS,
         "depth_ratio",
         *FRAMING,
+        "rival",
         "resolved",
         *CHECKS,
         "relief_px",
@@ -61,7 +62,7 @@ def test_every_cue_that_is_computed_has_an_entry() -> None:
     # what needs the size or the side that a car is taken to have is not asked beside an instance that says it
     assumed = ("width", "height", "relief", "support")
     around = tuple(name for name in SURROUNDINGS if name not in assumed)
-    assert cues_of(Registration.INSTANCE) == (*around, *FRAMING)
+    assert cues_of(Registration.INSTANCE) == (*around, *FRAMING, "rival")
     assert checks_of(Registration.GUARDED) == (*CHECKS[:1], "relief_px", "side_on")
     assert checks_of(Registration.INSTANCE) == ("measured", *CHECKS[1:])
     assert checks_of(Registration.METRIC) == ("measured", *CHECKS)

@@ -88,6 +88,23 @@ def test_a_cue_can_speak_against_both_ends() -> None:
     )
 
 
+def test_no_cue_speaks_against_its_sense() -> None:
+    rng = np.random.default_rng(3)
+    is_car = rng.random(400) < 0.5
+    cues = rng.random((400, len(CUES)))
+    # by chance of these frames all cues point the other way
+    for name in cues_of(Registration.INSTANCE):
+        cues[:, cue_column(name)] -= 0.5 * CUES[name].sense * is_car
+    fitted = fit_evidence(cues, is_car, Registration.INSTANCE, EvidenceConfig())
+    for name, log_odds in fitted.log_odds.items():
+        sense = CUES[name].sense
+        steps = np.diff(log_odds)
+        assert (steps * sense >= -1e-12).all() if sense else (np.abs(steps) > 1e-3).any(), name
+    # where they point as they should, they count
+    told = fit_evidence(1 - cues, is_car, Registration.INSTANCE, EvidenceConfig())
+    assert all(np.ptp(told.log_odds[name]) > 0.05 for name in told.log_odds if CUES[name].sense)
+
+
 def test_missing_cues_say_nothing_and_too_many_leave_no_evidence() -> None:
     cues, is_car = drawn(400, np.random.default_rng(2))
     model = fit_evidence(cues, is_car, Registration.METRIC, CONFIG)

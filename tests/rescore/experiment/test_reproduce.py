@@ -132,7 +132,8 @@ def test_other_test_images_cannot_change_w(tiny_run: Path, tmp_path: Path) -> No
     run.learn()
     run.train("hog")
     for split in ("train", "calibration", "validation"):
-        run.detect("hog", split)
+        if split != "calibration":
+            run.detect("hog", split)
         run.find_evidence("hog", split)
     run.fit_evidence("hog")
     for mode in run_preset("tiny").registrations:

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from rescore.detectors.views.hog import HogViewsConfig, ViewFilter, block_features, mirrored_blocks, window_of
+from rescore.detectors.views.hog import HogViewsConfig, ViewFilter, filter_scores, mirrored_blocks, window_of
+from rescore.detectors.views.hog_blocks import block_features
 
 RNG = np.random.default_rng(0)
 
@@ -15,7 +16,7 @@ def test_a_place_scores_weight_times_the_blocks_of_its_window_plus_bias(stride_p
     window = window_of(40, HogViewsConfig())
     assert (window.width_px, window.height_px) == (56, 48)
     found = ViewFilter(0, window, RNG.normal(size=(5, 6, 36)).astype(np.float32), 0.25)
-    scores = found.scores(block_features(picture, stride_px), 8 // stride_px)
+    (scores,) = filter_scores([found], block_features(picture, stride_px), 8 // stride_px)
     assert scores.shape == ((80 - 48) // stride_px + 1, (120 - 56) // stride_px + 1)
     hog = cv2.HOGDescriptor((56, 48), (16, 16), (8, 8), (8, 8), 9)
     # OpenCV goes down the columns of blocks first
@@ -39,4 +40,5 @@ def test_the_blocks_of_a_mirrored_window_are_the_mirrored_blocks() -> None:
 
 def test_a_picture_smaller_than_the_window_has_no_place() -> None:
     found = ViewFilter(0, window_of(40, HogViewsConfig()), np.zeros((5, 6, 36), np.float32))
-    assert found.scores(block_features(np.zeros((40, 80), np.uint8), 4), 2).size == 0
+    (scores,) = filter_scores([found], block_features(np.zeros((40, 80), np.uint8), 4), 2)
+    assert scores.size == 0

@@ -29,10 +29,23 @@ def test_sums_above_each_threshold():
             assert sums[i, t] == pytest.approx(label[features[k] > steps.threshold[k, t]].sum(axis=0))
 
 
-def test_the_best_stump_is_that_of_a_search_of_all_subsets():
+def test_steps_of_some_samples_are_those_of_all_without_the_others():
+    features, label = problem()
+    chosen = (label == 1).any(axis=1)
+    values = np.random.default_rng(2).uniform(size=(400, 2))
+    steps, rows = Steps.of(features, 5), np.arange(6)
+    some = steps.among(chosen)
+    assert some.count.sum(axis=1).tolist() == [chosen.sum()] * 6
+    sums = some.sums_above(rows, values[chosen])
+    assert sums == pytest.approx(steps.sums_above(rows, values * chosen[:, None]))
+
+
+# with 20 thresholds of six features, the bound spares most
+@pytest.mark.parametrize("thresholds", [5, 20])
+def test_the_best_stump_is_that_of_a_search_of_all_subsets(thresholds):
     features, label = problem()
     weight = np.random.default_rng(1).uniform(0.1, 1, label.shape)
-    steps = Steps.of(features, 5)
+    steps = Steps.of(features, thresholds)
 
     def error(above, low, high):
         return (weight * (label - np.where(above[:, None], high, low)) ** 2).sum()
@@ -42,7 +55,7 @@ def test_the_best_stump_is_that_of_a_search_of_all_subsets():
 
     least = np.inf
     everyone = np.ones(len(label), bool)
-    for k, t in itertools.product(range(6), range(5)):
+    for k, t in itertools.product(range(6), range(thresholds)):
         above = features[k] > steps.threshold[k, t]
         for subset in itertools.product([False, True], repeat=3):
             shares = np.array(subset)
@@ -51,7 +64,9 @@ def test_the_best_stump_is_that_of_a_search_of_all_subsets():
             if shares.any():
                 low[shares], high[shares] = constants(~above, shares), constants(above, shares)
             least = min(least, error(above, low, high))
-    k, t, low, high = best_shared_stump(steps, np.arange(6), label, weight)
+    k, t, low, high = best_shared_stump(
+        steps, steps.among((label == 1).any(axis=1)), np.arange(6), label, weight
+    )
     assert error(features[k] > steps.threshold[k, t], low, high) == pytest.approx(least)
     assert k == 4
     assert (low != high).tolist() == [True, True, False]
@@ -59,8 +74,8 @@ def test_the_best_stump_is_that_of_a_search_of_all_subsets():
 
 def test_bins_are_told_apart_and_files_hold_what_is_used():
     features, label = problem(n=1500)
-    config = JointBoostConfig(rounds=30, features_per_round=6, thresholds=8)
-    stumps = joint_boost(features, label, config, np.random.default_rng(0))
+    draws = JointBoostConfig(rounds=30, features_per_round=6).draws(6, np.random.default_rng(0))
+    stumps = joint_boost(features, label, draws, 8)
     fresh, truth = problem(n=1500, seed=9)
     street = (truth == -1).all(axis=1)
     for score, label in zip(stumps.score(fresh), truth.T, strict=True):
@@ -77,14 +92,14 @@ def test_bins_are_told_apart_and_files_hold_what_is_used():
 
 def test_a_sample_of_label_0_says_nothing_of_a_bin():
     features, label = problem(n=1500)
-    config = JointBoostConfig(rounds=30, features_per_round=6, thresholds=8)
+    draws = JointBoostConfig(rounds=30, features_per_round=6).draws(6, np.random.default_rng(0))
     doubtful = label[:, 2] == 1
     # as cars of bin 0, these would teach that all that is not one of bin 0 is
     wrong = np.where(doubtful[:, None] & [True, False, False], 1, label)
     silent = np.where(doubtful[:, None] & [True, False, False], 0, label)
     shares = []
     for taught in (silent, wrong):
-        score = joint_boost(features, taught, config, np.random.default_rng(0)).score(features)[0]
+        score = joint_boost(features, taught, draws, 8).score(features)[0]
         shares.append((score[doubtful] > 0).mean())
     assert shares[0] < 0.3
     assert shares[1] > 0.6
@@ -93,4 +108,4 @@ def test_a_sample_of_label_0_says_nothing_of_a_bin():
 def test_a_bin_without_cars_is_refused():
     features, label = problem()
     with pytest.raises(RescoreError, match=r"for each bin, got \[0, "):
-        joint_boost(features, np.minimum(label, [-1, 1, 1]), JointBoostConfig(), np.random.default_rng(0))
+        joint_boost(features, np.minimum(label, [-1, 1, 1]), np.arange(6)[None], 12)

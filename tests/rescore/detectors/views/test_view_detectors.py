@@ -11,7 +11,7 @@ import pytest
 from recon.boxes import iou_matrix
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet
-from rescore.detectors.detect import detect_candidates
+from rescore.detectors.detect import calibrate_and_detect, calibrate_detector, detect_candidates
 from rescore.detectors.fragments import FragmentConfig
 from rescore.detectors.mining import MiningConfig, ScanRange
 from rescore.detectors.platt import PlattScaling
@@ -126,6 +126,19 @@ def test_the_view_goes_into_the_file_of_detections(
     assert np.isfinite(read.azimuth_deg).all()
     assert read.azimuth_deg.tolist() == table.azimuth_deg.tolist()
     assert set(read.azimuth_deg.tolist()) <= {0.0, 90.0, 270.0}
+
+
+def test_candidates_that_come_with_the_scaling_are_those_of_the_split(
+    trained: Callable[[str], Any], data: DataSet
+) -> None:
+    half = len(data.frames) // 2
+    frames = [replace(f, split="calibration" if i < half else f.split) for i, f in enumerate(data.frames)]
+    mixed = replace(data, frames=tuple(frames))
+    scaling, table = calibrate_and_detect(trained("hog_views"), mixed, 1, show=False)
+    assert scaling == calibrate_detector(trained("hog_views"), mixed, 1, show=False)
+    again = detect_candidates(trained("hog_views"), scaling, mixed.split("calibration"), 1, show=False)
+    for name in ("image_id", "xyxy_px", "score", "likelihood", "azimuth_deg"):
+        np.testing.assert_array_equal(getattr(table, name), getattr(again, name))
 
 
 def test_a_bin_has_the_shape_of_its_cars_and_a_rare_one_is_left_out(data: DataSet) -> None:
