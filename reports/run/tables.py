@@ -64,7 +64,9 @@ class Table:
         table = RichTable(title=self.title, title_justify="left", caption=caption, caption_justify="left")
         table.box, table.pad_edge, table.padding = SIMPLE_HEAD, False, (0, 1, 0, 0)
         for i, name in enumerate(self.head):
-            table.add_column(name, justify="left" if i < self.text_columns else "right", no_wrap=True)
+            figures = i >= self.text_columns
+            # where there is no room names are broken, figures are not
+            table.add_column(name, justify="right" if figures else "left", no_wrap=figures)
         for row in self.rows:
             table.add_row(*row)
         return table

@@ -117,3 +117,15 @@ def test_equal_scores_are_told_with_what_their_order_decides(run: Run) -> None:
     )
     page = render_report([Evaluated("run", replace(run, metrics=metrics))])
     assert "7 candidates share their score" in page
+
+
+def test_figures_are_whole_beside_long_names(run: Run) -> None:
+    wide = dict.fromkeys(("0.5", "0.6", "0.7", "0.8"), 12.34)
+    rows = tuple(
+        row.model_copy(update={"detector": "hog_views", "mode": "instance", "fppi_at_recall": wide})
+        for row in run.metrics.rows
+    )
+    out = io.StringIO()
+    Console(file=out, width=80).print(terminal_table(run.metrics.model_copy(update={"rows": rows})))
+    assert "…" not in out.getvalue()
+    assert out.getvalue().count("12.34") == 4 * len(rows)

@@ -1,4 +1,5 @@
 import io
+import re
 from pathlib import Path
 
 from rich.console import Console
@@ -58,7 +59,7 @@ def test_the_terminal_comparison_fits_80_columns_at_its_widest():
     wide = figure(-0.1234, (-1.0, -0.9876))
     modes = tuple(
         ModeComparison(
-            detector="hog",
+            detector="hog_views",
             mode=mode,
             against="detector",
             reduction={"0.7": reduction(123.4, (11.11, 987.6))},
@@ -79,7 +80,29 @@ def test_the_terminal_comparison_fits_80_columns_at_its_widest():
         assert text.count(shown) == 3
     for shown in ("−.123", "(−1.000, −.988)"):
         assert text.count(shown) == 6
-    assert "HOG + SVM, guarded" in text
+    assert re.search(r" HOG \+ SVM, all .*\n views, guarded ", text)
+
+
+def test_the_terminal_names_the_corners_of_a_factor():
+    corners = ((0.0, 0.08, 0.0), (0.1, 0.0, None), (0.0, 0.0, 1.0))
+    modes = tuple(
+        ModeComparison(
+            detector="hog_views",
+            mode="instance",
+            against="detector",
+            reduction={"0.7": reduction(value, (0.0, None)).model_copy(update={"before": b, "after": a})},
+            auc_difference=figure(0.0, (0.0, 0.0)),
+            average_precision_difference=figure(0.0, (0.0, 0.0)),
+        )
+        for b, a, value in corners
+    )
+    table = terminal_comparison(Metrics(n_images=1, n_cars=1, n_candidates=1, rows=(), comparisons=modes))
+    assert table is not None
+    out = io.StringIO()
+    Console(file=out, width=80).print(table.rich(TERMINAL_CAPTION))
+    for told in (" none before ", " none after ", " none, none "):
+        assert out.getvalue().count(told) == 1
+    assert "…" not in out.getvalue()
 
 
 def test_every_way_of_fusing_has_a_row_and_the_detector_one(run: Run):
