@@ -27,10 +27,12 @@ PUBLISHED = ROOT / "reports" / "published"
 PAGES = {
     "README.md": ("caption", "real", "paper", "more", "localization", "limits"),
     "docs/class-models.md": ("localization",),
-    "docs/detectors.md": ("uiuc", "uiuc_intervals", "modelled_detector"),
+    "docs/detectors.md": ("uiuc", "uiuc_intervals", "view_detectors", "modelled_detector"),
     "docs/boxes3d.md": ("second_boxes",),
-    "docs/evidence.md": ("guarded_checks",),
+    "docs/evidence.md": ("even_odds", "guarded_checks", "guarded_steps", "places"),
     "docs/own-data.md": ("strong_detector",),
+    "docs/stereo.md": ("ground_from_stereo",),
+    "docs/predicted-depth.md": ("true_depth",),
 }
 """The fragments of each page."""
 _WIDTH = 120
