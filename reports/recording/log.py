@@ -125,7 +125,7 @@ class _Writer:
             if i < MAX_TILES:
                 tiles.append(SheetTile.of(story, view, size))
             log_frame(rec, view, size)
-            log_boxes(rec, story, view)
+            log_boxes(rec, story, view, size[0])
             log_boxes3d(rec, story, view)
             log_models(rec, story, view, model)
             self._log_candidates(i, view, model)

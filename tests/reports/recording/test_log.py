@@ -21,7 +21,7 @@ from reports.run.overlay import apply_transform, points_of_depth, world_from_cam
 from rescore.results.metrics_file import read_metrics, write_metrics
 from rescore.results.run_folder import Run, boxes_px, load_run
 from tests.reports.metric_run import make_metric_run
-from tests.reports.recording_reader import colours_of, read
+from tests.reports.recording_reader import colours_of, every_row, read
 
 IMAGE = "/world/camera/image"
 RERUN = Path(rerun_cli.__file__).parent / "rerun"
@@ -326,3 +326,24 @@ def test_pictures_of_several_sizes_are_stored_with_one(run_dir: Path, tmp_path: 
     (small,) = np.flatnonzero(choose_frames(Story.of(load_run(tmp_path / "run")), max_frames=2) == 1)
     (mask,) = read(out, f"{IMAGE}/measured_depth/holes")[int(small)]["SegmentationImage:buffer"]
     assert (np.array(mask, np.uint8).reshape(240, 320)[-8:] == HOLE_CLASS).all()
+
+
+def test_the_same_run_gives_the_same_rows_in_the_same_order(metric_run: Run, recording: Path, tmp_path: Path):
+    again = write_recording(metric_run.root, tmp_path / "again.rrd", show=False)
+    one, other = every_row(recording), every_row(again)
+    assert len(one) == len(other) > 1000
+    assert one == other
+    # a row that differs is seen
+    other[-1][1]["new"] = 0
+    assert one != other
+    assert RrdReader(str(recording)).recordings() == RrdReader(str(again)).recordings()
+    views = [
+        [
+            row["ViewBlueprint:display_name"]
+            for _, row in every_row(path, blueprint=True)
+            if row.get("ViewBlueprint:display_name")
+        ]
+        for path in (recording, again)
+    ]
+    assert len(views[0]) > 10
+    assert views[0] == views[1]
