@@ -23,7 +23,7 @@ from rescore.experiment.stages import Stage, run_stage
 from rescore.files import write_json
 from rescore.formats.uiuc import read_uiuc
 from rescore.library.bundles import default_bundle, read_bundle
-from rescore.results.run_folder import RunFolder
+from rescore.results.run_folder import RunFolder, load_run
 from tests.rescore import own_data as own
 
 Read = Callable[[Path], object]
@@ -160,6 +160,15 @@ def _run(root: Path) -> None:
     bundle.class_model.save(RunFolder(root).class_model)
 
 
+def _show(root: Path) -> None:
+    from reports.page.paired_runs import Evaluated  # noqa: PLC0415
+    from reports.page.report import render_report  # noqa: PLC0415 (drawing takes a second to import)
+    from reports.recording.log import write_recording  # noqa: PLC0415
+
+    render_report([Evaluated("run", load_run(root))])
+    write_recording(root, root / "out.rrd", max_frames=1, show=False)
+
+
 def _read_evidence(root: Path) -> None:
     for path in sorted(root.glob("evidence/*/*.npz")):
         read_evidence(path)
@@ -211,6 +220,8 @@ def _stored(root: Path) -> None:
 
 
 BINS = ViewBins(16)
+RUN_FILES = ("metrics.json", "config.json", "candidates.parquet", "data/annotations.json", "evidence/*/*.npz")
+RUN_FILES += ("models/*.json",)
 PREDICTED = ("apply", "{}", "{}/detections.json", "--predicted", "{}/net.json", "--out", "{}/out/r.json")
 PREDICTED += ("--split", "all", "--jobs", "1")
 WEIGHT = ("--w", "0.5")
@@ -270,6 +281,7 @@ KINDS = (
     Kind("run, JSON", _run, ["metrics.json", "config.json"], rescore("inspect", "{}", "--only", "all")),
     Kind("run, table", _run, ["candidates.parquet"], rescore("inspect", "{}", "--only", "all")),
     Kind("run, models", _run, ["models/*.json"], rescore("inspect", "{}", "--only", "all")),
+    Kind("run, shown", _run, RUN_FILES, _show),
     Kind("evidence files", _run, ["evidence/*/*.npz"], _read_evidence),
     Kind(
         "part labels, COCO",
