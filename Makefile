@@ -32,7 +32,7 @@ test: setup
 	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadgroup
 
 # damaged files of every kind that is read; `make test` has a slice of it
-CASES ?= 5100
+CASES ?= 5250
 fuzz: setup
 	$(BIN)/python -m tests.faults.fuzz --cases $(CASES) --seed 0
 

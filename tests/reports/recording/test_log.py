@@ -363,9 +363,7 @@ def test_a_recording_without_its_end_gets_no_name(
         path.write_bytes(b"RRF2")
 
     monkeypatch.setattr(log._Writer, "write", cut)
-    with pytest.raises(
-        RescoreError, match=r"a\.rrd: expected to write here, got 'a recording without its end'"
-    ):
+    with pytest.raises(RescoreError, match=r"a\.rrd: expected to write .* 'a recording without its end'"):
         write_recording(metric_run.root, tmp_path / "out" / "a.rrd", show=False)
     assert list((tmp_path / "out").iterdir()) == []
 
@@ -375,8 +373,26 @@ def test_a_recording_begins_only_where_there_is_room(
 ):
     room = shutil.disk_usage(tmp_path)._replace(free=log._ROOM_BYTES - 1)
     monkeypatch.setattr(log.shutil, "disk_usage", lambda _path: room)
-    with pytest.raises(
-        RescoreError, match=r"got 'a disk with 64 MB left, at least 64 are needed'; make room"
-    ):
+    with pytest.raises(RescoreError, match=r"got 'a disk with 64 MB left, at least 64 are needed'; m"):
         write_recording(metric_run.root, tmp_path / "a.rrd", show=False)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("change", ["ids", "fewer"])
+def test_a_data_set_that_was_changed_since_is_one_line(run_dir: Path, tmp_path: Path, change: str):
+    copy = tmp_path / "run"
+    shutil.copytree(run_dir, copy)
+    file = copy / "data" / "annotations.json"
+    value = json.loads(file.read_text())
+    if change == "ids":
+        for row, key in [(i, "id") for i in value["images"]] + [
+            (a, "image_id") for a in value["annotations"]
+        ]:
+            row[key] += 100
+    else:
+        last = value["images"].pop()["id"]
+        value["annotations"] = [a for a in value["annotations"] if a["image_id"] != last]
+    file.write_text(json.dumps(value))
+    with pytest.raises(RescoreError, match=r"data: expected the 5 frames that were evaluated, got no image"):
+        write_recording(copy, tmp_path / "a.rrd", show=False)
+    assert "the data set was changed since" in build_report(copy).read_text()
