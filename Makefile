@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper streets published published-streets published-localization \
+.PHONY: demo test fuzz setup paper streets published published-streets published-localization \
 	published-models published-weight published-evidence published-stereo published-recording \
 	published-report published-defaults published-street published-real published-prose bench docs clean
 .DELETE_ON_ERROR:
@@ -35,6 +35,11 @@ test: setup
 PROSE = $(BIN)/python -m reports.publishing.prose
 published-prose: setup
 	$(PROSE)
+
+# damaged files of every kind that is read; `make test` has a slice of it
+CASES ?= 5250
+fuzz: setup
+	$(BIN)/python -m tests.faults.fuzz --cases $(CASES) --seed 0
 
 # the results kept in the repository
 published: paper
