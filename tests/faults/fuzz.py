@@ -133,9 +133,14 @@ def fuzz(n: int, seed: int) -> tuple[dict[str, Tally], list[str]]:
         worker = mp.get_context("spawn").Process(target=_work, args=(there, n, seed, start))
         worker.start()
         there.close()
-        start = _watch(here, worker, tallies, faults, n)
-        worker.kill()
-        worker.join()
+        try:
+            start = _watch(here, worker, tallies, faults, n)
+        except KeyboardInterrupt:
+            print("stopped: what was done until now", file=sys.stderr)
+            start = n
+        finally:
+            worker.kill()
+            worker.join()
     return tallies, faults
 
 

@@ -16,6 +16,7 @@ from recon.view_bins import ViewBins
 from rescore.cli import main
 from rescore.defaults import default_rescorer_file
 from rescore.detectors.registry import load_detector
+from rescore.doctor import examine_dataset
 from rescore.evidence.files import read_evidence, read_fits
 from rescore.evidence.model import save_models
 from rescore.experiment.config import run_preset, with_changes
@@ -51,7 +52,8 @@ def rescore(*arguments: str) -> Read:
 
 
 def doctor() -> Read:
-    return rescore("doctor", "{}")
+    """What the doctor finds on a data set, without its look at the installation."""
+    return lambda root: examine_dataset(root, "car", 1)
 
 
 def detections(root: Path) -> Path:
@@ -231,7 +233,7 @@ EVALUATE = ("evaluate", "{}", "{}/detections.json", "--out", "{}/out", "--split"
 CLASS_MODEL = (*WITH_MODEL, "--model", "{}/model.json", "--w", "0.5")
 
 KINDS = (
-    Kind("annotations.json", _own, ["annotations.json"], doctor()),
+    Kind("annotations.json", _own, ["annotations.json"], rescore("doctor", "{}")),
     Kind(
         "annotations.json, imported", _own, ["annotations.json"], rescore("import", "{}", "--out", "{}/out")
     ),
