@@ -41,6 +41,7 @@ from recon.stereo.sgbm import (
 )
 from recon.view_bins import ViewBins
 from rescore.data.frames import SPLITS
+from rescore.data.pictures import is_whole_png_file
 from rescore.files import read_json, write_json
 from rescore.parallel import in_order, one_thread, track
 from rescore.speech import say
@@ -49,6 +50,9 @@ RECORDS = "records"
 PICTURES = "pictures"
 PART_VIEWS = "part_views"
 _PICTURE_STREAM = 2_000_000
+_KINDS = ("left", "right", "disparity", "truth", "instance")
+"""Folders of the pictures of a frame."""
+_RECORD_KEYS = {"key", "attempts", "image", "annotations", "stereo"}
 CATEGORY = {"id": 1, "name": "car", "supercategory": "vehicle"}
 
 
@@ -69,6 +73,11 @@ class _Task:
     @property
     def name(self) -> str:
         return f"{self.split}_{self.index:04d}"
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Pictures of the frame by what they show."""
+        return {kind: self.out / kind / f"{self.name}.png" for kind in _KINDS}
 
     @property
     def record_path(self) -> Path:
@@ -102,7 +111,7 @@ def build_dataset(
     """
     cars = {s: tuple(m) for s, m in cars_of_splits(train_meshes, test_meshes).items()}
     key = _key(config, seed, cars)
-    for folder in ("left", "right", "disparity", "truth", "instance", RECORDS, PICTURES):
+    for folder in (*_KINDS, RECORDS, PICTURES):
         _make_folder(out / folder)
     (out / "annotations.json").unlink(missing_ok=True)
     paths = _write_pictures(config, out, seed, cars, key=key, jobs=jobs)
@@ -143,10 +152,19 @@ def _key(config: SynthConfig, seed: int, cars: dict[str, tuple[CarModel, ...]]) 
 
 
 def _is_done(task: _Task) -> bool:
-    if not task.record_path.is_file():
+    """Whether a frame has a record of these settings, and all its pictures are whole."""
+    record = _kept(task.record_path)
+    if not isinstance(record, dict) or record.get("key") != task.key or not record.keys() >= _RECORD_KEYS:
         return False
-    record = read_json(task.record_path, "a frame record")
-    return bool(record.get("key") == task.key)
+    return all(is_whole_png_file(path) for path in task.files.values())
+
+
+def _kept(path: Path) -> Any:
+    """What a stopped build noted in a file; None where it is missing or damaged, so that it is made again."""
+    try:
+        return read_json(path, "a record of a build")
+    except RescoreError:
+        return None
 
 
 def _build_frame(task: _Task) -> None:
@@ -163,15 +181,16 @@ def _build_frame_alone(task: _Task) -> None:
     render = frame.render
     measured = compute_disparity(render.left_rgb, render.right_rgb, _matcher(task.config, frame.scene))
     truth = frame.scene.camera.disparity_px(render.depth_m)
-    names = {kind: f"{kind}/{task.name}.png" for kind in ("left", "right", "disparity", "truth", "instance")}
-    _write_png(task.out / names["left"], render.left_rgb[..., ::-1])
-    _write_png(task.out / names["right"], render.right_rgb[..., ::-1])
-    _write_png(task.out / names["instance"], render.instance)
-    write_disparity(task.out / names["disparity"], measured)
-    write_disparity(task.out / names["truth"], truth)
+    files = task.files
+    names = {kind: path.relative_to(task.out).as_posix() for kind, path in files.items()}
+    _write_png(files["left"], render.left_rgb[..., ::-1])
+    _write_png(files["right"], render.right_rgb[..., ::-1])
+    _write_png(files["instance"], render.instance)
+    write_disparity(files["disparity"], measured)
+    write_disparity(files["truth"], truth)
     height, width = truth.shape
     # what is read back is what users get, so the error is that of the file
-    stored = read_disparity(task.out / names["disparity"], width, height)
+    stored = read_disparity(files["disparity"], width, height)
     write_json(task.record_path, _record(task, frame, names, stored, truth))
 
 
@@ -334,7 +353,7 @@ def _write_pictures(
         s: tuple(out / PICTURES / f"{s}_{k:02d}.png" for k in range(config.n_pictures)) for s in config.splits
     }
     stamp = out / PICTURES / "key.json"
-    if stamp.is_file() and read_json(stamp, "a key") == key:
+    if _kept(stamp) == key and all(is_whole_png_file(path) for own in paths.values() for path in own):
         return paths
     tasks = [
         (path, cars[s], [seed, SPLITS.index(s), _PICTURE_STREAM, k])

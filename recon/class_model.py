@@ -12,6 +12,7 @@ from recon.errors import RescoreError
 from recon.files import atomic_path
 from recon.outlines import fill_rings, mask_rings
 from recon.part_views import PartView
+from recon.reading import json_of, reading
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 from recon.view_looks import ViewLooks
@@ -114,11 +115,7 @@ class ClassModel:
         """
         if not path.is_file():
             raise RescoreError(f"{path}: expected a class model, found no file; learn one first")
-        try:
-            value = json.loads(path.read_text())
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise _unreadable(path, error) from error
-        return ClassModel.from_json(value, path)
+        return ClassModel.from_json(json_of(path, "a class model", "learn the model again"), path)
 
     def as_json(self) -> dict[str, Any]:
         """The model as JSON values, as ``save`` writes them; ``from_json`` gives back exactly this model."""
@@ -132,17 +129,8 @@ class ClassModel:
         Raises:
             RescoreError: not a class model, another version.
         """
-        try:
+        with reading(where, f"{FORMAT!r} JSON", "learn the model again"):
             return _parse(value, where)
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise _unreadable(where, error) from error
-
-
-def _unreadable(where: Path, error: Exception) -> RescoreError:
-    return RescoreError(
-        f"{where}: expected {FORMAT!r} JSON, could not read it ({type(error).__name__}: {error}); "
-        "learn the model again"
-    )
 
 
 def _dumps(model: ClassModel) -> str:

@@ -1,5 +1,6 @@
 """Part-labelled views: what a class model is learned from (section 3.2), and their files."""
 
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,10 +8,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
 from recon.files import atomic_path
+from recon.reading import reading, refuse_large_picture
 from recon.view_bins import ViewBins
 
 LABELS_FILE = "part_views.json"
@@ -89,8 +92,8 @@ def load_part_views(directory: Path) -> PartViews:
     path = directory / LABELS_FILE
     if not path.is_file():
         raise RescoreError(f"{path}: expected labelled views, found no file; write them with `rescore synth`")
-    try:
-        head = json.loads(path.read_text())
+    with reading(path, repr(FORMAT), "write the views again"):
+        head = json.loads(path.read_bytes())
         if head["format"] != FORMAT:
             raise RescoreError(
                 f"{path}: expected format {FORMAT!r}, got {head['format']!r}; write the views again"
@@ -99,10 +102,6 @@ def load_part_views(directory: Path) -> PartViews:
         views = tuple(_load_view(directory, row) for row in head["views"])
         sizes = {str(name): _size(size) for name, size in head.get("sizes_m", {}).items()}
         return PartViews(tuple(head["part_names"]), bins, views, sizes)
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        raise RescoreError(
-            f"{path}: expected {FORMAT!r}, could not read it ({error!r}); write the views again"
-        ) from error
 
 
 def _size(value: Sequence[float]) -> tuple[float, float, float]:
@@ -118,8 +117,12 @@ def _load_view(directory: Path, row: dict[str, str]) -> PartView:
         raise RescoreError(
             f"{path}: expected a PNG of part labels, found no file; check file_name in {LABELS_FILE}"
         )
-    labels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    if labels is None or labels.ndim != 2 or labels.dtype != np.uint8:
+    data = path.read_bytes()
+    with reading(path, "an 8-bit PNG of one channel", "write the views again"):
+        refuse_large_picture(path, data)
+        # Pillow, since OpenCV gives the first rows of a damaged PNG, and prints lines of its own
+        labels = np.asarray(Image.open(io.BytesIO(data), formats=("PNG",)))
+    if labels.ndim != 2 or labels.dtype != np.uint8:
         raise RescoreError(
             f"{path}: expected an 8-bit PNG of one channel, got something else; write the views again"
         )

@@ -28,6 +28,7 @@ from rescore.commands import (
 )
 from rescore.commands.base import app
 from rescore.speech import doing, heartbeat, silence
+from rescore.stopping import Stopped, stoppable
 
 __all__ = [
     "app",
@@ -114,12 +115,34 @@ def _before_the_command(
     context.with_resource(doing(str(context.invoked_subcommand)))
 
 
+_KEPT = {
+    "reproduce": "finished stages and rendered frames are kept; run the command again to go on",
+    "synth": "finished frames are kept; run the command again to go on",
+    "study-weight": "candidates under --keep are kept; run the command again to go on",
+}
+"""What of a command that was stopped is left, where something is."""
+
+
+def _words(stopped: Stopped) -> str:
+    """What was stopped, what was kept and how to go on, in one line."""
+    at = f" at {stopped.stage}" if stopped.stage else ""
+    kept = _KEPT.get(stopped.command, "no half-written file is left; run the command again")
+    return f"{stopped.command or 'command'} stopped{at} ({stopped}); {kept}"
+
+
 def main() -> None:
     """Run the command; an error that the user can mend is one line on standard error and exit code 1."""
     # joblib renews workers whose memory has grown; it costs nothing and needs no one's attention
     warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given")
     try:
-        app()
+        with stoppable():
+            app()
+    except Stopped as stopped:
+        print(f"rescore: {_words(stopped)}", file=sys.stderr)
+        sys.exit(stopped.exit_code)
+    except MemoryError:
+        print("rescore: expected enough memory, got no more; use smaller files or --jobs 1", file=sys.stderr)
+        sys.exit(1)
     except RescoreError as error:
         print(f"rescore: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(1)

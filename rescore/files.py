@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from recon.errors import RescoreError
 from recon.files import atomic_path
+from recon.reading import json_of
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -43,12 +44,7 @@ def read_json(path: Path, what: str) -> Any:
     Raises:
         RescoreError: there is no such file, or it is not JSON.
     """
-    if not path.is_file():
-        raise RescoreError(f"{path}: expected {what}, found no file; check the path")
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise RescoreError(f"{path}: expected {what} as JSON, got {error}; write the file again") from error
+    return json_of(path, what, "write the file again")
 
 
 def read_json_object(path: Path, what: str) -> Mapping[str, Any]:

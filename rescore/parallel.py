@@ -6,11 +6,11 @@ from functools import cache
 from typing import Any, TypeVar
 
 import cv2
-from joblib import Parallel
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
+from recon.workers import workers
 from rescore import speech
 
 T = TypeVar("T")
@@ -55,7 +55,7 @@ def in_order(tasks: Iterable[Any], jobs: int) -> Iterator[Any]:
 
     Memory does not grow with the number of tasks: two tasks ahead for each worker keep it busy.
     """
-    return iter(Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks))
+    return iter(workers(jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks))
 
 
 @contextmanager

@@ -85,6 +85,11 @@ def heartbeat(poll_s: float = 1.0) -> Iterator[None]:
         watcher.join()
 
 
+def what_is_done() -> tuple[str, ...]:
+    """What is being done, the command first and then what of it."""
+    return tuple(what for what, _ in _state.doing)
+
+
 def say_what_is_done() -> None:
     """Say what is being done and for how long, if nothing was said for ``SILENT_S``."""
     # a copy: the work may end meanwhile

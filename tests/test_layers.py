@@ -30,7 +30,7 @@ FLOORS = {
     "recon": (
         *(
             "errors arrays",
-            "files boxes camera depth_map outlines view_bins pixels shape_matching",
+            "files reading workers boxes camera depth_map outlines view_bins pixels shape_matching",
             "shape_space view_looks",
         ),
         *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),
@@ -38,7 +38,7 @@ FLOORS = {
     "rescore": (
         *(
             "speech defaults",
-            "files parallel",
+            "files parallel locks stopping",
             "data",
             "metrics",
             "cues",
@@ -146,7 +146,7 @@ def test_rooms_have_a_purpose_and_few_modules(folder: Path) -> None:
 
 @pytest.mark.parametrize("module", sorted(m for m in FILES if m == "rescore.cli" or ".commands" in m))
 def test_the_commands_import_heavy_modules_lazily(module: str) -> None:
-    allowed = {"recon.errors", "recon", "rescore", "rescore.speech"}
+    allowed = {"recon.errors", "recon", "rescore", "rescore.speech", "rescore.stopping"}
     names = own(imports(FILES[module], lazy=False)) - allowed
     assert all(n == "rescore.cli" or n.startswith("rescore.commands") for n in names)
 

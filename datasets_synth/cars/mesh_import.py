@@ -22,6 +22,8 @@ from recon.errors import RescoreError
 from recon.pixels import linear_from_encoded
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply")
+MAX_FACE_CORNERS = 1000
+"""Corners of a face of an OBJ file; one with more is refused before it is cut into triangles."""
 LENGTH_RANGE_M = (1.5, 20.0)
 """Longest side that a road vehicle in metres may have."""
 
@@ -95,7 +97,10 @@ def _load(path: Path, shape_id: str) -> ImportedCar:
 
 def _geometries(path: Path) -> list[Any]:
     """The triangle meshes of a file with their nodes' transforms applied."""
-    options: dict[str, Any] = {"split_groups": True} if path.suffix.lower() == ".obj" else {}
+    options: dict[str, Any] = {}
+    if path.suffix.lower() == ".obj":
+        _refuse_large_faces(path)
+        options = {"split_groups": True}
     try:
         scene = trimesh.load_scene(path, process=False, **options)
         dumped = scene.dump(concatenate=False)
@@ -108,6 +113,18 @@ def _geometries(path: Path) -> list[Any]:
     if not found:
         raise RescoreError(f"{path.name}: expected a mesh with faces, got none: export triangles, not points")
     return found
+
+
+def _refuse_large_faces(path: Path) -> None:
+    """Refuses faces whose triangles would take memory with the square of their corners."""
+    with path.open("rb") as lines:
+        for number, line in enumerate(lines, start=1):
+            corners = len(line.split()) - 1 if line.lstrip()[:2] in (b"f ", b"f\t") else 0
+            if corners > MAX_FACE_CORNERS:
+                raise RescoreError(
+                    f"{path.name}: line {number}: expected faces of at most {MAX_FACE_CORNERS} corners, got "
+                    f"{corners}: export triangles"
+                )
 
 
 def _check_size(path: Path, size: FloatArray) -> None:

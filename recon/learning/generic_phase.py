@@ -11,7 +11,7 @@ from functools import lru_cache
 from importlib.resources import as_file, files
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from recon.arrays import FloatArray
 from recon.learning.primitives import (
@@ -25,6 +25,7 @@ from recon.learning.primitives import (
 from recon.outlines import fill_polygon, largest_outline, resample
 from recon.shape_matching import ShapeContextConfig, match, shape_contexts
 from recon.view_bins import ViewBins, rotation
+from recon.workers import workers
 
 SHAPES: tuple[FloatArray, ...] = (
     np.array([[-1.2, -0.8], [1.2, -0.8], [1.2, 0.1], [0.3, 0.1], [0.3, 0.9], [-1.2, 0.9]]),
@@ -68,7 +69,7 @@ def learn_primitives(
     """
     config = config or GenericPhaseConfig()
     normals = primitive_normals() if normals is None else normals
-    rows = Parallel(n_jobs=jobs)(delayed(_learn_primitive)(n, bins, config) for n in normals)
+    rows = workers(jobs)(delayed(_learn_primitive)(n, bins, config) for n in normals)
     transform = np.stack([t for t, _ in rows])
     return PrimitiveLibrary(bins, normals, transform, np.stack([r for _, r in rows]))
 

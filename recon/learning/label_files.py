@@ -29,6 +29,7 @@ from recon.learning.label_polygons import (
     warnings_of,
 )
 from recon.part_views import LABELS_FILE, load_part_views
+from recon.reading import read_text, reading
 from recon.view_bins import ViewBins
 
 LABELS_TXT = "labels.txt"
@@ -215,7 +216,7 @@ def _ticked(ticked: list[str], prefix: str, place: str) -> str | None:
 
 def _listed_names(path: Path) -> list[str]:
     """The part names of LabelMe's labels.txt; empty where there is no such file."""
-    lines = path.read_text(encoding="utf-8").split("\n") if path.is_file() else []
+    lines = read_text(path, "names of parts").split("\n") if path.is_file() else []
     return list(dict.fromkeys(name for line in lines if (name := line.strip()) and name not in _NOT_PARTS))
 
 
@@ -229,10 +230,8 @@ def _image(
 
 def _read_object(path: Path, key: str, what: str) -> dict[str, Any]:
     """The JSON object of a file, which must have a key; ``what`` says what is expected and what to do."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise RescoreError(f"{path}: expected JSON, got {error}; export it again") from error
+    with reading(path, "JSON", "export it again"):
+        data = json.loads(path.read_bytes())
     if not isinstance(data, dict) or key not in data:
         came = (
             f"an object with {', '.join(sorted(data)) or 'no keys'}"

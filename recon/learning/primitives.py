@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.files import atomic_path
+from recon.reading import arrays_of, reading
 from recon.view_bins import ViewBins
 
 FORMAT = "primitives 1"
@@ -69,19 +69,14 @@ class PrimitiveLibrary:
         """
         if not path.is_file():
             raise RescoreError(f"{path}: expected a library of primitives, found no file; learn one first")
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                if str(file["format"]) != FORMAT:
-                    raise ValueError(f"format {file['format']}")
-                count, elevation_rad = file["view_bins"]
-                bins = ViewBins(int(count), float(elevation_rad))
-                transform, residual = (file[name].astype(float) for name in ("transform", "residual"))
-                return PrimitiveLibrary(bins, file["normals"], transform, residual)
-        except (ValueError, KeyError, OSError, EOFError, BadZipFile) as error:
-            raise RescoreError(
-                f"{path}: expected {FORMAT!r} NPZ, could not read it ({type(error).__name__}: {error}); "
-                "learn the primitives again"
-            ) from error
+        with reading(path, f"{FORMAT!r} NPZ", "learn the primitives again"):
+            file = arrays_of(path)
+            if str(file["format"]) != FORMAT:
+                raise ValueError(f"format {file['format']}")
+            count, elevation_rad = file["view_bins"]
+            bins = ViewBins(int(count), float(elevation_rad))
+            transform, residual = (file[name].astype(float) for name in ("transform", "residual"))
+            return PrimitiveLibrary(bins, file["normals"], transform, residual)
 
 
 def primitive_normals() -> FloatArray:

@@ -15,6 +15,7 @@ from recon.arrays import Float32Array, UInt8Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.files import atomic_path
+from recon.reading import reading, refuse_large_picture
 
 PNG_SCALE = 256.0
 """Value of a disparity file for one pixel of disparity (KITTI's convention)."""
@@ -185,25 +186,28 @@ def read_png16(path: Path, width_px: int, height_px: int, what: str, factor: flo
         raise RescoreError(
             f"{path}: expected a {what} PNG, found no file; check {what}_file_name in annotations.json"
         )
-    try:
+    with reading(path, f"a whole {what} PNG", "write it again"):
+        # a small file may claim any size: compared before it is unpacked
+        width, height = refuse_large_picture(path, data := path.read_bytes())
+        if (width, height) != (width_px, height_px):
+            raise RescoreError(
+                f"{path}: expected {width_px} x {height_px} pixels, got {width} x {height}; "
+                f"the {what} must be that of the left picture"
+            )
         # Pillow, since OpenCV gives back the first rows of a truncated PNG as if nothing were wrong
-        with Image.open(io.BytesIO(path.read_bytes()), formats=("PNG",)) as picture:
-            picture.load()
-            mode, value = picture.mode, np.asarray(picture)
-    except (OSError, SyntaxError, ValueError) as error:
-        reason = str(error).splitlines()[0] if "BytesIO" not in str(error) else "not a PNG"
-        raise RescoreError(f"{path}: expected a whole {what} PNG, got {reason}; write it again") from error
+        picture = Image.open(io.BytesIO(data), formats=("PNG",))
+        _refuse_mode(path, picture.mode, what, factor)
+        picture.load()
+        value = np.asarray(picture)
+    return np.asarray(value.astype(np.float32) / np.float32(factor))
+
+
+def _refuse_mode(path: Path, mode: str, what: str, factor: float) -> None:
     if mode not in ("I;16", "I;16B", "I"):
         raise RescoreError(
             f"{path}: expected 16-bit grey with value = {factor:g} x {what}, got a PNG of mode {mode}; "
             "8-bit files lose the fractions: write 16 bits"
         )
-    if value.shape != (height_px, width_px):
-        raise RescoreError(
-            f"{path}: expected {width_px} x {height_px} pixels, got {value.shape[1]} x {value.shape[0]}; "
-            f"the {what} must be that of the left picture"
-        )
-    return np.asarray(value.astype(np.float32) / np.float32(factor))
 
 
 def write_disparity(path: Path, disparity_px: Float32Array) -> None:

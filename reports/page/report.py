@@ -29,13 +29,15 @@ from reports.run.tables import (
     reliability_table,
     result_table,
     stereo_table,
+    tie_notes,
     weight_table,
 )
 from reports.run.tables3d import boxes3d_table, error_table, pose_table
 from reports.templating import asset, render
 from rescore.results.metrics_file import Metrics
-from rescore.results.run_folder import Run, load_run
+from rescore.results.run_folder import Run, load_run, missing_evidence
 from rescore.results.sweep_file import read_sweep
+from rescore.speech import say
 
 ONE_RUN, SEVERAL_RUNS = "report.html", "comparison.html"
 _ROOM = "reports.page"
@@ -87,6 +89,8 @@ def build_report(run_dirs: Path | Sequence[Path], out: Path | None = None) -> Pa
     folders = [run_dirs] if isinstance(run_dirs, Path) else [Path(f) for f in run_dirs]
     runs = [load_run(folder) for folder in folders]
     names = _names([run.root for run in runs])
+    for note in (note for run in runs for note in missing_evidence(run)):
+        say(f"note: {note}")
     if len(runs) == 1:
         write_curves(runs[0], runs[0].root / "curves")
     page = render_report([Evaluated(n, run) for n, run in zip(names, runs, strict=True)])
@@ -113,6 +117,7 @@ def render_report(runs: Sequence[Evaluated]) -> str:
         depth_stops=colour_stops(DEPTH_COLOURS),
         residual_stops=colour_stops(RESIDUAL_COLOURS),
         number=number,
+        tie_notes=tie_notes,
         detector_name=detector_name,
         charts={name: chart for g in groups for name, chart in g.as_json().items()},
         style=asset(_ROOM, "report.css"),
@@ -132,7 +137,7 @@ def _section(one: Evaluated, key: str, max_cards: int) -> Section:
         key=key,
         metrics=run.metrics,
         headline=headline(run.metrics),
-        warning=few_images(run.metrics),
+        warning=" ".join(filter(None, (few_images(run.metrics), *missing_evidence(run)))),
         tiles=tiles(run.metrics),
         curves=curve_group(f"{key}-curves", curve_sets(run), run.metrics, bands),
         band_note=band_note,
@@ -155,14 +160,21 @@ def _gallery(run: Run, mode: str, max_cards: int) -> tuple[Gallery | None, str]:
             None,
             "No candidate was rescored in this run, so none moved: `rescore apply` rescores detections.",
         )
-    gallery, note = _or_note(lambda: build_gallery(run, mode, max_cards), None, "No pictures of candidates")
+    gallery, note = _or_note(lambda: build_gallery(run, mode, max_cards), None, "No reasons are told")
+    if gallery is None:
+        # another model than the one that made D takes the reasons, not the pictures
+        bare, why_not = _or_note(lambda: build_gallery(run, mode, max_cards, explained=False), None, "")
+        if bare is None:
+            return None, f"No pictures of candidates{why_not}"
+        gallery = bare
     if gallery is not None and not gallery.movers:
         return None, "No candidate with depth evidence changed its place."
     if gallery is not None and all(m.panels.predicted is None for m in gallery.movers):
-        note = (
+        no_depth = (
             f"No predicted depth is shown: {run.root.name} holds no reconstructions; `rescore apply "
             f"--evidence {run.root.name}/evidence` keeps them."
         )
+        note = " ".join(filter(None, (note, no_depth)))
     return gallery, note
 
 

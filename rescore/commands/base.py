@@ -30,6 +30,7 @@ app = typer.Typer(
 )
 
 LEARNED_PANEL = "Modes with a learned D"
+DETECTION_FORMS = "COCO results JSON, or a folder of KITTI's or YOLO's text with scores"
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
@@ -38,7 +39,10 @@ Preset = Annotated[str, typer.Option(help="Settings to start from: paper, demo, 
 Changes = Annotated[
     Path | None, typer.Option("--config", help="JSON file with settings that replace those of the preset.")
 ]
-Seed = Annotated[int, typer.Option(help="Seed of every random choice; the same seed gives the same bytes.")]
+Seed = Annotated[
+    int,
+    typer.Option(help="Seed of every random choice; it fixes every byte, of a recording the rows."),
+]
 Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default="all processors")]
 Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
@@ -64,6 +68,25 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print JSON on standard output in place of text.", show_default=False)
 ]
 
+
+def file_target(path: Path | None) -> Path | None:
+    """The file that an option names to write; refused before any work where it cannot be written."""
+    from recon.files import refuse_as_file
+
+    if path is not None:
+        refuse_as_file(path)
+    return path
+
+
+def folder_target(path: Path | None) -> Path | None:
+    """The folder that an option names to write to; refused before any work where it cannot be."""
+    from recon.files import refuse_as_folder
+
+    if path is not None:
+        refuse_as_folder(path)
+    return path
+
+
 ALL_PROCESSORS = os.cpu_count() or 1
 
 
@@ -83,7 +106,18 @@ def read_data(dataset: Path, class_name: str = "car", maps: Sequence[str] = ()) 
     from rescore.formats.labels import ClassMap
     from rescore.formats.open import read_dataset
 
-    data = read_dataset(dataset, class_name, ClassMap.of(class_name, maps))
+    return _told(read_dataset(dataset, class_name, ClassMap.of(class_name, maps)))
+
+
+def rectified_data(dataset: Path, class_name: str, maps: Sequence[str], out: Path) -> "DataSet":
+    """A folder of pictures as two cameras took them, rectified into ``out``; its notes are told."""
+    from rescore.formats.calibrations.rectify import rectified_dataset
+    from rescore.formats.labels import ClassMap
+
+    return _told(rectified_dataset(dataset, ClassMap.of(class_name, maps), out))
+
+
+def _told(data: "DataSet") -> "DataSet":
     for note in data.notes:
         say(f"note: {note}")
     return data
@@ -104,16 +138,19 @@ def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
     return chosen
 
 
-def detections_of(path: Path, data: "DataSet", maps: Sequence[str] = ()) -> "DetectionFile":
+def detections_of(
+    path: Path, data: "DataSet", maps: Sequence[str] = (), *, every: bool = False
+) -> "DetectionFile":
     """The detections of a file or folder on the images of a data set; says what was left out.
 
-    ``maps`` as for ``read_data``.
+    ``maps`` as for ``read_data``; ``every`` keeps them all, else the best of each image are kept.
     """
     from rescore.formats.coco import MAX_CANDIDATES
     from rescore.formats.labels import ClassMap
     from rescore.formats.open import read_detections
 
-    file = read_detections(path, data, classes=ClassMap.of(data.category, maps))
+    most = None if every else MAX_CANDIDATES
+    file = read_detections(path, data, most, ClassMap.of(data.category, maps))
     for note in file.notes:
         say(f"note: {note}")
     if file.n_other_class:

@@ -18,6 +18,8 @@ from rescore.commands.base import (
     Split,
     app,
     config_of,
+    file_target,
+    folder_target,
     read_data,
     read_split,
 )
@@ -26,7 +28,10 @@ from rescore.speech import say
 
 @app.command()
 def train(
-    out: Annotated[Path, typer.Option(help="Folder for <detector>.npz and <detector>.platt.json.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="Folder for <detector>.npz and <detector>.platt.json.", callback=folder_target),
+    ],
     dataset: Annotated[
         Path | None,
         typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md)."),
@@ -95,7 +100,7 @@ def detect(
     detector: Annotated[
         Path, typer.Option(help="Detector that `rescore train` wrote, with its .platt.json.")
     ],
-    out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.")],
+    out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.", callback=file_target)],
     split: Split = "test",
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:

@@ -15,6 +15,8 @@ from rescore.commands.base import (
     Seed,
     app,
     detections_of,
+    file_target,
+    folder_target,
     print_json,
     read_data,
 )
@@ -31,7 +33,9 @@ Things = Annotated[int, typer.Option(min=2, help="Things of each kind in the ban
 @app.command()
 def sweep(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for sweep.json, the curves and README.md.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for sweep.json, the curves and README.md.", callback=folder_target)
+    ],
     dials: Annotated[str | None, typer.Option(help="Dials, comma-separated; all of them else.")] = None,
     levels: Annotated[str | None, typer.Option(help="Levels of the one dial that is named.")] = None,
     frames: Frames = None,
@@ -57,7 +61,9 @@ def sweep(
 @app.command("study-evidence")
 def study_evidence(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for README.md, tables and pictures.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for README.md, tables and pictures.", callback=folder_target)
+    ],
     frames: Frames = None,
     things: Things = 40,
     detector: DetectorName = "hog",
@@ -93,7 +99,9 @@ def study_evidence(
 @app.command("study-class-model")
 def study_class_model(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for the page, its figure and numbers.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the page, its figure and numbers.", callback=folder_target)
+    ],
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -121,7 +129,9 @@ def study_class_model(
 @app.command("study-relief")
 def study_relief(
     run: FinishedRunFolder,
-    out: Annotated[Path, typer.Option(help="Folder for the page, its figure and numbers.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the page, its figure and numbers.", callback=folder_target)
+    ],
     split: Annotated[str, typer.Option(help="Split whose frames are looked at.")] = "test",
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
@@ -153,7 +163,10 @@ def study_relief(
 def study_places(
     dataset: Dataset,
     detections: Annotated[Path, typer.Argument(help="Detections in all its frames, with likelihoods.")],
-    out: Annotated[Path, typer.Option(help="JSON file; its page and figure are written beside it.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="JSON file; its page and figure are written beside it.", callback=file_target),
+    ],
     rescorer: Annotated[
         Path | None,
         typer.Option(

@@ -9,6 +9,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    DETECTION_FORMS,
     REGISTRATION_HELP,
     AdaptShare,
     AsJson,
@@ -23,6 +24,8 @@ from rescore.commands.base import (
     TrainMeshes,
     app,
     config_of,
+    file_target,
+    folder_target,
     read_split,
     with_share,
 )
@@ -45,7 +48,7 @@ SECOND_PANEL = "Second boxes"
 
 @app.command()
 def synth(
-    out: Annotated[Path, typer.Argument(help="Folder to write the data set to.")],
+    out: Annotated[Path, typer.Argument(help="Folder to write the data set to.", callback=folder_target)],
     preset: Preset = "demo",
     config: Changes = None,
     seed: Seed = 0,
@@ -60,19 +63,23 @@ def synth(
     Example: [bold]rescore synth data/demo --preset demo --seed 0[/bold]
     """
     from datasets_synth.build import build_dataset
+    from rescore.locks import locked
 
     settings = config_of(preset, config)
-    build_dataset(
-        settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
-    )
+    with locked(out):
+        build_dataset(
+            settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
+        )
     say(f"data set: {out}")
 
 
 @app.command()
 def apply(
     dataset: Dataset,
-    detections: Annotated[Path, typer.Argument(help="Detections to rescore, COCO results JSON.")],
-    out: Annotated[Path, typer.Option(help="Rescored detections to write, COCO results JSON.")],
+    detections: Annotated[Path, typer.Argument(help=f"Detections to rescore: {DETECTION_FORMS}.")],
+    out: Annotated[
+        Path, typer.Option(help="Rescored detections to write, COCO results JSON.", callback=file_target)
+    ],
     model: Model = None,
     predicted: Predicted = None,
     tuned: Annotated[Path | None, typer.Option(help="Weight that `rescore tune` wrote.")] = None,
@@ -98,7 +105,10 @@ def apply(
     ] = False,
     evidence: Annotated[
         Path | None,
-        typer.Option(help="Folder for what led to each score, by detector, an NPZ file an image."),
+        typer.Option(
+            help="Folder for what led to each score, by detector, an NPZ file an image.",
+            callback=folder_target,
+        ),
     ] = None,
     camera: Annotated[
         str | None,
@@ -160,7 +170,7 @@ def apply(
 
 @app.command()
 def reproduce(
-    out: Annotated[Path, typer.Option(help="Run folder to write to.")],
+    out: Annotated[Path, typer.Option(help="Run folder to write to.", callback=folder_target)],
     preset: Preset = "demo",
     config: Changes = None,
     seed: Seed = 0,

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import Seed, app
+from rescore.commands.base import Seed, app, folder_target
 from rescore.speech import say
 
 
 @app.command()
 def gallery(
-    out: Annotated[Path, typer.Option(help="Folder for the pictures and README.md.")],
+    out: Annotated[Path, typer.Option(help="Folder for the pictures and README.md.", callback=folder_target)],
     seed: Seed = 0,
     models: Annotated[
         Path | None, typer.Option(help="Folder where the class models are kept from run to run.")

@@ -6,13 +6,18 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, print_json
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
 from rescore.speech import say
 
 
 @app.command()
 def localize(
-    out: Annotated[Path, typer.Option(help="Folder for localization.json, the table and the pictures.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder for localization.json, the table and the pictures.", callback=folder_target
+        ),
+    ],
     cars: Annotated[int, typer.Option(min=1, help="Model cars, spread over the body types.")] = 20,
     placements: Annotated[
         int, typer.Option(min=1, help="Placements in all, spread evenly over the cars.")

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, Changes, Jobs, Preset, Seed, app, config_of
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Changes,
+    Jobs,
+    Preset,
+    Seed,
+    app,
+    config_of,
+    file_target,
+    folder_target,
+)
 from rescore.speech import say
 
 if TYPE_CHECKING:
@@ -33,7 +43,7 @@ Elevation = Annotated[
 
 @app.command("learn-primitives")
 def learn_primitives(
-    out: Annotated[Path, typer.Option(help="Library of primitives to write, NPZ.")],
+    out: Annotated[Path, typer.Option(help="Library of primitives to write, NPZ.", callback=file_target)],
     elevation_deg: Elevation = None,
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
@@ -56,7 +66,7 @@ def learn_primitives(
 
 @app.command()
 def learn(
-    out: Annotated[Path, typer.Option(help="Class model to write, JSON.")],
+    out: Annotated[Path, typer.Option(help="Class model to write, JSON.", callback=file_target)],
     views: Annotated[Path | None, typer.Argument(help=VIEWS_HELP)] = None,
     class_name: Annotated[
         str | None,
@@ -115,7 +125,7 @@ def learn(
 
 @app.command("study-models")
 def study_models(
-    out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.")],
+    out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.", callback=folder_target)],
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
     """How few primitives serve all parts, and how near learned planes and skeletons are to the truth.
@@ -133,7 +143,7 @@ def study_models(
 
 @app.command("study-views")
 def study_views(
-    out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.")],
+    out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.", callback=folder_target)],
     photos: Annotated[int, typer.Option(min=1, help="Photographs of each class and elevation.")] = 72,
     seed: Seed = 0,
 ) -> None:

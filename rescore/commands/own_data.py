@@ -7,31 +7,56 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import AsJson, Dataset, app, detections_of, print_json, read_data
+from rescore.commands.base import (
+    DETECTION_FORMS,
+    AsJson,
+    Dataset,
+    app,
+    detections_of,
+    file_target,
+    folder_target,
+    print_json,
+    read_data,
+    rectified_data,
+)
 from rescore.speech import say
 
 Maps = Annotated[
     list[str] | None, typer.Option("--map", help="Take a class for another, as van=car; may be repeated.")
 ]
+
+
+def _boxes_target(out: Path) -> Path | None:
+    return file_target(out) if out.suffix == ".json" else folder_target(out)
+
+
 ClassName = Annotated[str, typer.Option("--class", help="Class whose boxes count.")]
 
 
 @app.command(name="import")
 def import_dataset(
     dataset: Annotated[Path, typer.Argument(help="Folder of any layout that the README names.")],
-    out: Annotated[Path, typer.Option(help="Folder to write annotations.json to.")],
+    out: Annotated[Path, typer.Option(help="Folder to write annotations.json to.", callback=folder_target)],
     class_name: ClassName = "car",
     maps: Maps = None,
     copy: Annotated[bool, typer.Option("--copy", help="Copy the pictures too; else refer to them.")] = False,
+    rectify: Annotated[
+        bool, typer.Option("--rectify", help="Rectify the pictures by their calibration, and write them too.")
+    ] = False,
 ) -> None:
     """Write a data set of any known layout as a folder with annotations.json, to look at and to change.
 
     Example: [bold]rescore import kitti/training --map van=car --out data/kitti[/bold]
     """
     from rescore.formats.coco_write import write_dataset
+    from rescore.locks import locked
 
-    data = read_data(dataset, class_name, maps or ())
-    file = write_dataset(out, data, copy=copy)
+    if rectify:
+        data = rectified_data(dataset, class_name, maps or (), out)
+    else:
+        data = read_data(dataset, class_name, maps or ())
+    with locked(out):
+        file = write_dataset(out, data, copy=copy and not rectify)
     boxes = sum(len(t.annotation_id) for t in data.truth.values())
     say(f"{len(data.frames)} frames, {boxes} boxes: {file}")
 
@@ -39,9 +64,15 @@ def import_dataset(
 @app.command()
 def convert(
     dataset: Dataset,
-    out: Annotated[Path, typer.Option(help="A .json file for COCO's form, else a folder for KITTI's text.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="A .json file for COCO's form, else a folder for KITTI's text.", callback=_boxes_target
+        ),
+    ],
     detections: Annotated[
-        Path | None, typer.Argument(help="Detections to convert; without them the annotated boxes are.")
+        Path | None,
+        typer.Argument(help=f"Detections to convert ({DETECTION_FORMS}); without, the annotated boxes."),
     ] = None,
     class_name: ClassName = "car",
     maps: Maps = None,
@@ -63,7 +94,7 @@ def convert(
         say(f"boxes of {len(data.frames)} frames: {out}")
         return
     data = read_data(dataset, class_name)
-    file = detections_of(detections, data, maps or ())
+    file = detections_of(detections, data, maps or (), every=True)
     if as_json:
         write_detections(out, file.detector, file.table, data)
     else:

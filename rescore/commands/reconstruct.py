@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import AsJson, app, print_json
+from rescore.commands.base import AsJson, app, folder_target, print_json
 from rescore.speech import say
 
 if TYPE_CHECKING:
@@ -43,7 +43,12 @@ def reconstruct(
     box: Annotated[str, typer.Option(help=BOX_HELP)],
     class_name: ClassName,
     model: Model,
-    out: Annotated[Path, typer.Option(help="Folder for instance.json, object.glb, object.ply, overlay.png.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder for instance.json, object.glb, object.ply, overlay.png.", callback=folder_target
+        ),
+    ],
     view_bin: ViewBin = None,
     camera: Camera = None,
     calib: Calib = None,
@@ -90,7 +95,9 @@ def popup(
     box: Annotated[list[str], typer.Option(help=BOX_HELP + " May be repeated.")],
     class_name: ClassName,
     model: Model,
-    out: Annotated[Path, typer.Option(help="Folder for scene.glb, views.png and turntable.gif.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for scene.glb, views.png and turntable.gif.", callback=folder_target)
+    ],
     view_bin: Annotated[
         list[int] | None,
         typer.Option(

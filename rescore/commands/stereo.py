@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import AsJson, app, print_json
+from rescore.commands.base import AsJson, app, folder_target, print_json
 from rescore.speech import say
 
 
@@ -20,7 +20,9 @@ def study_stereo(
             "pairs."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the page, its figure and numbers.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the page, its figure and numbers.", callback=folder_target)
+    ],
     nearest: Annotated[
         float, typer.Option(min=0.1, help="Depth in metres from which calibrated pairs are measured.")
     ] = 2.0,

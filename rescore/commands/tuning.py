@@ -10,6 +10,7 @@ import typer
 
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    DETECTION_FORMS,
     AdaptShare,
     Changes,
     Dataset,
@@ -21,6 +22,7 @@ from rescore.commands.base import (
     app,
     config_of,
     detections_of,
+    file_target,
     mode_of,
     read_data,
     with_share,
@@ -40,9 +42,11 @@ from rescore.speech import say
 def fit_evidence(
     dataset: Dataset,
     detections: Annotated[
-        list[Path], typer.Argument(help="Detections of one detector on the splits train and calibration.")
+        list[Path], typer.Argument(help=f"Detections on the splits train and calibration: {DETECTION_FORMS}.")
     ],
-    out: Annotated[Path, typer.Option(help="File to write the models of depth evidence to, JSON.")],
+    out: Annotated[
+        Path, typer.Option(help="File to write the models of depth evidence to, JSON.", callback=file_target)
+    ],
     model: Model = None,
     predicted: Predicted = None,
     without: Annotated[
@@ -100,8 +104,10 @@ def fit_evidence(
 @app.command()
 def tune(
     dataset: Dataset,
-    detections: Annotated[Path, typer.Argument(help="Detections on the split validation.")],
-    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.")],
+    detections: Annotated[
+        Path, typer.Argument(help=f"Detections on the split validation: {DETECTION_FORMS}.")
+    ],
+    out: Annotated[Path, typer.Option(help="File to write w and its curve to, JSON.", callback=file_target)],
     model: Model = None,
     predicted: Predicted = None,
     registration: RegistrationMode = "paper",

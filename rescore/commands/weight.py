@@ -8,14 +8,16 @@ from typing import Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, print_json
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
 from rescore.speech import say
 
 
 @app.command("study-weight")
 def study_weight(
     run: Annotated[Path, typer.Argument(help="Finished run of `rescore reproduce`: detectors and models.")],
-    out: Annotated[Path, typer.Option(help="Folder for the page, its figure and numbers.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the page, its figure and numbers.", callback=folder_target)
+    ],
     dataset: Annotated[
         Path | None,
         typer.Option(
@@ -24,7 +26,10 @@ def study_weight(
         ),
     ] = None,
     keep: Annotated[
-        Path | None, typer.Option(help="Folder to keep the candidates with their evidence in, for reuse.")
+        Path | None,
+        typer.Option(
+            help="Folder to keep the candidates with their evidence in, for reuse.", callback=folder_target
+        ),
     ] = None,
     sizes: Annotated[str, typer.Option(help="Numbers of validation images.")] = "20,100,500",
     draws: Annotated[int, typer.Option(min=20, help="Subsets of each size.")] = 400,

@@ -14,7 +14,6 @@ docs/decisions.md says of each kind of file on which side it stands.
 """
 
 import hashlib
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.errors import RescoreError
+from recon.reading import array_of, arrays_of, reading
 from rescore.data.pictures import decode_picture
 
 
@@ -54,15 +54,8 @@ def content_digest(path: Path) -> str:
 
 
 def _of_numpy(path: Path) -> dict[str, NDArray[Any]]:
-    try:
-        with path.open("rb") as file:
-            value = np.load(file, allow_pickle=False)
-            return {"": value} if isinstance(value, np.ndarray) else dict(value)
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
-        raise RescoreError(
-            f"{path}: expected whole arrays of numbers, could not read them ({str(error).splitlines()[0]}); "
-            "write the file again"
-        ) from error
+    with reading(path, "whole arrays of numbers", "write the file again"):
+        return {"": array_of(path)} if path.suffix.lower() == ".npy" else arrays_of(path)
 
 
 def _of_png(path: Path) -> dict[str, NDArray[Any]]:

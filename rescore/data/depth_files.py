@@ -1,6 +1,7 @@
 """Files of measured depth or disparity: 16-bit PNG, PFM, NPY, EXR, each with its quantity and factor."""
 
 import os
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from recon.arrays import Float32Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
+from recon.reading import MAX_PIXELS, array_of, reading
 from recon.stereo.sgbm import read_png16
 
 SUFFIXES = (".png", ".pfm", ".npy", ".exr")
@@ -68,6 +70,26 @@ def read_measured(
     return camera.disparity_px(value)
 
 
+def has_whole_numbers(path: Path) -> bool:
+    """Whether a file has no fractions, so that its unit must be told: a PNG, or an NPY of integers."""
+    suffix = path.suffix.lower()
+    if suffix != ".npy":
+        return suffix == ".png"
+    try:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            read = (
+                np.lib.format.read_array_header_1_0
+                if version == (1, 0)
+                else np.lib.format.read_array_header_2_0
+            )
+            kind = read(file)[2]
+    except (ValueError, EOFError, OSError):
+        # whoever reads the values says what is wrong
+        return False
+    return bool(np.issubdtype(kind, np.integer))
+
+
 def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int) -> Float32Array:
     """Value / factor as the file has it, shape (h, w), whatever it is; ``what`` names it in the errors.
 
@@ -94,18 +116,25 @@ def read_map(path: Path, what: str, factor: float, width_px: int, height_px: int
     return value / np.float32(factor)
 
 
+_PFM_HEAD = re.compile(rb"(\S+)\s+(\d{1,9})\s+(\d{1,9})\s+(\S{1,40})\s", re.ASCII)
+"""Kind, width, height and scale of a PFM, between any blanks or ends of lines, and one before the values."""
+
+
 def _read_pfm(path: Path) -> Float32Array:
     """Grey portable float map, rows from the bottom up; a negative scale means little endian."""
-    head = path.read_bytes().split(b"\n", 3)
+    data = path.read_bytes()
+    head = _PFM_HEAD.match(data[:200])
     try:
-        kind, size, scale, data = head
-        width, height = (int(v) for v in size.split())
-        order = "<f4" if float(scale) < 0 else ">f4"
-        if kind.strip() != b"Pf" or min(width, height) <= 0:
-            raise ValueError(f"kind {kind[:8]!r}, size {size[:20]!r}")
-        values = np.frombuffer(data, order)
-        if len(values) != width * height:
-            raise ValueError(f"{len(values)} of {width * height} values")
+        if head is None:
+            raise ValueError(f"no head in {data[:20]!r}")
+        kind, (width, height), scale = head[1], map(int, head.group(2, 3)), float(head[4])
+        if kind != b"Pf" or min(width, height) <= 0:
+            raise ValueError(f"kind {kind[:8]!r}, size {width} x {height}")
+        # a head of lines that end with two characters
+        start = head.end() + (data[head.end() - 1 : head.end() + 1] == b"\r\n")
+        if len(data) - start != 4 * width * height:
+            raise ValueError(f"{(len(data) - start) / 4:g} of {width * height} values")
+        values = np.frombuffer(data, "<f4" if scale < 0 else ">f4", offset=start)
     except ValueError as error:
         raise RescoreError(
             f"{path}: expected a whole grey PFM (header Pf), got another or a cut-off file ({error}); "
@@ -115,16 +144,25 @@ def _read_pfm(path: Path) -> Float32Array:
 
 
 def _read_npy(path: Path) -> Float32Array:
-    try:
-        value = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise RescoreError(
-            f"{path}: expected a whole NPY array of numbers, could not read it "
-            f"({str(error).splitlines()[0]}); write it again"
-        ) from error
+    with reading(path, "a whole NPY array of numbers", "write it again"):
+        value = array_of(path)
     if not (np.issubdtype(value.dtype, np.floating) or np.issubdtype(value.dtype, np.integer)):
         raise RescoreError(f"{path}: expected an array of numbers, got type {value.dtype}; convert it")
     return np.asarray(value, np.float32)
+
+
+def _refuse_large_exr(path: Path, data: bytes) -> None:
+    # the head names the corners of the picture, in whole numbers, the last ones inside it
+    place = data.find(b"dataWindow\0box2i\0")
+    corners = data[place + 21 : place + 37]
+    if place < 0 or len(corners) < 16:
+        return
+    x0, y0, x1, y1 = (int(v) for v in np.frombuffer(corners, "<i4"))
+    if (x1 - x0 + 1) * (y1 - y0 + 1) > MAX_PIXELS:
+        raise RescoreError(
+            f"{path}: expected at most {MAX_PIXELS // 10**6} million pixels, got {x1 - x0 + 1} x "
+            f"{y1 - y0 + 1}; scale it down"
+        )
 
 
 def _read_exr(path: Path) -> Float32Array:
@@ -134,8 +172,10 @@ def _read_exr(path: Path) -> Float32Array:
             f"{path}: expected OpenCV with EXR switched on, got it off; set OPENCV_IO_ENABLE_OPENEXR=1 or "
             "write PFM"
         )
+    data = path.read_bytes()
+    _refuse_large_exr(path, data)
     try:
-        value = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+        value = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         value = None
     if value is None:

@@ -1,24 +1,34 @@
 """Pictures on disk: their names, sizes and pixels."""
 
 import io
-from collections import Counter
+import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import ExifTags, Image
 from PIL.PngImagePlugin import PngImageFile
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
+from recon.reading import reading, refuse_large_picture
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
+_TIFF_HEADS = (b"II*\x00", b"MM\x00*")
 PNG_END = b"\x00\x00\x00\x00IEND\xae\x42\x60\x82"
 
 
 def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
-    """The pixels of a picture file as OpenCV gives them; None where it is no whole picture."""
+    """The pixels of a picture file as they are stored; None where it is no whole picture.
+
+    An EXIF orientation is not followed: boxes, depth and calibration are of the stored pixels.
+
+    Raises:
+        RescoreError: its head claims more than ``recon.reading.MAX_PIXELS``, or it is a TIFF with an
+            orientation, which OpenCV follows whatever it is told.
+    """
     # imdecode on bytes, since imread neither takes every path nor says why it failed
     data = path.read_bytes()
     # OpenCV gives the rows before the damage of a damaged file, and prints lines of its own
@@ -27,9 +37,12 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     )
     if not data or damaged:
         return None
+    if data.startswith(_TIFF_HEADS) and (told := turned_by_exif(path)):
+        raise RescoreError(f"{path}: expected pixels, got a TIFF{told}; write it without an orientation")
     try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
+        refuse_large_picture(path, data)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    except (OSError, SyntaxError, ValueError, cv2.error):
         return None
 
 
@@ -45,19 +58,29 @@ def _is_whole_png(data: bytes) -> bool:
     return True
 
 
+def is_whole_png_file(path: Path) -> bool:
+    """Whether there is a file, and it is a whole PNG."""
+    try:
+        return _is_whole_png(path.read_bytes())
+    except OSError:
+        return False
+
+
 def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
     """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
+    # a small file may claim any size: compared before it is unpacked
+    width, height = picture_size(path)
+    if (width, height) != (width_px, height_px):
+        raise RescoreError(
+            f"{path}: expected {width_px} x {height_px} pixels, got {width} x {height}"
+            f"{turned_by_exif(path)}; mend width and height in annotations.json or the picture"
+        )
     bgr = decode_picture(path, cv2.IMREAD_COLOR)
     if bgr is None:
         raise RescoreError(
             f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
-        )
-    if bgr.shape[:2] != (height_px, width_px):
-        raise RescoreError(
-            f"{path}: expected {width_px} x {height_px} pixels, got {bgr.shape[1]} x {bgr.shape[0]}; "
-            "mend width and height in annotations.json or the picture"
         )
     return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
@@ -73,13 +96,41 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check the folder")
+    with reading(path, "a picture", "write it again as PNG"):
+        return refuse_large_picture(path, path.read_bytes())
+
+
+def turned_by_exif(path: Path) -> str:
+    """Words on a picture whose EXIF orientation asks viewers to turn it; empty where none does."""
     try:
         with Image.open(path) as picture:
-            return picture.size
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise RescoreError(
-            f"{path}: expected a picture, could not read its head; write it again as PNG"
-        ) from error
+            # of other forms Pillow would decode the pixels to look for it
+            known = picture.format in {"JPEG", "MPO", "TIFF", "WEBP"} or "exif" in picture.info
+            value = picture.getexif().get(ExifTags.Base.Orientation, 1) if known else 1
+    except (
+        OSError,
+        SyntaxError,
+        ValueError,
+        KeyError,
+        TypeError,
+        struct.error,
+        Image.DecompressionBombError,
+    ):
+        # whoever decodes the picture says what is wrong with it
+        return ""
+    return f" as stored, which EXIF orientation {value} asks viewers to turn" if value in range(2, 9) else ""
+
+
+def files_in(folder: Path, suffixes: Sequence[str], what: str) -> list[Path]:
+    """The files of a folder that end so, in the order of their names; hidden files are left out.
+
+    Raises:
+        RescoreError: there is none, or two bear one name; ``what`` names them.
+    """
+    found = sorted(p for p in folder.iterdir() if _ends(p, suffixes) and not p.name.startswith("."))
+    if not found:
+        raise RescoreError(f"{folder}: expected {what} ({', '.join(suffixes)}), found none; check the folder")
+    return list(by_stem(found).values())
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -88,14 +139,40 @@ def pictures_in(folder: Path) -> list[Path]:
     Raises:
         RescoreError: there is none, or two bear one name.
     """
-    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in PICTURES and not p.name.startswith("."))
-    if not found:
-        raise RescoreError(
-            f"{folder}: expected pictures ({', '.join(PICTURES)}), found none; check the folder"
-        )
-    twice = [name for name, n in Counter(p.stem for p in found).items() if n > 1]
-    if twice:
-        raise RescoreError(
-            f"{folder}: expected one picture of each name, got two of {twice[0]!r}; remove one"
-        )
+    return files_in(folder, PICTURES, "pictures")
+
+
+def by_stem(paths: Sequence[Path]) -> dict[str, Path]:
+    """The files of a folder by their names without the end, in their order.
+
+    Raises:
+        RescoreError: two bear one name.
+    """
+    found: dict[str, Path] = {}
+    for path in paths:
+        _refuse_two(found.setdefault(path.stem, path), path)
     return found
+
+
+def file_named(folder: Path, stem: str, suffixes: Sequence[str]) -> Path | None:
+    """The file of a folder with a name and one of several ends, None where there is none.
+
+    Raises:
+        RescoreError: there are two.
+    """
+    found = sorted(p for p in folder.iterdir() if p.stem == stem and _ends(p, suffixes))
+    for path in found[1:]:
+        _refuse_two(found[0], path)
+    return found[0] if found else None
+
+
+def _ends(path: Path, suffixes: Sequence[str]) -> bool:
+    return path.suffix.lower() in suffixes and path.is_file()
+
+
+def _refuse_two(first: Path, second: Path) -> None:
+    if first != second:
+        raise RescoreError(
+            f"{first.parent}: expected one file of the name {first.stem!r}, got {first.name} and "
+            f"{second.name}; remove one"
+        )

@@ -13,12 +13,13 @@ from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
+from recon.workers import workers
 from rescore.data.frames import Truth
-from rescore.data.pictures import PICTURES
+from rescore.data.pictures import PICTURES, decode_picture
 from rescore.detectors.base import Detector, SuppressionConfig, best_candidates
 from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, hard_negatives, jittered
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
@@ -136,7 +137,7 @@ def _read_all(place: Path) -> UInt8Array:
 
 
 def _read(file: Path) -> UInt8Array:
-    picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    picture = decode_picture(file, cv2.IMREAD_GRAYSCALE)
     if picture is None:
         raise RescoreError(f"{file}: expected a picture, could not read it; mend or remove it")
     return np.asarray(picture, np.uint8)
@@ -300,7 +301,7 @@ def _mine(detector: WindowDetector, scenes: list[CropScene], jobs: int) -> UInt8
     per_scene = min(mining.hard_per_frame, limit)
     tasks = (delayed(_mined_of)(scene, detector, per_scene) for scene in scenes)
     none = np.empty((0, window.height_px, window.width_px), np.uint8)
-    mined: list[UInt8Array] = Parallel(n_jobs=jobs, batch_size=16)(tasks)
+    mined: list[UInt8Array] = workers(jobs, batch_size=16)(tasks)
     return np.concatenate([none, *mined])
 
 

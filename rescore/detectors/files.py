@@ -1,7 +1,6 @@
 """Detectors on disk: one npz file of plain arrays and a JSON header. Nothing in it can run code."""
 
 import json
-import zipfile
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from recon.errors import RescoreError
 from recon.files import atomic_path
+from recon.reading import arrays_of, reading
 
 FORMAT = "rescore-detector"
 FORMAT_VERSION = 1
@@ -49,14 +49,9 @@ def read_detector_file(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[An
     advice = "train the detector again (rescore train)"
     if not path.is_file():
         raise RescoreError(f"{path}: expected a detector file, found no file; {advice}")
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in stored.files}
+    with reading(path, "a detector file", advice):
+        arrays = arrays_of(path)
         header = json.loads(arrays.pop(_HEADER).tobytes().decode())
-    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
-        raise RescoreError(
-            f"{path}: expected a detector file, could not read it ({_one_line(error)}); {advice}"
-        ) from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise RescoreError(f"{path}: expected a detector file, got another kind of npz; {advice}")
     if header.get("format_version") != FORMAT_VERSION:
@@ -64,15 +59,3 @@ def read_detector_file(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[An
             f"{path}: expected detector format {FORMAT_VERSION}, got {header.get('format_version')}; {advice}"
         )
     return header, arrays
-
-
-def damaged(path: Path, kind: str, error: Exception) -> RescoreError:
-    """What to raise where the content of a detector file does not make a detector of its kind."""
-    return RescoreError(
-        f"{path}: expected a whole {kind} detector, got damaged content ({_one_line(error)}); "
-        "train the detector again (rescore train)"
-    )
-
-
-def _one_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".replace("\n", " ")

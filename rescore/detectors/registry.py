@@ -14,6 +14,7 @@ import numpy as np
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
+from recon.reading import reading
 from rescore.data.frames import DataSet
 from rescore.detectors.base import Detector
 from rescore.detectors.boosted import BoostedConfig, BoostedDetector, BoostedLearner, train_boosted
@@ -25,7 +26,7 @@ from rescore.detectors.crop_training import (
     cross_validate,
     train_on_crops,
 )
-from rescore.detectors.files import damaged, read_detector_file
+from rescore.detectors.files import read_detector_file
 from rescore.detectors.hog_svm import HogConfig, HogDetector, HogLearner, train_hog
 from rescore.detectors.modelled import ModelledConfig, ModelledDetector, make_modelled
 from rescore.detectors.views.boosted import BoostedViewsConfig, BoostedViewsDetector, train_boosted_views
@@ -182,7 +183,5 @@ def load_detector(path: Path) -> Detector:
             f"{path}: expected a detector of kind {' or '.join(sorted(kinds))}, got {header.get('kind')!r}; "
             "train the detector again (rescore train)"
         )
-    try:
+    with reading(path, f"a whole {header['kind']} detector", "train the detector again (rescore train)"):
         return kinds[header["kind"]](header["name"], header["config"], arrays)
-    except (KeyError, TypeError, ValueError) as error:
-        raise damaged(path, header["kind"], error) from error

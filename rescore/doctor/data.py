@@ -8,7 +8,7 @@ import numpy as np
 
 from recon.errors import RescoreError
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
-from rescore.data.pictures import picture_size
+from rescore.data.pictures import picture_size, turned_by_exif
 from rescore.data.splits import Splits
 from rescore.doctor.findings import Finding, Level
 from rescore.doctor.pairs import examine_pairs
@@ -41,7 +41,9 @@ def examine_dataset(path: Path, class_name: str, max_frames: int) -> list[Findin
     if not cars:
         found.append(Finding(Level.WARNING, str(path), f"no boxes of {data.category!r}", "check --class"))
     broken = _files(data.frames)
-    found += broken + calibration + _boxes(data) + _splits(data)
+    advice = "boxes, depth and calibration must be of the stored pixels"
+    turned = _grouped(Level.WARNING, advice, data.frames, _turned)
+    found += broken + turned + calibration + _boxes(data) + _splits(data)
     whole = [f for f in data.frames if not _files([f])] if broken else list(data.frames)
     chosen = np.unique(np.linspace(0, len(whole) - 1, min(max_frames, len(whole))).astype(int))
     return found + examine_pairs(data, [whole[i] for i in chosen])
@@ -85,8 +87,13 @@ def _wrong_size(frame: FrameRecord) -> str | None:
             return str(error)
         if (width, height) != (frame.width_px, frame.height_px):
             said = f"{frame.width_px} x {frame.height_px}"
-            return f"{path} has {width} x {height} pixels, the data set says {said}"
+            return f"{path} has {width} x {height} pixels{turned_by_exif(path)}, the data set says {said}"
     return None
+
+
+def _turned(frame: FrameRecord) -> str | None:
+    paths = [p for p in (frame.left_path, frame.right_path) if p is not None and p.is_file()]
+    return next((f"{p} is used{told}" for p in paths if (told := turned_by_exif(p))), None)
 
 
 def _no_depth(frame: FrameRecord) -> str | None:

@@ -8,6 +8,7 @@ from scipy.stats import spearmanr
 from recon.errors import RescoreError
 from recon.stereo.features import PairMatches, match_pair
 from recon.stereo.sgbm import SgbmConfig
+from rescore.data.depth_files import Quantity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.doctor.findings import Finding, Level, graded
@@ -17,6 +18,9 @@ from rescore.evidence.settings import automatic_stereo
 MIN_MATCHES = 12
 CLEAR_TREND = 0.3
 """Rank correlation of disparity and row from which disparity rises or falls downwards."""
+
+FARTHEST_M = 100.0
+"""Depth in metres that something in a picture must be nearer than."""
 
 
 def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:
@@ -32,13 +36,17 @@ def _frame(record: FrameRecord, stereo: SgbmConfig) -> list[Finding]:
         matched = _matched(record, frame, where)
     except RescoreError as error:
         return [Finding(Level.ERROR, where, str(error))]
-    return [*matched, _density(record, frame, stereo, where), *examine_ground(frame, where)]
+    density = _density(record, frame, stereo, where)
+    return [*matched, density, *_unit(record, frame, where), *examine_ground(frame, where)]
 
 
 def _matched(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
     if record.right_path is None:
         return []
     right = read_rgb(record.right_path, record.width_px, record.height_px)
+    if np.array_equal(frame.left_rgb, right):
+        text = f"{record.left_path} and {record.right_path} are one picture"
+        return [Finding(Level.ERROR, where, text, "give the pictures of both cameras")]
     matches = match_pair(frame.left_rgb, right)
     n = len(matches.row_px)
     if n < MIN_MATCHES:
@@ -72,6 +80,25 @@ def _sides(record: FrameRecord, matches: PairMatches, where: str) -> list[Findin
     far = float(np.percentile(disparity, 5))
     text += f", far things by {-far:.1f} px"
     return [Finding(Level.WARNING, where, text, "check principal points and rectification")]
+
+
+def _unit(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
+    """An error where all that is measured is too far away to be in the unit that it is taken for."""
+    known = frame.disparity_px[np.isfinite(frame.disparity_px)]
+    if not known.size:
+        return []
+    # a few wrong matches are near everywhere
+    nearest = float(np.percentile(known, 98))
+    text = ""
+    if frame.camera is not None and frame.camera.focal_baseline / nearest > FARTHEST_M:
+        depth = frame.camera.focal_baseline / nearest
+        text = f"all that is measured is farther than {FARTHEST_M:g} m (nearest {depth:.0f} m)"
+    elif nearest < 1 and (record.measurement is None or record.measurement.quantity is Quantity.DISPARITY):
+        text = f"disparity is below a pixel everywhere (largest {nearest:.2f} px)"
+    if not text:
+        return []
+    said = "baseline" if record.measurement is None else f"baseline and {record.measurement.quantity}_factor"
+    return [Finding(Level.ERROR, where, text, f"check units and the calibration's {said}")]
 
 
 def _density(record: FrameRecord, frame: Frame, stereo: SgbmConfig, where: str) -> Finding:

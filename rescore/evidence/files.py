@@ -1,7 +1,6 @@
 """Evidence files: what was predicted of the candidates of one frame, for the pictures; one npz a frame."""
 
 import json
-import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
 from recon.files import atomic_path
+from recon.reading import arrays_of, reading
 from recon.reconstruction.reconstruct import Reconstruction
 from rescore.evidence.fit_summaries import FitSummary, fit_arrays, fit_of_arrays
 from rescore.evidence.predicted_depth import BoxPrediction
@@ -97,20 +97,15 @@ def _read(path: Path, read_one: Callable[[int, dict[str, Any], Any], _T]) -> tup
     """What a function reads of each candidate of a file."""
     if not path.is_file():
         raise RescoreError(f"{path}: expected an evidence file, found none; run `rescore apply --evidence`")
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            header = json.loads(stored[_HEADER].tobytes().decode())
-            return tuple(read_one(i, row, stored) for i, row in enumerate(header))
-    except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise RescoreError(
-            f"{path}: expected an evidence file, could not read it ({error}); "
-            "run `rescore apply --evidence` again"
-        ) from error
+    with reading(path, "an evidence file", "run `rescore apply --evidence` again"):
+        stored = arrays_of(path)
+        header = json.loads(stored[_HEADER].tobytes().decode())
+        return tuple(read_one(i, row, stored) for i, row in enumerate(header))
 
 
 def _read_fit(i: int, _row: dict[str, Any], stored: Any) -> FitSummary | None:
     prefix = f"{i}/{_FIT}"
-    arrays = {n.removeprefix(prefix): stored[n] for n in stored.files if n.startswith(prefix)}
+    arrays = {n.removeprefix(prefix): stored[n] for n in stored if n.startswith(prefix)}
     return fit_of_arrays(arrays) if arrays else None
 
 

@@ -16,6 +16,7 @@ from scipy.special import expit
 
 from recon.arrays import BoolArray, FloatArray
 from recon.errors import Reason, RescoreError
+from recon.reading import reading
 from rescore.cues.plausibility import CHECKS
 from rescore.data.frames import GroundSource
 from rescore.evidence.candidates import OK, CandidateTable
@@ -224,15 +225,10 @@ def models_of_json(value: Any, where: Path) -> dict[Registration, EvidenceModel]
     Raises:
         RescoreError: something else.
     """
-    try:
+    with reading(where, f"models of depth evidence ({FORMAT!r})", "run `rescore fit-evidence` again"):
         if value["format"] != FORMAT:
             raise ValueError(f"format {value['format']!r}")
         return {Registration(m): _model(Registration(m), row) for m, row in value["modes"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RescoreError(
-            f"{where}: expected models of depth evidence ({FORMAT!r}), got {type(error).__name__} {error}; "
-            "run `rescore fit-evidence` again"
-        ) from error
 
 
 def load_model(path: Path, mode: Registration) -> EvidenceModel:
@@ -259,6 +255,9 @@ def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
     if any(k.shape != log_odds[n].shape or k.ndim != 1 or not len(k) for n, k in knots.items()):
         raise ValueError("knots and log_odds of different lengths")
     floors = {str(name): float(value) for name, value in row["floors"].items()}
+    numbers = (*knots.values(), *log_odds.values(), [*floors.values(), row["bias"], row["min_share"]])
+    if not all(np.isfinite(np.asarray(some, float)).all() for some in numbers):
+        raise ValueError("numbers that are not finite")
     if not set(floors) <= set(checks_of(mode)):
         raise ValueError(f"checks of mode {mode}: {sorted(floors)}")
     depth_of = str(row.get("depth_of", CLASS_MODEL))

@@ -27,7 +27,7 @@ from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
 from recon.reconstruction.reconstruct import check_extent
 from rescore.evidence.candidates import OK, CandidateTable
-from rescore.evidence.cues import cue_column
+from rescore.evidence.cues import CueConfig, cue_column
 from rescore.evidence.registration import LEARNED, Registration
 
 MIN_DOUBTED = 5
@@ -204,10 +204,23 @@ def prediction_doubts(table: CandidateTable) -> tuple[str, ...]:
     if abs(middle) > np.log(UNLIKELY_RATIO):
         found.append(
             f"for half of the boxes measured depth is {'larger' if middle > 0 else 'smaller'} than the "
-            f"predicted depth by a factor of {np.exp(abs(middle)):.2g} or more; check unit and factor of the "
-            "predictions"
+            f"predicted depth by a factor of {_factor(table, middle):g} or more; check their unit and "
+            "factor"
         )
     return tuple(found)
+
+
+def _factor(table: CandidateTable, middle: float) -> float:
+    """The factor of a median logarithm of depth ratios, in two digits.
+
+    Logarithms are clipped, so beyond that the slope of measured over predicted depth tells it.
+    """
+    slope = table.scale * table.stereo_span
+    known = np.log(slope[(table.status == OK) & (slope > 0)])
+    beyond = float(np.median(known)) if len(known) else 0.0
+    clipped = abs(middle) >= CueConfig().depth_ratio_limit
+    logarithm = beyond if clipped and beyond * middle > middle**2 else middle
+    return float(f"{np.exp(abs(logarithm)):.2g}")
 
 
 def _ratios(table: CandidateTable) -> FloatArray:

@@ -25,6 +25,7 @@ from rescore.formats import coco
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion import rescore_frame, rescore_frames, tune, tuning_file
 from rescore.fusion.rescore_frame import Rescoring
+from rescore.locks import locked
 from rescore.parallel import one_thread
 from rescore.results import evaluate, run_config_file
 from rescore.results.metrics_file import Metrics, read_metrics
@@ -51,7 +52,15 @@ class Experiment:
     test_meshes: Path | None = None
 
     def all(self) -> Metrics:
-        """Run every stage that is not done yet; returns the figures."""
+        """Run every stage that is not done yet; returns the figures.
+
+        Raises:
+            RescoreError: another process works in the folder.
+        """
+        with locked(self.folder.root):
+            return self._all()
+
+    def _all(self) -> Metrics:
         self.render()
         self.learn()
         for kind in self.config.detectors:

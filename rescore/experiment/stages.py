@@ -10,6 +10,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from recon.errors import RescoreError
+from recon.files import clear_partials
 from rescore.experiment.source_digest import source_digest
 from rescore.files import digest_of, read_json, remove, write_json
 from rescore.speech import doing
@@ -65,7 +67,9 @@ def run_stage(root: Path, stage: Stage, work: Callable[[Path], None]) -> Done:
     """
     (output,) = stage.outputs
     key = stage.key(root)
-    beside = output.with_name(f".{output.stem}.{key[:12]}.partial{output.suffix}")
+    # work that goes on must find its folder again; any other has a name of this process alone
+    unique = "" if stage.resumes else f".{os.getpid()}"
+    beside = output.with_name(f".{output.stem}.{key[:12]}{unique}.partial{output.suffix}")
 
     def build() -> None:
         _remove_leftovers(output, keep=beside if stage.resumes else None)
@@ -83,8 +87,7 @@ def run_stage_in_place(root: Path, stage: Stage, work: Callable[[], None]) -> Do
     def build() -> None:
         # what a killed run was writing through atomic_path
         for folder in {root, *(p for p in stage.outputs if p.is_dir())}:
-            for left in folder.glob(f".{'?' * 12}.partial.*"):
-                remove(left)
+            clear_partials(folder)
         work()
 
     return _run(root, stage, stage.key(root), build)
@@ -111,8 +114,12 @@ def _digests(stage: Stage) -> list[str]:
 
 
 def _record(file: Path) -> Mapping[str, Any]:
-    value = read_json(file, "the record of a stage") if file.is_file() else {}
-    return value if isinstance(value, dict) else {}
+    """The record of a stage; none where it is missing or damaged, so that the stage runs again."""
+    try:
+        value = read_json(file, "the record of a stage")
+    except RescoreError:
+        return {}
+    return value if isinstance(value, dict) and isinstance(value.get("seconds"), int | float) else {}
 
 
 def _remove_leftovers(output: Path, keep: Path | None) -> None:

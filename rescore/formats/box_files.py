@@ -1,16 +1,16 @@
 """Boxes of other tools, a file a picture: Pascal VOC XML and YOLO text."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 from recon.errors import RescoreError
+from recon.reading import read_text
+from rescore.formats.folders import NAME_FILES
 from rescore.formats.labels import ClassMap, LabelRow, checked_box, number, read_lines
 from rescore.formats.yaml_files import read_yaml
-
-NAME_FILES = ("classes.txt", "obj.names", "data.yaml", "dataset.yaml", "data.yml")
-"""Where YOLO keeps the names of its class numbers."""
 
 
 def read_voc(path: Path, width_px: int, height_px: int) -> list[LabelRow]:
@@ -50,94 +50,153 @@ def _voc_row(where: str, element: ElementTree.Element) -> LabelRow:
     )
 
 
-def class_names(folder: Path) -> list[str]:
-    """The names of YOLO's class numbers, from a file in the folder or the one above.
+@dataclass(frozen=True)
+class YoloClasses:
+    """What YOLO's files of boxes say by a class number."""
+
+    names: Mapping[int, str]
+    """The name of each number."""
+    key_points: bool = False
+    """Whether key points follow each box."""
+
+
+def yolo_classes(
+    folder: Path, files: Sequence[Path], classes: ClassMap
+) -> tuple[YoloClasses, tuple[str, ...]]:
+    """The names of YOLO's class numbers, from a file in the folder or the one above, and what to say of them.
+
+    Without such a file the numbers are the names, so that a class can be mapped from its number; where number
+    0 is the only one, it is the class.
 
     Raises:
-        RescoreError: there is no such file, or it holds no names, or not one for each number from 0.
+        RescoreError: the file holds no names, or there is none and several numbers.
     """
     places = [place / name for place in (folder, folder.parent) for name in NAME_FILES]
     path = next((p for p in places if p.is_file()), None)
-    if path is None:
-        raise RescoreError(
-            f"{folder}: expected the names of YOLO's classes in {', '.join(NAME_FILES)}, found none; write "
-            "classes.txt with a name a line"
-        )
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise RescoreError(f"{path}: expected names in UTF-8, got other bytes; write it again") from error
-    if path.suffix in (".yaml", ".yml"):
-        names = _yaml_names(path, text)
+    if path is not None:
+        return _named(path), ()
+    numbers = Counter(_class_number(words[0]) for file in files for _, words in read_lines(file))
+    texts = {n: str(n) for n in numbers if n is not None}
+    if set(classes.renamed) & set(texts.values()):
+        return YoloClasses(texts), ()
+    if set(texts) <= {0}:
+        note = f"{folder}: no names of classes, so class number 0 is taken for {classes.target!r}"
+        return YoloClasses({0: classes.target}), (note,)
+    raise RescoreError(
+        f"{folder}: expected the names of YOLO's classes in {', '.join(NAME_FILES)}, found none, and "
+        f"numbers {', '.join(texts.values())[:60]}; write classes.txt with a name a line, or map a "
+        f"number, as --map {next(iter(texts))}={classes.target}"
+    )
+
+
+def _named(path: Path) -> YoloClasses:
+    """The names that a file has."""
+    text = read_text(path, "names of classes")
+    if path.suffix not in (".yaml", ".yml"):
+        lines = [n.strip().strip("'\"") for n in text.splitlines() if n.strip()]
+        found = YoloClasses(dict(enumerate(lines)))
     else:
-        names = [n.strip().strip("'\"") for n in text.splitlines() if n.strip()]
-    if not names:
+        documents = read_yaml(path, text)
+        key_points = any(d.get("kpt_shape") for d in documents)
+        found = YoloClasses(_yaml_names(path, [d["names"] for d in documents if d.get("names")]), key_points)
+    if not found.names:
         raise RescoreError(f"{path}: expected names of classes, found none; write them in order")
-    return names
+    return found
 
 
-def _yaml_names(path: Path, text: str) -> list[str]:
+def _yaml_names(path: Path, told: Sequence[object]) -> dict[int, str]:
     """The names by their numbers, which a list leaves out: ``names: [a, b]`` or ``names: {0: a, 1: b}``."""
-    told = [document["names"] for document in read_yaml(path, text) if document.get("names")]
     if not told:
-        return []
+        return {}
     by_number = dict(enumerate(told[0])) if isinstance(told[0], list) else told[0]
     if len(told) > 1 or not isinstance(by_number, dict):
         raise RescoreError(f"{path}: names: expected one list of names, got other values; mend it")
-    names = {str(number): name for number, name in by_number.items()}
-    if set(names) != {str(i) for i in range(len(names))}:
+    names = {_class_number(str(number)): name for number, name in by_number.items()}
+    if None in names or len(names) < len(by_number):
         raise RescoreError(
-            f"{path}: names: expected a name for each number from 0 to {len(names) - 1}, got the numbers "
-            f"{', '.join(names)[:40]}; number them without gaps"
+            f"{path}: names: expected each name by a whole number of its own, got the numbers "
+            f"{', '.join(map(str, by_number))[:40]}; mend them"
         )
-    in_order = [names[str(i)] for i in range(len(names))]
-    if not all(isinstance(name, str) and name.strip() for name in in_order):
+    if not all(isinstance(name, str) and name.strip() for name in names.values()):
         raise RescoreError(f"{path}: names: expected texts, got an empty name or a list; mend it")
-    return [name.strip() for name in in_order]
+    return {number: name.strip() for number, name in names.items() if number is not None}
 
 
-def read_yolo(path: Path, width_px: int, height_px: int, names: Sequence[str]) -> list[LabelRow]:
+def _class_number(text: str) -> int | None:
+    """The number of a class, which some tools write as 0.0; None where a text is no such number."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return int(value) if value.is_integer() and 0 <= value < 1e9 else None
+
+
+def read_yolo(path: Path, width_px: int, height_px: int, classes: YoloClasses) -> list[LabelRow]:
     """The boxes of a YOLO file, all classes: class, centre and size as shares of the picture, and a score.
+
+    Of a polygon, corners as shares of the picture after the class, the enclosing box is read.
 
     Raises:
         RescoreError: a line has another shape; it is named.
     """
-    return [_yolo_row(where, words, (width_px, height_px), names) for where, words in read_lines(path)]
+    return [_yolo_row(where, words, (width_px, height_px), classes) for where, words in read_lines(path)]
 
 
-def _yolo_row(where: str, words: list[str], size: tuple[int, int], names: Sequence[str]) -> LabelRow:
-    if len(words) not in (5, 6):
+def _yolo_row(where: str, words: list[str], size: tuple[int, int], classes: YoloClasses) -> LabelRow:
+    if len(words) < 5:
         raise RescoreError(
-            f"{where}: expected YOLO's class, x, y, width, height (and a score), got {len(words)} columns; "
-            "polygons are not read"
+            f"{where}: expected YOLO's class, x, y, width, height (and a score), or a polygon, got "
+            f"{len(words)} columns; mend the line"
         )
-    if not words[0].isdecimal() or int(words[0]) >= len(names):
+    class_number = _class_number(words[0])
+    if class_number not in classes.names or class_number is None:
         raise RescoreError(
-            f"{where}: expected a class number below {len(names)}, got {words[0][:20]!r}; mend it, or the "
-            "names"
+            f"{where}: expected a class number of {_numbers(classes.names)}, got {words[0][:20]!r}; mend it, "
+            "or the names"
         )
-    x, y, w, h = (
-        number(where, what, t) for what, t in zip(("x", "y", "width", "height"), words[1:5], strict=True)
-    )
+    if classes.key_points:
+        words = words[:5]
+    # coordinates come in pairs, so that an even count of columns has a score behind them
+    scored = len(words) % 2 == 0
+    told = words[1:-1] if scored else words[1:]
+    shares = [number(where, _YOLO_BOX[i] if len(told) == 4 else "a corner", t) for i, t in enumerate(told)]
     # a little over 1 comes of rounding
-    if not all(0 <= v <= 1.001 for v in (x, y, w, h)):
+    if not all(0 <= v <= 1.001 for v in shares):
         raise RescoreError(
-            f"{where}: expected shares of the picture in [0, 1], got {' '.join(words[1:5])}; pixels must be "
+            f"{where}: expected shares of the picture in [0, 1], got {' '.join(told)[:60]}; pixels must be "
             "divided by width and height"
         )
-    box = ((x - w / 2) * size[0], (y - h / 2) * size[1], (x + w / 2) * size[0], (y + h / 2) * size[1])
+    box = _of_centre(shares) if len(shares) == 4 else _around(shares)
     return LabelRow(
-        name=names[int(words[0])],
-        xyxy_px=checked_box(where, box),
-        score=number(where, "the score", words[5]) if len(words) == 6 else None,
+        name=classes.names[class_number],
+        xyxy_px=checked_box(where, tuple(v * size[i % 2] for i, v in enumerate(box))),
+        score=number(where, "the score", words[-1]) if scored else None,
     )
+
+
+_YOLO_BOX = ("x", "y", "width", "height")
+
+
+def _of_centre(shares: Sequence[float]) -> tuple[float, float, float, float]:
+    x, y, w, h = shares
+    return (x - w / 2, y - h / 2, x + w / 2, y + h / 2)
+
+
+def _around(shares: Sequence[float]) -> tuple[float, float, float, float]:
+    x, y = shares[::2], shares[1::2]
+    return (min(x), min(y), max(x), max(y))
+
+
+def _numbers(names: Mapping[int, str]) -> str:
+    listed = sorted(names)
+    return f"0 to {listed[-1]}" if listed == list(range(len(listed))) else ", ".join(map(str, listed))[:60]
 
 
 def is_kitti_text(paths: Sequence[Path]) -> bool:
     """Whether text files hold KITTI's boxes, which begin with a name, and not YOLO's; or are all empty."""
     for path in paths:
         for _, words in read_lines(path)[:1]:
-            return not words[0].isdecimal()
+            return _class_number(words[0]) is None
     return True
 
 

@@ -1,15 +1,19 @@
-"""Calibrations of rectified pairs: YAML of OpenCV, ROS and Kalibr, Middlebury's and KITTI's calib.txt.
+"""Calibrations of rectified pairs, in pixels and metres, from the files of many tools.
 
-All are read into pixels and metres. Nothing is rectified here: the numbers are those of rectified pictures.
+Nothing is rectified here: the numbers are those of rectified pictures.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from recon.arrays import FloatArray
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from rescore.formats.calibration_values import ONE_CAMERA, calibration_values, matrix_of, number_of
+from rescore.formats.calibrations.numbers import Values, matrix_of, number_of
+from rescore.formats.calibrations.raw_pair import RawPair
+from rescore.formats.calibrations.values import ONE_CAMERA, calibration_values
 
 DEPTH_CAMERA_BASELINE_M = 0.1
 """Baseline for cameras that measure depth without a pair: depth is turned to the disparity of a pair, as all
@@ -31,8 +35,6 @@ class Calibration:
     width_px: int | None = None
     """Width and height of the pictures as the file says; None where it does not say."""
     height_px: int | None = None
-    depth_factor: float | None = None
-    """Value of depth PNGs for one metre, where the file says."""
 
     def camera(self, where: Path, width_px: int, height_px: int, *, measures_depth: bool) -> StereoCamera:
         """The camera for pictures of a size.
@@ -41,12 +43,7 @@ class Calibration:
             RescoreError: the calibration is of another size, has no baseline that a pair needs, or no
                 camera is like that.
         """
-        said = (self.width_px or width_px, self.height_px or height_px)
-        if said != (width_px, height_px):
-            raise RescoreError(
-                f"{where}: expected the calibration of pictures of {width_px} x {height_px} pixels, got that "
-                f"of {said[0]} x {said[1]}; scale it or take the pictures it belongs to"
-            )
+        refuse_other_size(where, (self.width_px, self.height_px), (width_px, height_px))
         if self.baseline_m is None and not measures_depth:
             raise RescoreError(
                 f"{where}: expected a calibrated pair (P1 and P2, Q, or a baseline), got one camera; add the "
@@ -60,41 +57,81 @@ class Calibration:
             raise RescoreError(f"{where}: {error}") from error
 
 
+def refuse_other_size(where: Path, said: tuple[int | None, int | None], size_px: tuple[int, int]) -> None:
+    """Raises RescoreError where a calibration says another width and height than the pictures have."""
+    stated = (said[0] or size_px[0], said[1] or size_px[1])
+    if stated != size_px:
+        raise RescoreError(
+            f"{where}: expected the calibration of pictures of {size_px[0]} x {size_px[1]} pixels, got that "
+            f"of {stated[0]} x {stated[1]}; scale it or take the pictures it belongs to"
+        )
+
+
 def read_calibration(
-    path: Path, right: Path | None = None, kitti_pair: tuple[str, str] = ("P2", "P3")
+    path: Path,
+    right: Path | None = None,
+    kitti_pair: tuple[str, str] = ("P2", "P3"),
+    size_px: tuple[int, int] | None = None,
 ) -> Calibration:
     """A calibration file of any of the forms.
 
     Args:
-        path: The file; that of the left camera for a ROS pair.
-        right: The right camera's file of a ROS pair.
+        path: The file; that of the left camera for a pair of files.
+        right: The right camera's file of such a pair.
         kitti_pair: Which of KITTI's four cameras the pictures are of.
+        size_px: Width and height of the pictures, by which some files have their numbers.
 
     Raises:
-        RescoreError: a file is missing, or holds no calibration.
+        RescoreError: a file is missing, holds no calibration, or that of pictures that are not rectified.
     """
-    values = calibration_values(path)
-    if right is not None:
-        other = calibration_values(right)
-        return _of_projections(path, values, other, _projection_name(values), _projection_name(other))
+    return calibration_of(path, calibration_values(path, right, size_px), kitti_pair)
+
+
+def calibration_of(path: Path, values: Values, kitti_pair: tuple[str, str] = ("P2", "P3")) -> Calibration:
+    """The calibration that the values of a file say; ``path`` names it.
+
+    Raises:
+        RescoreError: they say none, or that of pictures that are not rectified.
+    """
     if "cam0" in values:
         return _middlebury(path, values)
-    if path.suffix == ".txt" and "P0" in values:
-        return _of_projections(path, values, values, *kitti_pair)
+    if path.suffix.lower() == ".txt" and "P0" in values:
+        return _of_projections(path, values, *kitti_pair)
     for first, second in (("P1", "P2"), ("P2", "P3"), ("P_rect_02", "P_rect_03")):
         if first in values and second in values:
-            return _of_projections(path, values, values, first, second)
+            return _of_projections(path, values, first, second)
     if "Q" in values:
         return _of_q(path, values)
-    return _of_one_matrix(path, values)
+    pair = RawPair.of(path, values)
+    if pair is None or pair.move is None:
+        return _of_one_matrix(path, values)
+    if pair.doubt:
+        raise RescoreError(
+            f"{path}: expected the cameras of rectified pictures, got {pair.doubt}; rectify by "
+            "`rescore import FOLDER --rectify --out NEW`, or write P1 and P2 where the pictures are rectified"
+        )
+    k1, k2 = pair.left.matrix, pair.right.matrix
+    column = np.array([[pair.move[1][0] * k2[0, 0]], [0], [0]])
+    values = values | {"P1": np.hstack([k1, np.zeros((3, 1))]), "P2": np.hstack([k2, column])}
+    return _of_projections(path, values, "P1", "P2")
 
 
-def _projection_name(values: dict[str, FloatArray]) -> str:
-    """What the projection matrix of a camera is called: in a calibration of ROS, or in its camera_info."""
-    return "P" if "P" in values and "projection_matrix" not in values else "projection_matrix"
+def notes_of(path: Path, values: Values) -> tuple[str, ...]:
+    """What a calibration says of the lenses that rectified pictures no longer have, for the user to see."""
+    pair = RawPair.of(path, values)
+    if pair is not None and pair.doubt:
+        return (
+            f"{path}: its pair is of rectified pictures, and it has {pair.doubt} besides; where the "
+            "pictures are as the cameras took them, rectify by `rescore import FOLDER --rectify --out NEW`",
+        )
+    bent = [float(np.abs(values[k]).max()) for k in ("D", "D1", "D2") if pair is None and k in values]
+    if any(bent):
+        return (f"{path}: lens distortion (up to {max(bent):.2g}) is not undone; give undistorted pictures",)
+    return ()
 
 
-def _size(path: Path, values: dict[str, FloatArray]) -> tuple[int | None, int | None]:
+def size_of(path: Path, values: Values) -> tuple[int | None, int | None]:
+    """Width and height of the pictures in pixels, None where a calibration does not say them."""
     both = next((values[k] for k in ("imageSize", "image_size") if k in values and values[k].size == 2), None)
     if both is not None:
         return int(both.flat[0]), int(both.flat[1])
@@ -105,39 +142,47 @@ def _size(path: Path, values: dict[str, FloatArray]) -> tuple[int | None, int | 
     return width, height
 
 
-def _of_projections(
-    path: Path, left: dict[str, FloatArray], right: dict[str, FloatArray], first: str, second: str
-) -> Calibration:
+def _of_projections(path: Path, values: Values, first: str, second: str) -> Calibration:
     """Calibration from two 3 x 4 projection matrices: column 3 of each is -fx times the camera's x."""
-    p, q = matrix_of(path, left, first, 3, 4), matrix_of(path, right, second, 3, 4)
+    p, q = (matrix_of(path, values, name, 3, 4) for name in (first, second))
+    if not p.any() or not q.any():
+        raise RescoreError(
+            f"{path}: expected the projections of a calibrated pair, got {second if p.any() else first} "
+            "of zeros alone; calibrate both cameras as a pair"
+        )
     if not p[0, 0] > 0 or abs(q[0, 0] - p[0, 0]) > 0.01 * p[0, 0]:
         raise RescoreError(
             f"{path}: expected projections of a rectified pair with one focal length, got fx {p[0, 0]:g} and "
             f"{q[0, 0]:g}; calibrate after rectification"
         )
     baseline = (p[0, 3] - q[0, 3]) / p[0, 0]
-    width, height = _size(path, left)
+    if baseline == 0:
+        raise RescoreError(
+            f"{path}: expected the right camera beside the left one, got {first} and {second} with "
+            f"one last column ({p[0, 3]:g}); calibrate them as a pair, or write -fx baseline in {second}"
+        )
+    width, height = size_of(path, values)
     return _checked(
         path,
         Calibration(p[0, 0], p[1, 1], p[0, 2], p[1, 2], baseline, q[0, 2] - p[0, 2], width, height),
     )
 
 
-def _of_q(path: Path, values: dict[str, FloatArray]) -> Calibration:
+def _of_q(path: Path, values: Values) -> Calibration:
     """Calibration from OpenCV's Q, which takes (u, v, disparity, 1) to the homogeneous point."""
     q = matrix_of(path, values, "Q", 4, 4)
     if not q[3, 2] or not q[2, 3] > 0:
         raise RescoreError(f"{path}: Q: expected Q[2, 3] > 0 and Q[3, 2] other than 0; mend Q")
     # stereoRectify writes -1 / Tx with Tx negative where the second camera stands on the right
     baseline, offset = 1 / q[3, 2], q[3, 3] / q[3, 2]
-    width, height = _size(path, values)
+    width, height = size_of(path, values)
     return _checked(path, Calibration(q[2, 3], q[2, 3], -q[0, 3], -q[1, 3], baseline, offset, width, height))
 
 
-def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
+def _middlebury(path: Path, values: Values) -> Calibration:
     """cam0 is [f 0 cx; 0 f cy; 0 0 1], baseline in millimetres, doffs in pixels (Scharstein et al. 2014)."""
     k = matrix_of(path, values, "cam0", 3, 3)
-    width, height = _size(path, values)
+    width, height = size_of(path, values)
     return _checked(
         path,
         Calibration(
@@ -153,10 +198,15 @@ def _middlebury(path: Path, values: dict[str, FloatArray]) -> Calibration:
     )
 
 
-def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
+def _of_one_matrix(path: Path, values: Values) -> Calibration:
     """Calibration from the left camera's matrix or ROS's projection matrix, and a baseline if there is
     one."""
-    name = next((n for n in ONE_CAMERA if n in values), None)
+    told = [n for n in ONE_CAMERA if n in values]
+    name = next((n for n in told if values[n].any()), None)
+    if told and name is None:
+        raise RescoreError(
+            f"{path}: expected a calibrated camera, got {told[0]} of zeros alone; calibrate it"
+        )
     if name is None:
         raise RescoreError(
             f"{path}: expected a calibration (P1 and P2, Q, K1, cameraMatrix, projection_matrix, or cam0), "
@@ -164,8 +214,7 @@ def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
         )
     columns = 4 if values[name].size == 12 else 3
     k = matrix_of(path, values, name, 3, columns)
-    width, height = _size(path, values)
-    factor = next((n for n in ("depth_factor", "DepthMapFactor") if n in values), None)
+    width, height = size_of(path, values)
     return _checked(
         path,
         Calibration(
@@ -177,12 +226,11 @@ def _of_one_matrix(path: Path, values: dict[str, FloatArray]) -> Calibration:
             disparity_offset_px=_offset(path, values, k),
             width_px=width,
             height_px=height,
-            depth_factor=None if factor is None else number_of(path, values, factor),
         ),
     )
 
 
-def _baseline(path: Path, values: dict[str, FloatArray]) -> float | None:
+def _baseline(path: Path, values: Values) -> float | None:
     """The baseline that is written out, or the length of T along the rows."""
     for name in ("baseline_m", "baseline"):
         if name in values:
@@ -192,9 +240,8 @@ def _baseline(path: Path, values: dict[str, FloatArray]) -> float | None:
     return None
 
 
-def _offset(path: Path, values: dict[str, FloatArray], left: FloatArray) -> float:
-    other = next((n for n in ("K2", "M2") if n in values), None)
-    return 0.0 if other is None else float(matrix_of(path, values, other, 3, 3)[0, 2] - left[0, 2])
+def _offset(path: Path, values: Values, left: FloatArray) -> float:
+    return float(matrix_of(path, values, "K2", 3, 3)[0, 2] - left[0, 2]) if "K2" in values else 0.0
 
 
 def _checked(path: Path, c: Calibration) -> Calibration:
@@ -221,7 +268,6 @@ def _checked(path: Path, c: Calibration) -> Calibration:
         disparity_offset_px=float(c.disparity_offset_px),
         width_px=c.width_px,
         height_px=c.height_px,
-        depth_factor=c.depth_factor,
     )
 
 

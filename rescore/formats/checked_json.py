@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError
 
 from recon.errors import RescoreError
+from recon.reading import utf8_of
 
 T = TypeVar("T")
 Number = Annotated[int, Field(ge=-(2**63), lt=2**63)]
@@ -36,7 +37,7 @@ def read_checked(path: Path, shape: TypeAdapter[T], what: str) -> T:
     if not path.is_file():
         raise RescoreError(f"{path}: expected {what}, found no file; check the path")
     try:
-        return shape.validate_json(path.read_bytes())
+        return shape.validate_json(utf8_of(path.read_bytes()))
     except ValidationError as error:
         raise RescoreError(
             f"{path}: expected {what}, got {first_difference(error)}; mend the file"

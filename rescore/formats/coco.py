@@ -23,6 +23,9 @@ from rescore.formats.checked_json import Box, Box3D, Box3DDeviations, Number, re
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""
 
+ROUNDING = 1e-6
+"""What single precision may put a probability beyond 0 or 1."""
+
 
 class Detection(BaseModel):
     """One detection, as files have it; ``bbox`` is left, top, width, height in pixel edges."""
@@ -153,7 +156,7 @@ def _check_detection(path: Path, number: int, d: Detection, known: set[int]) -> 
         raise RescoreError(
             f"{path}: detection {number}: expected bbox3d beside bbox3d_sd, got none; write both or neither"
         )
-    if d.likelihood is not None and not 0 <= d.likelihood <= 1:
+    if d.likelihood is not None and not -ROUNDING <= d.likelihood <= 1 + ROUNDING:
         raise RescoreError(
             f"{path}: detection {number}: expected a likelihood in [0, 1], got {d.likelihood}; "
             "calibrate the scores"
@@ -184,9 +187,9 @@ def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
         return np.array([np.nan if v is None else v for v in values], dtype=float)
 
     score = np.array([_raw_score(d) for d, _ in kept], dtype=float)
-    likelihood = column("likelihood")
-    if np.isnan(likelihood).all() and ((score >= 0) & (score <= 1)).all():
-        likelihood = score
+    likelihood = np.clip(column("likelihood"), 0, 1)
+    if np.isnan(likelihood).all() and ((score >= -ROUNDING) & (score <= 1 + ROUNDING)).all():
+        likelihood = np.clip(score, 0, 1)
     return CandidateTable(
         image_id=np.array([d.image_id for d, _ in kept], dtype=np.int64),
         rank=np.array([rank for _, rank in kept], dtype=np.int64),

@@ -1,7 +1,6 @@
 """Writing data sets of any layout as our own: ``annotations.json``, pictures referred to or copied."""
 
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 
 from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
+from recon.files import copy_file
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
 from rescore.files import write_json
@@ -51,8 +51,7 @@ class _Placing:
         if not self._copy:
             return os.path.relpath(path.resolve(), self._out.resolve())
         name = f"{kind}/{self._name}{path.suffix}"
-        (self._out / kind).mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, self._out / name)
+        copy_file(path, self._out / name)
         return name
 
 

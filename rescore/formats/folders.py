@@ -1,17 +1,20 @@
 """Data sets as folders of pictures: from pictures, calibrations and boxes to frames and truth."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
-from rescore.data.pictures import picture_size
+from rescore.data.pictures import by_stem, picture_size
 from rescore.formats.calibration_files import Calibration, doubts
-from rescore.formats.labels import ClassMap, LabelRow, image_ids, read_lines, truth_of
+from rescore.formats.labels import ClassMap, LabelRow, image_ids, text_lines, truth_of
+
+NAME_FILES = ("classes.txt", "obj.names", "data.yaml", "dataset.yaml", "data.yml")
+"""Where YOLO keeps the names of its class numbers."""
 
 
 @dataclass(frozen=True)
@@ -106,27 +109,88 @@ def calibration_notes(frames: Sequence[FrameRecord], where: Path) -> tuple[str, 
 
 
 def splits_of(root: Path, stems: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Split of each frame by its stem, from ImageSets/<split>.txt, and notes for the user.
+    """Split of each frame by its stem, from lists in ImageSets or VOC's ImageSets/Main, and notes.
 
-    ``val.txt`` is the split validation. All frames are in split "test" where there are no such files.
+    ``val.txt`` is the split validation; ``trainval.txt`` is the split train where neither of the two is
+    there. All frames are in split "test" where there are no such files.
 
     Raises:
         RescoreError: a file names an unknown frame, or two name the same.
     """
-    names = {"val": "validation"} | {s: s for s in SPLITS}
-    files = {root / "ImageSets" / f"{name}.txt": split for name, split in names.items()}
-    found = {path: split for path, split in files.items() if path.is_file()}
+    found = {
+        path: split
+        for folder in (root / "ImageSets", root / "ImageSets" / "Main")
+        for path, split in _split_files(folder).items()
+    }
     if not found:
         return dict.fromkeys(stems, "test"), ()
     known = set(stems)
     split_of: dict[str, str] = {}
     for path, split in found.items():
-        for where, words in read_lines(path):
-            if words[0] not in known:
-                raise RescoreError(f"{where}: expected the name of a picture, got {words[0]!r}; remove it")
-            if split_of.setdefault(words[0], split) != split:
+        for where, line in text_lines(path):
+            stem = _named_in(line, known)
+            if stem is None:
+                raise RescoreError(f"{where}: expected the name of a picture, got {line[:60]!r}; remove it")
+            if split_of.setdefault(stem, split) != split:
                 raise RescoreError(
-                    f"{where}: {words[0]!r} is in split {split_of[words[0]]} and in {split}; give it to one"
+                    f"{where}: {stem!r} is in split {split_of[stem]} and in {split}; give it to one"
                 )
     rest = len(known) - len(split_of)
     return split_of, (f"{root / 'ImageSets'}: left out {rest} frames of no split",) if rest else ()
+
+
+def _split_files(folder: Path) -> dict[Path, str]:
+    names = {"val": "validation"} | {s: s for s in SPLITS}
+    found = {p: split for name, split in names.items() if (p := folder / f"{name}.txt").is_file()}
+    both = folder / "trainval.txt"
+    if both.is_file() and not {"train", "validation"} & set(found.values()):
+        found[both] = "train"
+    return found
+
+
+def _named_in(line: str, known: Collection[str]) -> str | None:
+    """The frame that a line names: by its whole text, which may have blanks, or before VOC's 1 or -1.
+
+    It may have the end of the picture's name.
+    """
+    for name in (line, line.split(maxsplit=1)[0]):
+        for stem in (name, PurePath(name).stem):
+            if stem in known:
+                return stem
+    return None
+
+
+def box_files_in(folder: Path, suffix: str) -> list[Path]:
+    """The files of boxes of a folder in the order of their names; hidden files and YOLO's names are none."""
+    if not folder.is_dir():
+        return []
+    return sorted(
+        p
+        for p in folder.iterdir()
+        if p.suffix.lower() == suffix and p.name not in NAME_FILES and not p.name.startswith(".")
+    )
+
+
+def files_of_frames(folder: Path, suffix: str, layout: Layout) -> tuple[list[Path | None], tuple[str, ...]]:
+    """The file of boxes of each frame, None where it has none, and what to say of those without.
+
+    Raises:
+        RescoreError: there are files, and none belongs to a frame.
+    """
+    there = box_files_in(folder, suffix)
+    by_name = by_stem(there)
+    paths = [by_name.get(p.stem) for p in layout.pictures]
+    missing = paths.count(None)
+    if there and missing == len(paths):
+        raise RescoreError(
+            f"{folder}: expected files of the names of the pictures, as {layout.pictures[0].stem}{suffix}, "
+            f"got {there[0].name}; rename them"
+        )
+    strangers = len(by_name) - (len(paths) - missing)
+    notes = []
+    if missing:
+        first = folder / f"{layout.pictures[paths.index(None)].stem}{suffix}"
+        notes.append(f"{first}: {missing} of {len(paths)} frames have no label file and count as empty")
+    if strangers:
+        notes.append(f"{folder}: left out {strangers} files of boxes that belong to no picture")
+    return paths, tuple(notes)

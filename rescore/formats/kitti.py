@@ -20,7 +20,7 @@ from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import pictures_in
 from rescore.evidence.candidates import CandidateTable
 from rescore.formats.calibration_files import read_calibration
-from rescore.formats.folders import Layout, Pictures, data_set, splits_of
+from rescore.formats.folders import Layout, Pictures, data_set, files_of_frames, splits_of
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, LabelRow, checked_box, number, read_lines
 
 DONT_CARE = "DontCare"
@@ -157,14 +157,8 @@ def kitti_labels(
     """The boxes of every frame of a layout, the counts of all classes, and what to say of missing files."""
     if not folder.is_dir():
         return [[] for _ in layout.pictures], Counter(), (f"{folder}: no labels, so no frame has a car",)
-    paths = [folder / f"{p.stem}.txt" for p in layout.pictures]
-    missing = [p for p in paths if not p.is_file()]
-    notes = (
-        (f"{missing[0]}: {len(missing)} of {len(paths)} frames have no label file and count as empty",)
-        if missing
-        else ()
-    )
-    rows, counts = read_labels([p if p.is_file() else None for p in paths], classes)
+    paths, notes = files_of_frames(folder, ".txt", layout)
+    rows, counts = read_labels(paths, classes)
     return rows, counts, notes
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
+from recon.reading import read_text
 from rescore.data.boxes3d import Boxes3D, BoxValues
 from rescore.data.frames import Truth
 
@@ -149,17 +150,23 @@ def number(where: str, what: str, text: str) -> float:
     return value
 
 
-def read_lines(path: Path) -> list[tuple[str, list[str]]]:
-    """Place ("file:line") and words of every line of a text file that is not blank.
+def text_lines(path: Path) -> list[tuple[str, str]]:
+    """Place ("file:line") and text of every line of a file that is not blank.
 
     Raises:
         RescoreError: it is no text.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise RescoreError(f"{path}: expected text in UTF-8, got other bytes; write it again") from error
-    return [(f"{path}:{i}", line.split()) for i, line in enumerate(lines, 1) if line.strip()]
+    lines = read_text(path, "lines").splitlines()
+    return [(f"{path}:{i}", line.strip()) for i, line in enumerate(lines, 1) if line.strip()]
+
+
+def read_lines(path: Path) -> list[tuple[str, list[str]]]:
+    """Place and words of the lines that ``text_lines`` gives.
+
+    Raises:
+        RescoreError: as there.
+    """
+    return [(where, line.split()) for where, line in text_lines(path)]
 
 
 def image_ids(stems: Sequence[str]) -> list[int]:

@@ -6,14 +6,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
 from recon.arrays import FloatArray
 from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, frame_names
+from rescore.data.pictures import by_stem
 from rescore.formats import coco, coco_dataset
-from rescore.formats.box_files import class_names, is_kitti_text, read_yolo
-from rescore.formats.folders import calibration_notes
+from rescore.formats.box_files import is_kitti_text, read_yolo, yolo_classes
+from rescore.formats.checked_json import first_difference
+from rescore.formats.folders import box_files_in, calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
 from rescore.formats.labels import ClassMap, LabelRow
 from rescore.formats.pair_folders import is_plain, read_plain
@@ -68,8 +71,8 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
     classes = classes or ClassMap(class_name)
     if not path.is_dir():
         return _read_annotations(path, classes)
-    # KITTI keeps its two halves in folders of these names
-    for root in (path, path / "training"):
+    # KITTI keeps its two halves in folders of these names, EuRoC its sensors
+    for root in (path, path / "training", path / "mav0"):
         for layout in LAYOUTS if root.is_dir() else ():
             if layout.is_in(root):
                 return layout.read(root, classes)
@@ -98,7 +101,7 @@ def read_detections(
         return coco.read_detections(path, data, max_candidates)
     classes = classes or ClassMap(data.category)
     names = {name: image_id for image_id, name in frame_names(data).items()}
-    files = [p for p in sorted(path.glob("*.txt")) if p.name != "classes.txt"]
+    files = list(by_stem(box_files_in(path, ".txt")).values())
     if not files:
         raise RescoreError(f"{path}: expected detections, a .txt a frame, found none; check the folder")
     strangers = [p for p in files if p.stem not in names]
@@ -107,21 +110,25 @@ def read_detections(
             f"{strangers[0]}: expected the name of a frame, as {next(iter(names), '')!r}; use the detections "
             "of this data set and split"
         )
-    rows = {names[p.stem]: own for p, own in zip(files, _rows(path, files, names, data), strict=True)}
+    read, told = _rows(path, files, names, data, classes)
+    rows = {names[p.stem]: own for p, own in zip(files, read, strict=True)}
     counts = Counter(r.name for own in rows.values() for r in own)
     found = [d for image_id, own in rows.items() for d in _detections(path, image_id, own, classes, data)]
     missing = len(names) - len(files)
     notes = (f"{path}: {missing} of {len(names)} frames have no file, so no detections",) if missing else ()
     file = coco.detection_file(path, found, data, max_candidates)
-    return replace(file, notes=(*notes, *classes.notes(path, counts)))
+    return replace(file, notes=(*notes, *told, *classes.notes(path, counts)))
 
 
-def _rows(folder: Path, files: Sequence[Path], names: dict[str, int], data: DataSet) -> list[list[LabelRow]]:
+def _rows(
+    folder: Path, files: Sequence[Path], names: dict[str, int], data: DataSet, classes: ClassMap
+) -> tuple[list[list[LabelRow]], tuple[str, ...]]:
+    """The boxes of each file, and what to say of their classes."""
     if is_kitti_text(files):
-        return [read_rows(p) for p in files]
+        return [read_rows(p) for p in files], ()
     sizes = {f.image_id: (f.width_px, f.height_px) for f in data.frames}
-    known = class_names(folder)
-    return [read_yolo(p, *sizes[names[p.stem]], known) for p in files]
+    known, notes = yolo_classes(folder, files, classes)
+    return [read_yolo(p, *sizes[names[p.stem]], known) for p in files], notes
 
 
 def _detections(
@@ -135,6 +142,17 @@ def _detections(
             "no detections"
         )
     boxes: FloatArray = xywh_from_xyxy(np.array([r.xyxy_px for r in kept], dtype=float).reshape(-1, 4))
+    try:
+        return _as_coco(image_id, kept, boxes, data)
+    except ValidationError as error:
+        raise RescoreError(
+            f"{path}: image {image_id}: expected detections, got {first_difference(error)}; mend the file"
+        ) from error
+
+
+def _as_coco(
+    image_id: int, rows: Sequence[LabelRow], boxes: FloatArray, data: DataSet
+) -> list[coco.Detection]:
     return [
         coco.Detection(
             image_id=image_id,
@@ -144,5 +162,5 @@ def _detections(
             azimuth_deg=None if np.isnan(r.azimuth_deg) else r.azimuth_deg,
             bbox3d=r.bbox3d,
         )
-        for r, box in zip(kept, boxes.tolist(), strict=True)
+        for r, box in zip(rows, boxes.tolist(), strict=True)
     ]

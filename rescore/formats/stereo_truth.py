@@ -12,7 +12,7 @@ from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.sgbm import PNG_SCALE
 from rescore.data.depth_files import SUFFIXES, MeasuredFile, Quantity, read_measured
-from rescore.data.pictures import PICTURES, decode_picture, picture_size, pictures_in, read_rgb
+from rescore.data.pictures import PICTURES, decode_picture, file_named, picture_size, pictures_in, read_rgb
 from rescore.formats.calibration_files import read_calibration
 
 KITTI_TRUTH = "disp_occ_0"
@@ -144,7 +144,7 @@ def _middlebury(folder: Path) -> TrueScene | None:
 
 
 def _first(folder: Path, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> Path | None:
-    return next((p for n in stems for s in suffixes if (p := folder / f"{n}{s}").is_file()), None)
+    return next((p for stem in stems if (p := file_named(folder, stem, suffixes))), None)
 
 
 def _disparity(path: Path, width: int, height: int) -> Float32Array:

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from recon.errors import RescoreError
+from recon.reading import reading
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.files import read_json
 from rescore.fusion.fuse import LearnedFusion
@@ -40,7 +41,7 @@ def load_tuning(path: Path) -> Tuning:
         RescoreError: no such file, or something else in it.
     """
     value = read_json(path, "a tuned weight")
-    try:
+    with reading(path, "a tuned weight", "run `rescore tune` again"):
         if value["objective_name"] not in OBJECTIVES:
             raise ValueError(f"by objective {value['objective_name']!r}")
         tuning = Tuning(
@@ -56,10 +57,6 @@ def load_tuning(path: Path) -> Tuning:
             objective=str(value["objective_name"]),
             depth_of=str(value.get("depth_of", CLASS_MODEL)),
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise RescoreError(
-            f"{path}: expected a tuned weight, got {type(error).__name__} {error}; run `rescore tune` again"
-        ) from error
     if not 0 <= tuning.w <= 1:
         raise RescoreError(f"{path}: expected w in [0, 1], got {tuning.w}; run `rescore tune` again")
     return tuning

@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import zlib
 from dataclasses import dataclass
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from recon.class_model import ClassModel
-from recon.errors import RescoreError
 from recon.files import atomic_path
+from recon.reading import reading
 from rescore.defaults import default_rescorer_file
 from rescore.evidence.model import EvidenceModel, models_as_json, models_of_json
 from rescore.evidence.registration import Registration
@@ -58,7 +57,7 @@ def read_bundle(file: Traversable) -> Bundle:
         RescoreError: something else.
     """
     where = Path(str(file))
-    try:
+    with reading(where, f"a rescorer ({FORMAT!r})", "install the package again"):
         value = json.loads(gzip.decompress(file.read_bytes()))
         if value["format"] != FORMAT:
             raise ValueError(f"format {value['format']!r}")
@@ -70,11 +69,6 @@ def read_bundle(file: Traversable) -> Bundle:
             config=rescore_config(value["settings"]),
             made_with=tuple(str(command) for command in value["made_with"]),
         )
-    except (OSError, EOFError, zlib.error, KeyError, TypeError, ValueError) as error:
-        raise RescoreError(
-            f"{where}: expected a rescorer ({FORMAT!r}), got {type(error).__name__} {error}; install the "
-            "package again"
-        ) from error
 
 
 def write_bundle(path: Path, bundle: Bundle) -> None:

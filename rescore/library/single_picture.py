@@ -15,7 +15,7 @@ from recon.reconstruction.instance import Instance3D, build_instance
 from recon.reconstruction.part_registration import RegistrationConfig
 from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
 from recon.reconstruction.segment import SegmentConfig
-from rescore.data.pictures import decode_picture
+from rescore.data.pictures import decode_picture, turned_by_exif
 from rescore.files import read_json
 
 _SOLID_CONFIG = ReconstructConfig(
@@ -58,10 +58,15 @@ def read_photo(path: Path) -> UInt8Array:
     """The picture (h, w, 3) of a file.
 
     Raises:
-        RescoreError: no such file, or no picture.
+        RescoreError: no such file, no picture, or one that EXIF asks viewers to turn, so that nobody knows of
+            which pixels boxes are.
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check the path")
+    if told := turned_by_exif(path):
+        raise RescoreError(
+            f"{path}: expected a picture that is stored upright, got one{told}; turn its pixels"
+        )
     bgr = decode_picture(path, cv2.IMREAD_COLOR)
     if bgr is None:
         raise RescoreError(

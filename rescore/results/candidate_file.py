@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
+from recon.reading import reading
 from rescore.data.boxes3d import BOX_NAMES
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
 from rescore.evidence.cues import CUES
@@ -268,10 +269,8 @@ def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a table of candidates, found no file; run `rescore evaluate`")
-    try:
+    with reading(path, "a table of candidates", "run `rescore evaluate` again"):
         table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise RescoreError(f"{path}: expected a table of candidates, got {error}; write it again") from error
     missing = [name for name in needed if name not in table.column_names]
     if missing:
         raise RescoreError(

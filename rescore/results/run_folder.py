@@ -214,6 +214,23 @@ def load_run(run_dir: Path) -> Run:
     return Run(folder.root, read_run_config(folder.config), metrics, columns)
 
 
+def missing_evidence(run: Run) -> tuple[str, ...]:
+    """What to tell of evidence files that are not there though others of their detector are, a line each."""
+    told = []
+    for detector in run.detectors:
+        folder = run.folder.evidence(detector)
+        if not folder.is_dir():
+            continue
+        images = np.unique(run.of(detector)["image_id"]).tolist()
+        lost = [i for i in images if not (folder / f"{i}.npz").is_file()]
+        if lost:
+            told.append(
+                f"{folder}: expected evidence of {len(images)} frames, {len(lost)} are missing, such as "
+                f"{lost[0]}.npz: their candidates are shown without it; find the evidence again"
+            )
+    return tuple(told)
+
+
 def boxes_px(rows: Columns) -> FloatArray:
     """Boxes (n, 4) of table rows: left, top, right, bottom pixel edges."""
     return np.stack([rows[k] for k in ("x0", "y0", "x1", "y1")], axis=1).astype(float)

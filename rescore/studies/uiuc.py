@@ -7,10 +7,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import RescoreError
+from recon.workers import workers
 from rescore.detectors.crop_training import WindowDetector, at_one_size
 from rescore.detectors.registry import load_detector
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
@@ -70,7 +71,7 @@ def evaluate_uiuc(detector: WindowDetector, pictures: Sequence[TestPicture], job
         )
     single = at_one_size(detector)
     tasks = (delayed(_picture_hits)(single, picture) for picture in pictures)
-    return recall_precision(Parallel(n_jobs=jobs)(tasks))
+    return recall_precision(workers(jobs)(tasks))
 
 
 def _picture_hits(detector: WindowDetector, picture: TestPicture) -> tuple[FloatArray, BoolArray, int]:
@@ -81,7 +82,7 @@ def _picture_hits(detector: WindowDetector, picture: TestPicture) -> tuple[Float
 
 
 def _read(picture: TestPicture) -> UInt8Array:
-    gray = cv2.imread(str(picture.path), cv2.IMREAD_GRAYSCALE)
+    gray = cv2.imread(str(picture.path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     if gray is None:
         raise RescoreError(f"{picture.path}: expected a picture, could not read it; fetch the set again")
     return np.asarray(gray, np.uint8)

@@ -15,7 +15,7 @@ def test_json(tmp_path: Path) -> None:
         write_json(path, float("nan"))
     assert json.loads(path.read_text())["b"] == 1
     path.write_text("{")
-    with pytest.raises(RescoreError, match="expected a value as JSON, got"):
+    with pytest.raises(RescoreError, match="expected a value as JSON, could not read it"):
         read_json(path, "a value")
     with pytest.raises(RescoreError, match="expected a value, found no file"):
         read_json(tmp_path / "none", "a value")

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
 from recon.boxes import iou_matrix
+from recon.workers import workers
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
@@ -322,7 +323,7 @@ def _fitted(
         delayed(joint_boost)(features[:, part], crops.label[part], draws, config.boosting.thresholds)
         for part, draws in [(part, config.boosting.draws(len(features), rng)) for part in parts]
     )
-    fitted: list[SharedStumps] = Parallel(n_jobs=jobs)(tasks)
+    fitted: list[SharedStumps] = workers(jobs)(tasks)
     if not last:
         return fitted[0]
     held_out = np.zeros(crops.label.shape)

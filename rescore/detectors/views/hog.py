@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
+from recon.workers import workers
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
@@ -320,7 +321,7 @@ def train_hog_views(
         # bins are compared at the end alone: mining takes the best windows of each filter
         last = mined == config.mining.rounds
         tasks = (delayed(_fit)(e, config, len(data.frames), last) for e in bins.values())
-        detector = _with_mirrored(Parallel(n_jobs=jobs)(tasks), config)
+        detector = _with_mirrored(workers(jobs)(tasks), config)
     return detector
 
 

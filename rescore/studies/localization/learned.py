@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from datasets_synth.cars.parts import CAR_PARTS
 from datasets_synth.cars.shapes import CarModel
@@ -29,6 +29,7 @@ from recon.part_views import PartView
 from recon.pixels import linear_from_srgb
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
+from recon.workers import workers
 from rescore.parallel import one_thread
 
 _PICTURES_SEED = 20090625
@@ -85,9 +86,7 @@ def learn_table_class(
     """
     bins = ViewBins(12, config.elevations_rad[0])
     library = library or learn_primitives(bins, jobs=jobs)
-    learned = Parallel(n_jobs=jobs)(
-        delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars)
-    )
+    learned = workers(jobs)(delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars))
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
     chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]

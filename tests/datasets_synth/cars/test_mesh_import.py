@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from datasets_synth.cars.mesh_import import load_meshes
+from datasets_synth.cars.mesh_import import MAX_FACE_CORNERS, load_meshes
 from datasets_synth.cars.parts import PART_LABEL
 from recon.errors import RescoreError
 
@@ -166,3 +166,15 @@ def test_points_without_faces_are_refused(tmp_path: Path) -> None:
     trimesh.PointCloud(np.random.default_rng(0).uniform(0, 3, (20, 3))).export(tmp_path / "points.ply")
     with pytest.raises(RescoreError, match=r"points\.ply: expected"):
         load_meshes(tmp_path)
+
+
+def test_a_face_of_too_many_corners_is_refused_before_it_takes_memory(tmp_path: Path) -> None:
+    ring = np.linspace(0, 2 * np.pi, MAX_FACE_CORNERS + 2)[:-1]
+    corners = [f"v {0.9 * np.cos(a)} {1.4 * (i % 2)} {2.1 * np.sin(a)}" for i, a in enumerate(ring)]
+    face = " ".join(str(i + 1) for i in range(len(ring)))
+    (tmp_path / "car.obj").write_text("\n".join([*corners, f"f {face}"]))
+    with pytest.raises(RescoreError, match=r"car\.obj: line 1002: expected faces of at most 1000 .* 1001"):
+        load_meshes(tmp_path)
+    (tmp_path / "car.obj").write_text("\n".join([*corners, f"f {face.rpartition(' ')[0]}"]))
+    (car,) = load_meshes(tmp_path)
+    assert car.size_m[0] == pytest.approx(4.2, abs=0.1)

@@ -234,3 +234,21 @@ def _refused(path: Path, message: str) -> None:
         read_labelled_views(path)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-32"])
+def test_labelme_files_in_other_encodings(tmp_path: Path, encoding: str) -> None:
+    value = json.dumps(labelme(view_bin=3)).encode(encoding)
+    (tmp_path / "a.json").write_bytes(value)
+    (tmp_path / "b.json").write_bytes(json.dumps(labelme(view_bin=4, instance_id="a")).encode(encoding))
+    (tmp_path / "labels.txt").write_bytes("__ignore__\r\nwheel\r\nbody\r\n".encode(encoding))
+    assert read_labelled_views(tmp_path).part_views.part_names == ("wheel", "body")
+
+
+def test_labels_txt_in_an_encoding_that_is_not_told(tmp_path: Path) -> None:
+    write(tmp_path / "a.json", labelme(view_bin=3))
+    (tmp_path / "labels.txt").write_bytes("body\nroue arri\u00e8re\n".encode("latin-1"))
+    with pytest.raises(
+        RescoreError, match=r"labels.txt: expected names of parts as text in UTF-8 or UTF-16, got other"
+    ):
+        read_labelled_views(tmp_path)

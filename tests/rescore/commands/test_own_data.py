@@ -244,6 +244,34 @@ def test_splits_come_from_image_sets(tmp_path: Path) -> None:
         read_dataset(tmp_path)
 
 
+@pytest.mark.parametrize("folder", ["ImageSets", "ImageSets/Main"])
+def test_splits_of_voc(tmp_path: Path, folder: str) -> None:
+    own.kitti_folder(tmp_path, ("000001", "000002", "000003"))
+    own.write_text(tmp_path / folder / "train.txt", "000001  1\n")
+    own.write_text(tmp_path / folder / "val.txt", "000002.png\n")
+    own.write_text(tmp_path / folder / "trainval.txt", "000001\n000002\n")
+    own.write_text(tmp_path / folder / "test.txt", "000003 -1\n")
+    own.write_text(tmp_path / folder / "car_train.txt", "000001  1\n")
+    frames = read_dataset(tmp_path).frames
+    assert {f.image_id: f.split for f in frames} == {1: "train", 2: "validation", 3: "test"}
+
+
+def test_a_split_of_both_is_for_training(tmp_path: Path) -> None:
+    own.kitti_folder(tmp_path)
+    own.write_text(tmp_path / "ImageSets" / "Main" / "trainval.txt", "000003\n")
+    own.write_text(tmp_path / "ImageSets" / "Main" / "test.txt", "000007\n")
+    assert [f.split for f in read_dataset(tmp_path).frames] == ["train", "test"]
+
+
+def test_names_with_blanks_in_a_split(tmp_path: Path) -> None:
+    for name in ("my  street 1", "my"):
+        own.write_pair(tmp_path / "left" / f"{name}.png", tmp_path / "right" / f"{name}.png")
+    own.write_text(tmp_path / "ImageSets" / "train.txt", "my  street 1\n")
+    own.write_text(tmp_path / "ImageSets" / "val.txt", "my\n")
+    splits = {f.left_path.stem: f.split for f in read_dataset(tmp_path).frames}
+    assert splits == {"my": "validation", "my  street 1": "train"}
+
+
 def test_an_unlikely_calibration_is_told(tmp_path: Path) -> None:
     own.kitti_folder(tmp_path)
     for path in (tmp_path / "calib").iterdir():

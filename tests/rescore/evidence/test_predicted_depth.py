@@ -220,6 +220,10 @@ def test_unlikely_kinds_of_prediction_are_told() -> None:
     assert falling.startswith("100% of the predictions in boxes fall where measured depth rises")
     (unit,) = prediction_doubts(table_of(PredictedDepth(4 * scene(), "depth", "metric")))
     assert "measured depth is smaller than the predicted depth by a factor of 4 or more" in unit
+    (millimetres,) = prediction_doubts(table_of(PredictedDepth(1000 * scene(), "depth", "metric")))
+    assert "measured depth is smaller than the predicted depth by a factor of 1000 or more" in millimetres
+    (kilometres,) = prediction_doubts(table_of(PredictedDepth(scene() / 1000, "depth", "metric")))
+    assert "measured depth is larger than the predicted depth by a factor of 1000 or more" in kilometres
     assert prediction_doubts(table_of(PredictedDepth(5 / scene(), "depth"), n=4)) == ()
 
 

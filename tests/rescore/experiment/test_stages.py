@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -6,6 +8,7 @@ import pytest
 
 from recon import boxes
 from rescore.experiment.stages import Stage, run_stage, run_stage_in_place
+from rescore.files import read_json, write_json
 from rescore.fusion import fuse
 
 
@@ -110,11 +113,35 @@ def test_in_place_watches_every_output(tmp_path: Path, stage: Stage) -> None:
 
 
 def test_what_a_killed_run_was_writing_in_place_is_removed(tmp_path: Path) -> None:
-    left = tmp_path / ".0123456789ab.partial.rrd"
-    left.write_text("half")
     out = tmp_path / "recording.rrd"
+    code = (
+        "import os, sys; from pathlib import Path; from recon.files import atomic_path\n"
+        "with atomic_path(Path(sys.argv[1])) as beside:\n    beside.write_text('half'); os._exit(9)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(out)], check=False)
+    (left,) = tmp_path.iterdir()
     run_stage_in_place(
         tmp_path, Stage("log", None, (), (out,), ()), lambda: (out.write_text("whole"), None)[1]
     )
     assert not left.exists()
     assert out.read_text() == "whole"
+
+
+@pytest.mark.parametrize(
+    "record", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"[1]", b'{"key": 1}', b"9" * 5000]
+)
+def test_a_damaged_record_counts_as_none(tmp_path: Path, stage: Stage, record: bytes) -> None:
+    run_stage(tmp_path, stage, writes("a"))
+    (tmp_path / ".stages" / "double.json").write_bytes(record)
+    assert not run_stage(tmp_path, stage, writes("b")).reused
+    assert stage.outputs[0].read_text() == "b"
+    assert run_stage(tmp_path, stage, never).reused
+
+
+def test_a_record_without_its_time_counts_as_none(tmp_path: Path, stage: Stage) -> None:
+    run_stage(tmp_path, stage, writes("a"))
+    file = tmp_path / ".stages" / "double.json"
+    value = read_json(file, "a record")
+    for seconds in ("soon", None, [1]):
+        write_json(file, value | {"seconds": seconds})
+        assert not run_stage(tmp_path, stage, writes("a")).reused

@@ -13,7 +13,7 @@ from recon.errors import RescoreError
 from rescore.cli import main
 from rescore.data.frames import DataSet, Truth, load_frame
 from rescore.evidence.candidates import CandidateTable
-from rescore.formats.box_files import class_names
+from rescore.formats.box_files import YoloClasses, yolo_classes
 from rescore.formats.coco import write_detections
 from rescore.formats.coco_write import write_dataset
 from rescore.formats.kitti import (
@@ -22,6 +22,7 @@ from rescore.formats.kitti import (
     write_kitti_detections,
     write_kitti_labels,
 )
+from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset, read_detections
 from tests.rescore import own_data as own
 
@@ -209,23 +210,147 @@ def test_yolo_boxes(tmp_path: Path, name: str, text: str) -> None:
             [f"n{i}" for i in range(12)],
         ),
         ("path: a\n---\nnames: [1, 2.50, yes]\n", ["1", "2.50", "yes"]),
+        ("names:\n  '1': b  # a comment\n  \"0\": a\n", ["a", "b"]),
+        ("names: {0.0: a, 1.0: b}\n", ["a", "b"]),
     ],
 )
 def test_yolo_names_by_their_numbers(tmp_path: Path, text: str, names: list[str]) -> None:
     own.write_text(tmp_path / "data.yaml", text)
-    assert class_names(tmp_path) == names
+    assert names_in(tmp_path) == YoloClasses(dict(enumerate(names)))
+
+
+def names_in(folder: Path) -> YoloClasses:
+    return yolo_classes(folder, (), ClassMap("car"))[0]
+
+
+def test_numbers_with_gaps_and_from_one(tmp_path: Path) -> None:
+    own.write_text(tmp_path / "data.yaml", "names:\n  3: bus\n  1: person\n  2: car\n")
+    assert names_in(tmp_path) == YoloClasses({1: "person", 2: "car", 3: "bus"})
+    own.pair_folder(tmp_path)
+    box = "0.25 0.5 0.25 0.25"
+    own.write_text(tmp_path / "labels" / "a.txt", f"1 {box}\n1 {box}\n2 {box}\n2.0 0.5 0.5 0.25 0.25\n")
+    data = read_dataset(tmp_path)
+    assert data.truth[1].xyxy_px.tolist() == [[12, 24, 36, 40], [36, 24, 60, 40]]
+    assert any("left out boxes of other classes: 2 person" in n for n in data.notes)
+    own.write_text(tmp_path / "labels" / "a.txt", f"0 {box}\n")
+    with pytest.raises(RescoreError, match=r"a.txt:1: expected a class number of 1, 2, 3, got '0'"):
+        read_dataset(tmp_path)
+
+
+def yolo(tmp_path: Path, lines: str, names: str | None = "names: [car]\n") -> DataSet:
+    own.pair_folder(tmp_path)
+    own.write_text(tmp_path / "labels" / "a.txt", lines)
+    own.write_text(tmp_path / "labels" / "b.txt", "")
+    if names:
+        own.write_text(tmp_path / "data.yaml", names)
+    return read_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("line", "box"),
+    [
+        ("0.0 0.25 0.5 0.25 0.25", [12, 24, 36, 40]),
+        ("0.000000000000000000e+00 0.25 0.5 0.25 0.25", [12, 24, 36, 40]),
+        # a triangle, and a box that is turned
+        ("0 0.25 0.25 0.5 0.5 0.125 0.5", [12, 16, 48, 32]),
+        ("0 0.5 0.25 0.75 0.5 0.5 0.75 0.25 0.5", [24, 16, 72, 48]),
+    ],
+)
+def test_lines_of_yolo(tmp_path: Path, line: str, box: list[float]) -> None:
+    assert yolo(tmp_path, line).truth[1].xyxy_px.tolist() == [box]
+
+
+def test_key_points_behind_a_box_are_no_polygon(tmp_path: Path) -> None:
+    line = "0 0.25 0.5 0.25 0.25 0.9 0.9 1 0.1 0.1 2\n"
+    assert yolo(tmp_path, line, "kpt_shape: [2, 3]\nnames: [car]\n").truth[1].xyxy_px.tolist() == [
+        [12, 24, 36, 40]
+    ]
+    with pytest.raises(RescoreError, match=r"a.txt:1: expected shares of the picture in \[0, 1\]"):
+        yolo(tmp_path, line)
+
+
+def test_a_polygon_with_a_score(tmp_path: Path) -> None:
+    data = yolo(tmp_path / "data", "")
+    own.write_text(tmp_path / "found" / "classes.txt", "car\n")
+    own.write_text(tmp_path / "found" / "a.txt", "0 0.25 0.25 0.5 0.5 0.125 0.5 0.75\n")
+    table = read_detections(tmp_path / "found", data).table
+    assert (table.xyxy_px.tolist(), table.score.tolist()) == ([[12, 16, 48, 32]], [0.75])
+
+
+def test_class_numbers_without_names(tmp_path: Path) -> None:
+    data = yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n", None)
+    assert data.truth[1].xyxy_px.tolist() == [[12, 24, 36, 40]]
+    assert f"{tmp_path / 'labels'}: no names of classes, so class number 0 is taken for 'car'" in data.notes
+    own.write_text(tmp_path / "labels" / "b.txt", "2 0.5 0.5 0.25 0.25\n")
+    with pytest.raises(
+        RescoreError, match=r"labels: expected the names .* numbers 0, 2; write classes.txt .* --map 0=car"
+    ):
+        read_dataset(tmp_path)
+    mapped = read_dataset(tmp_path, "car", ClassMap.of("car", ["2=car"]))
+    assert [len(t.annotation_id) for t in mapped.truth.values()] == [0, 1]
+    assert any("took boxes of 1 2 as car" in n for n in mapped.notes)
+
+
+def test_of_two_kinds_of_labels_the_reader_says_which_it_takes(tmp_path: Path) -> None:
+    own.write_text(tmp_path / "Annotations" / "a.xml", VOC)
+    own.write_text(tmp_path / "label_2" / "a.txt", own.KITTI_LABEL)
+    notes = yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n").notes
+    for other in ("Annotations", "label_2"):
+        assert f"{tmp_path / 'labels'}: taken in place of the boxes in {other}" in notes
+
+
+def test_two_label_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n")
+    own.write_text(tmp_path / "labels" / "a.TXT", "")
+    with pytest.raises(RescoreError, match=r"labels: expected one file of the name 'a', got a.TXT and a.txt"):
+        read_dataset(tmp_path)
+
+
+def test_hidden_files_hold_no_boxes(tmp_path: Path) -> None:
+    (tmp_path / "labels").mkdir()
+    (tmp_path / "labels" / "._a.txt").write_bytes(b"\x00\x05\x16\x07\xff")
+    data = yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n")
+    assert data.truth[1].xyxy_px.tolist() == [[12, 24, 36, 40]]
+    assert not any("belong to no picture" in n for n in data.notes)
+
+
+def test_voc_in_small_letters(tmp_path: Path) -> None:
+    own.pair_folder(tmp_path)
+    own.write_text(tmp_path / "annotations" / "a.XML", VOC)
+    assert read_dataset(tmp_path).truth[1].xyxy_px.tolist() == [[10, 20, 40, 44], [0, 0, 5, 5]]
+
+
+def test_label_files_of_other_names_are_refused(tmp_path: Path) -> None:
+    own.pair_folder(tmp_path)
+    own.write_text(tmp_path / "label_2" / "c.txt", own.KITTI_LABEL)
+    with pytest.raises(RescoreError, match=r"label_2: expected files of the names .*, as a.txt, got c.txt"):
+        read_dataset(tmp_path)
+    own.write_text(tmp_path / "label_2" / "a.txt", own.KITTI_LABEL)
+    notes = read_dataset(tmp_path).notes
+    assert f"{tmp_path / 'label_2'}: left out 1 files of boxes that belong to no picture" in notes
+
+
+@pytest.mark.parametrize("score", [1.0000001, -1e-7])
+def test_a_score_that_rounding_put_beyond_one_is_a_likelihood(tmp_path: Path, score: float) -> None:
+    data = read_dataset(own.own_folder(tmp_path))
+    rows = [{"image_id": 1, "bbox": [1, 2, 3, 4], "score": s} for s in (score, 0.5)]
+    table = read_detections(own.write_text(tmp_path / "found.json", json.dumps(rows)), data).table
+    assert sorted(table.likelihood.tolist()) == sorted([min(max(score, 0), 1), 0.5])
+    rows[0]["score"] = 1.01
+    table = read_detections(own.write_text(tmp_path / "found.json", json.dumps(rows)), data).table
+    assert np.isnan(table.likelihood).all()
 
 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
         (
-            "names: {1: dog, 2: car}\n",
-            "names: expected a name for each number from 0 to 1, got the numbers 1, 2",
+            "names: {0: dog, 0.0: car}\n",
+            "names: expected each name by a whole number of its own, got the numbers 0, 0.0",
         ),
         (
             "names: {0: dog, x: car}\n",
-            "names: expected a name for each number from 0 to 1, got the numbers 0, x",
+            "names: expected each name by a whole number of its own, got the numbers 0, x",
         ),
         ("names: {0: dog, 0: car}\n", r"expected YAML, got a mistake in line 1 \(a name that occurs twice\)"),
         ("names: [dog, '', car]\n", "names: expected texts, got an empty name or a list"),
@@ -239,8 +364,36 @@ def test_yolo_names_by_their_numbers(tmp_path: Path, text: str, names: list[str]
 def test_yolo_names_that_are_refused_in_one_line(tmp_path: Path, text: str, problem: str) -> None:
     own.write_text(tmp_path / "data.yaml", text)
     with pytest.raises(RescoreError, match=f"data.yaml: {problem}") as refused:
-        class_names(tmp_path)
+        names_in(tmp_path)
     assert "\n" not in str(refused.value)
+
+
+def test_convert_keeps_every_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own.own_folder(tmp_path / "data")
+    rows = [{"image_id": 1, "bbox": [i, 2, 3, 4], "score": 1 - i / 100} for i in range(40)]
+    found = own.write_text(tmp_path / "found.json", json.dumps(rows))
+    for out in ("out.json", "out"):
+        monkeypatch.setattr(
+            sys,
+            "argv",
+            ["rescore", "convert", *map(str, (tmp_path / "data", found)), "--out", str(tmp_path / out)],
+        )
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code
+    assert [r["bbox"][0] for r in json.loads((tmp_path / "out.json").read_text())] == list(range(40))
+    assert len((tmp_path / "out" / "1.txt").read_text().splitlines()) == 40
+
+
+@pytest.mark.parametrize("command", ["apply", "evaluate", "convert", "tune", "fit-evidence"])
+def test_help_names_every_form_of_detections(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["rescore", command, "--help"])
+    with pytest.raises(SystemExit):
+        main()
+    text = capsys.readouterr().out
+    assert all(form in text for form in ("COCO", "KITTI", "YOLO"))
 
 
 def test_every_form_is_evaluated_alike(

@@ -199,7 +199,7 @@ def test_places_that_cannot_be_written(tmp_path: Path, run: Run) -> None:
     data = own.own_folder(tmp_path / "data")
     file = own.write_text(tmp_path / "file", "x")
     found = own.write_text(tmp_path / "found.json", json.dumps([detection()]))
-    advice = "choose another place or mend the permissions|check the path and its permissions"
+    advice = "choose another place|check the path and its permissions"
     refused(run("convert", data, "--out", file / "out"), advice)
     refused(run("convert", data, found, "--out", file / "out.json"), advice)
     refused(run("import", data, "--out", file / "out", "--copy"), advice)

@@ -26,5 +26,5 @@ def test_candidates_table_round_trip(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="columns differ: \\['kind'\\]"):
         write_candidates(path, {n: c for n, c in columns.items() if n != "kind"})
     path.write_text("no table")
-    with pytest.raises(RescoreError, match="expected a table of candidates, got"):
+    with pytest.raises(RescoreError, match="expected a table of candidates, could not read it"):
         read_candidates(path)

@@ -1,0 +1,131 @@
+"""Pairs of files by their names alone: what goes with each left picture."""
+
+import math
+import re
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Sequence
+from enum import Enum
+from operator import itemgetter
+from pathlib import Path
+
+from recon.errors import RescoreError
+
+MAX_SECONDS_APART = 0.02
+"""Farthest that times may be apart which TUM's tools take for one moment."""
+
+
+class Side(Enum):
+    """The words by which names tell a side: ``left``, an ``l`` that stands alone, an ``L`` behind a small
+    letter or before a number."""
+
+    LEFT = ("left", "l")
+    RIGHT = ("right", "r")
+
+    @property
+    def words(self) -> re.Pattern[str]:
+        """What a name of this side holds and one of the other does not."""
+        word, letter = self.value
+        alone = rf"(?<![A-Za-z]){letter}(?![A-Za-z])|(?<![A-Za-z]){letter.upper()}(?![A-Za-z])"
+        joined = rf"(?<=[a-z]){letter.upper()}(?=\d|[_-]|$)"
+        return re.compile(rf"(?i:{word})|{alone}|{joined}")
+
+
+def paired(lefts: Sequence[Path], others: Sequence[Path], side: Side) -> list[tuple[Path, Path]]:
+    """Left pictures with the files that go with them, in the order of the left ones.
+
+    A file of the same name goes first, then one whose name differs in one word for a side, then one that
+    differs in all such words; what is left is paired by times of nearly one moment, as in TUM.
+
+    Args:
+        lefts: The left pictures, no name twice.
+        others: Right pictures, or measured files, no name twice.
+        side: The side that the others are of: ``LEFT`` for what is measured for left pictures.
+
+    Raises:
+        RescoreError: a file goes with two others.
+    """
+    found: dict[Path, Path] = {}
+    taken: set[Path] = set()
+    for form in (_whole, _without_one, _without_all):
+        found |= _matched([p for p in lefts if p not in found], others, side, form, taken)
+    found |= _by_time([p for p in lefts if p not in found], [p for p in others if p not in taken])
+    return [(p, found[p]) for p in lefts if p in found]
+
+
+def _matched(
+    lefts: Sequence[Path],
+    others: Sequence[Path],
+    side: Side,
+    form: Callable[[str, Side], set[str]],
+    taken: set[Path],
+) -> dict[Path, Path]:
+    """The files that share a form of their name with a left picture; they are added to ``taken``.
+
+    Raises:
+        RescoreError: two files have it, or the one that has it goes with another left picture.
+    """
+    by_form: dict[str, list[Path]] = {}
+    for path in others:
+        for name in form(path.stem, side):
+            by_form.setdefault(name, []).append(path)
+    found: dict[Path, Path] = {}
+    for path in lefts:
+        forms = form(path.stem, Side.LEFT)
+        fits = sorted({other for name in forms for other in by_form.get(name, ())})
+        if len(fits) > 1:
+            raise RescoreError(
+                f"{path}: expected one file of its name, got {fits[0].name} and {fits[1].name} in "
+                f"{fits[0].parent}; remove one, or give both sides the same names"
+            )
+        if not fits:
+            continue
+        if fits[0] in taken:
+            raise RescoreError(
+                f"{fits[0]}: expected one left picture of its name, got {path.name} and another in "
+                f"{path.parent}; remove one, or give both sides the same names"
+            )
+        found[path] = fits[0]
+        taken.add(fits[0])
+    return found
+
+
+def _whole(stem: str, side: Side) -> set[str]:
+    return {stem}
+
+
+def _without_one(stem: str, side: Side) -> set[str]:
+    """The name, and the name less each of the words for its side."""
+    return {stem} | {_tidy(stem[: m.start()], stem[m.end() :]) for m in side.words.finditer(stem)}
+
+
+def _without_all(stem: str, side: Side) -> set[str]:
+    return {_tidy(side.words.sub("", stem), "")}
+
+
+def _tidy(before: str, after: str) -> str:
+    # left_07 and 07, 07 and 07_left
+    return (before + after).strip("_- ") if not (before and after) else before + after
+
+
+def _by_time(lefts: Sequence[Path], others: Sequence[Path]) -> dict[Path, Path]:
+    """Pairs of files named by nearly one time, the closest first, each file once."""
+    there = sorted((t, p) for p in others if (t := _time(p.stem)) is not None)
+    apart = []
+    for path in lefts:
+        time = _time(path.stem)
+        if time is not None:
+            first = bisect_left(there, time - MAX_SECONDS_APART, key=itemgetter(0))
+            last = bisect_right(there, time + MAX_SECONDS_APART, key=itemgetter(0))
+            apart += [(abs(t - time), path, other) for t, other in there[first:last]]
+    found: dict[Path, Path] = {}
+    taken: set[Path] = set()
+    for _, a, b in sorted(apart):
+        if a not in found and b not in taken:
+            found[a] = b
+            taken.add(b)
+    return found
+
+
+def _time(stem: str) -> float | None:
+    # a time in seconds with a fraction, not the number of a frame
+    return float(stem) if re.fullmatch(r"\d+\.\d+", stem) and math.isfinite(float(stem)) else None
