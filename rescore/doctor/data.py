@@ -25,7 +25,9 @@ from rescore.formats.open import read_dataset
 def examine_dataset(
     path: Path, class_name: str, max_frames: int, wanted: Wanted | None = None
 ) -> list[Finding]:
-    """Findings on a data set: all its files, calibrations, boxes and splits, the pixels of ``max_frames`` frames.
+    """Findings on a data set: files, calibrations, boxes and splits of all frames, the pixels of some.
+
+    ``max_frames`` says of how many.
 
     A recording of ROS is examined by that many pairs of the topics ``wanted``.
     """
