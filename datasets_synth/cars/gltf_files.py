@@ -141,12 +141,12 @@ class _Floats:
         stored: NDArray[Any] = np.ndarray(
             (count, columns), kind, self._bytes(view["buffer"]), start, (stride, kind.itemsize)
         )
-        values = stored.astype(float)
+        values: FloatArray = stored.astype(float)
         if not accessor.get("normalized"):
             return values
         # the largest whole number is 1; -128 means -1 as -127 does
         most = 2 ** (8 * kind.itemsize - (kind.kind == "i")) - 1
-        return np.maximum(values / most, -1)
+        return np.asarray(np.maximum(values / most, -1))
 
     def _bytes(self, number: int) -> bytes:
         if number not in self._buffers:

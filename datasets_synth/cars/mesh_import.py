@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import trimesh
@@ -137,7 +138,10 @@ class _Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
         Raises:
             ValueError: it lies outside the folder of all meshes.
         """
-        path = (Path(self.parent) / name.strip().replace("\\", "/")).resolve()
+        # glTF writes a blank in a name as %20
+        named = name.strip().replace("\\", "/"), unquote(name)
+        places = [(Path(self.parent) / n).resolve() for n in named]
+        path = next((p for p in places if p.exists()), places[0])
         if not path.is_relative_to(self._directory):
             raise ValueError(f"{name!r} lies outside {self._directory}")
         return path
