@@ -78,7 +78,7 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
     if is_bag(path):
         raise RescoreError(
             f"{path}: expected a data set, got a recording of ROS; unpack it by "
-            f"`rescore import {path.name} --out MY_FOLDER`"
+            f"`rescore import {path} --out MY_FOLDER`"
         )
     inside = sorted(p.name for p in path.iterdir())[:6]
     looked_for = "; ".join(layout.sign for layout in LAYOUTS)

@@ -108,7 +108,7 @@ def cameras(
     if raw is not None and raw.doubt:
         raise RescoreError(
             f"{path}: expected rectified pictures, got {topics.left} with {raw.doubt}; rectify by "
-            f"`rescore import {path.name} --left {topics.left} --right {topics.right} --rectify --out NEW`, "
+            f"`rescore import {path} --left {topics.left} --right {topics.right} --rectify --out NEW`, "
             "or name topics with image_rect"
         )
     return calibration_of(path, values), raw

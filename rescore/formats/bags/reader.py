@@ -81,9 +81,12 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is that of a recording: a file by its name, a folder by the names in it."""
+    """Whether a path is that of a recording: a file by its name, a folder by what is in it."""
     if path.is_dir():
-        return any(_plain_suffix(p) in SUFFIXES for p in path.iterdir() if p.is_file())
+        inside = list(path.iterdir())
+        # a folder of pictures may have a recording beside them
+        described = (path / "metadata.yaml").is_file() or not any(p.is_dir() for p in inside)
+        return described and any(_plain_suffix(p) in SUFFIXES for p in inside if p.is_file())
     return path.suffix.lower() in (*SUFFIXES, _ROS1) and path.is_file()
 
 

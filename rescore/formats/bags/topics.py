@@ -10,6 +10,8 @@ from recon.errors import RescoreError
 PICTURES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 CAMERA = "sensor_msgs/msg/CameraInfo"
 DETECTIONS = "vision_msgs/msg/Detection2DArray"
+_DEPTH = "/compressedDepth"
+"""End of the topics that ROS advertises beside those of any pictures, for depth alone."""
 _RECTIFIED = re.compile(r"(?<![a-z])rect", re.IGNORECASE)
 """What the name of a topic of rectified pictures holds."""
 
@@ -63,7 +65,7 @@ def chosen_topics(path: Path, types: Mapping[str, str], wanted: Wanted) -> Topic
     Raises:
         RescoreError: a named topic is not there or of another type, or there is not exactly one pair.
     """
-    pictures = sorted(t for t, kind in types.items() if kind in PICTURES)
+    pictures = sorted(t for t, kind in types.items() if kind in PICTURES and not t.endswith(_DEPTH))
     left, right = _pair(path, pictures, wanted)
     info = [_info(topic, types) for topic in (left, right)]
     if info[0] == info[1]:

@@ -3,7 +3,7 @@
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -44,15 +44,28 @@ def import_bag(path: Path, wanted: Wanted, classes: ClassMap, out: Path, *, rect
         RescoreError: the recording cannot be read, has no such pair, or one that is not rectified though
             ``rectify`` is not asked for.
     """
-    if not rectify:
-        with locked(out):
-            _refuse_data(out)
-            with _whole(out):
-                found = unpacked(path, wanted, classes, out)
-                if found.detections is not None:
-                    table = found.detections.table
-                    coco.write_detections(out / DETECTIONS, "detections", table, found.data)
-        return found.data
+    take = _rectified if rectify else _as_recorded
+    there = out.exists()
+    try:
+        return take(path, wanted, classes, out)
+    except BaseException:
+        if not there:
+            with suppress(OSError):
+                out.rmdir()
+        raise
+
+
+def _as_recorded(path: Path, wanted: Wanted, classes: ClassMap, out: Path) -> DataSet:
+    with locked(out):
+        _refuse_data(out)
+        with _whole(out):
+            found = unpacked(path, wanted, classes, out)
+            if found.detections is not None:
+                coco.write_detections(out / DETECTIONS, "detections", found.detections.table, found.data)
+    return found.data
+
+
+def _rectified(path: Path, wanted: Wanted, classes: ClassMap, out: Path) -> DataSet:
     _refuse_data(out)
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".as-taken-", dir=out) as folder:
