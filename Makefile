@@ -4,9 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test setup paper streets published published-streets published-localization \
+.PHONY: demo test fuzz setup paper streets published published-streets published-localization \
 	published-models published-weight published-evidence published-stereo published-recording \
-	published-report published-defaults published-street published-real bench docs clean
+	published-report published-defaults published-street published-real published-prose bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -31,24 +31,38 @@ test: setup
 	$(BIN)/mypy
 	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadgroup
 
+# figures in README and docs, from the published JSON; every target that makes such JSON calls it
+PROSE = $(BIN)/python -m reports.publishing.prose
+published-prose: setup
+	$(PROSE)
+
+# damaged files of every kind that is read; `make test` has a slice of it
+CASES ?= 5250
+fuzz: setup
+	$(BIN)/python -m tests.faults.fuzz --cases $(CASES) --seed 0
+
 # the results kept in the repository
 published: paper
 	$(BIN)/python -m reports.publishing.publish runs/paper reports/published/roc "make published"
+	$(PROSE)
 
 published-localization: setup
 	$(BIN)/rescore localize --out runs/localization --cars 20 --placements 200 --seed 0 --jobs $(JOBS)
 	$(BIN)/python -m reports.studies.localization runs/localization reports/published/localization \
 	    "make published-localization"
+	$(PROSE)
 
 published-models: setup
 	$(BIN)/rescore study-models --out reports/published/models --jobs $(JOBS)
 	$(BIN)/rescore study-views --out reports/published/view_bins
 	$(BIN)/rescore gallery --out reports/published/reconstructions
+	$(PROSE)
 
 published-weight: paper
 	$(BIN)/rescore synth runs/weight_data --preset weight-study --jobs $(JOBS)
 	$(BIN)/rescore study-weight runs/paper --dataset runs/weight_data --keep runs/weight_candidates \
 	    --out reports/published/weight --jobs $(JOBS)
+	$(PROSE)
 
 published-report: paper
 	$(BIN)/python -m reports.publishing.screenshots runs/paper reports/published/report "make published-report"
@@ -62,6 +76,7 @@ published-streets: setup
 	$(BIN)/rescore study-class-model $(STREETS) --out reports/published/streets/class_model
 	$(BIN)/rescore study-relief $(STREETS) --out reports/published/streets/relief --jobs $(JOBS)
 	$(BIN)/python -m reports.publishing.publish $(STREETS) reports/published/streets "make published-streets"
+	$(PROSE)
 
 # what `rescore apply` uses where no model is named, from a finished run that has mode instance
 published-defaults: setup
@@ -102,6 +117,7 @@ published-real: setup
 	$(BIN)/rescore evaluate $(KITTI) $(REAL)/kitti.json --out $(REAL)/kitti --no-report
 	$(BIN)/python -m reports.publishing.real_figures reports/published/streets/real.json \
 	    "make published-real" $(REAL)/kitti_road $(REAL)/kitti
+	$(PROSE)
 
 bench: setup
 	$(BIN)/python tests/bench.py

@@ -76,7 +76,7 @@ class _Task:
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its pictures by what they show."""
+        """Pictures of the frame by what they show."""
         return {kind: self.out / kind / f"{self.name}.png" for kind in _KINDS}
 
     @property

@@ -1,5 +1,6 @@
 """Part-labelled views: what a class model is learned from (section 3.2), and their files."""
 
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
@@ -118,8 +120,9 @@ def _load_view(directory: Path, row: dict[str, str]) -> PartView:
     data = path.read_bytes()
     with reading(path, "an 8-bit PNG of one channel", "write the views again"):
         refuse_large_picture(path, data)
-        labels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if labels is None or labels.ndim != 2 or labels.dtype != np.uint8:
+        # Pillow, since OpenCV gives the first rows of a damaged PNG, and prints lines of its own
+        labels = np.asarray(Image.open(io.BytesIO(data), formats=("PNG",)))
+    if labels.ndim != 2 or labels.dtype != np.uint8:
         raise RescoreError(
             f"{path}: expected an 8-bit PNG of one channel, got something else; write the views again"
         )

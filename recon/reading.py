@@ -82,7 +82,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def json_of(path: Path, what: str, advice: str) -> Any:
-    """The value of a JSON file in UTF-8, UTF-16 or UTF-32.
+    """The value of a JSON file in UTF-8, UTF-16 or UTF-32; NaN and infinity are no numbers of JSON.
 
     Raises:
         RescoreError: no such file, or not JSON.
@@ -90,7 +90,11 @@ def json_of(path: Path, what: str, advice: str) -> Any:
     if not path.is_file():
         raise RescoreError(f"{path}: expected {what}, found no file; check the path")
     with reading(path, f"{what} as JSON", advice):
-        return json.loads(path.read_bytes())
+        return json.loads(path.read_bytes(), parse_constant=_no_number)
+
+
+def _no_number(name: str) -> float:
+    raise ValueError(f"{name}, which is no number of JSON")
 
 
 def array_of(path: Path) -> NDArray[Any]:

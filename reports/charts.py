@@ -34,6 +34,8 @@ class Axis:
     """Right end where a reader switches a log axis to a linear one, which begins at 0; None: no switch."""
     digits: int = 2
     """Digits after the point of a value that is read off; of one in per cent, one less than for a share."""
+    short: str = ""
+    """The label of a low chart; empty where it is no other."""
     edge: str = ""
     """What the left end of a log axis stands for, where it is another value than its number."""
 

@@ -52,7 +52,7 @@ NIGHT_GRID = "#343840"
 NIGHT_AXIS = "#969CA5"
 NIGHT_INK = "#E1E4E8"
 
-Dash = Literal["solid", "dashed", "dashdot", "dotted"]
+Dash = Literal["solid", "longdash", "dashed", "dashdot", "dotted"]
 
 _MODE_STYLE: dict[str, tuple[str, Dash]] = {
     ALONE: (DARK_GREY, "dashed"),

@@ -27,15 +27,16 @@ def locked(folder: Path) -> Iterator[None]:
         RescoreError: another process has it; the message names that process. Or the folder cannot be made.
     """
     refuse_as_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
-    file = _opened(path)
+    with _told_where_it_cannot_write(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        file = _opened(path)
     try:
-        file.seek(0)
-        file.truncate()
-        since = time.strftime("%Y-%m-%d %H:%M:%S")
-        json.dump({"process": os.getpid(), "computer": platform.node(), "since": since}, file)
-        file.flush()
+        with _told_where_it_cannot_write(folder):
+            file.truncate(0)
+            since = time.strftime("%Y-%m-%d %H:%M:%S")
+            owner = {"process": os.getpid(), "computer": platform.node(), "since": since}
+            file.write(json.dumps(owner).encode())
         yield
     finally:
         # while it is held: after that, it may be another's
@@ -44,10 +45,21 @@ def locked(folder: Path) -> Iterator[None]:
         file.close()
 
 
-def _opened(path: Path) -> IO[str]:
-    """The lock file, held by this process."""
+@contextmanager
+def _told_where_it_cannot_write(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RescoreError(
+            f"{folder}: expected to write here, got {error.strerror or str(error)!r}; choose another place, "
+            "make room or mend the permissions"
+        ) from error
+
+
+def _opened(path: Path) -> IO[bytes]:
+    """The lock file, held by this process; what is written to it is there at once."""
     while True:
-        file = path.open("a+", encoding="utf-8")
+        file = path.open("a+b", buffering=0)
         if not _hold(file):
             owner = _owner(file)
             file.close()
@@ -62,7 +74,7 @@ def _opened(path: Path) -> IO[str]:
         file.close()
 
 
-def _owner(file: IO[str]) -> str:
+def _owner(file: IO[bytes]) -> str:
     file.seek(0)
     try:
         told = json.loads(file.read())
@@ -74,7 +86,7 @@ def _owner(file: IO[str]) -> str:
 if sys.platform == "win32":
     import msvcrt
 
-    def _hold(file: IO[str]) -> bool:
+    def _hold(file: IO[bytes]) -> bool:
         # a byte far behind the text, which others must be able to read
         file.seek(2**20)
         try:
@@ -86,7 +98,7 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-    def _hold(file: IO[str]) -> bool:
+    def _hold(file: IO[bytes]) -> bool:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -26,8 +26,11 @@ from datasets_synth.meshes.mesh_build import smooth_normals
 from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
 from recon.pixels import linear_from_encoded
+from recon.reading import reading
 
 SUFFIXES = (".obj", ".ply", *GLTF)
+MAX_FACE_CORNERS = 1000
+"""Corners of a face of an OBJ file; one with more is refused before it is cut into triangles."""
 LENGTH_RANGE_M = (1.5, 20.0)
 """Longest side that a road vehicle in metres may have."""
 
@@ -113,7 +116,9 @@ def _names(paths: Sequence[Path]) -> list[str]:
 def _load(directory: Path, path: Path, shape_id: str) -> ImportedCar:
     """The car of a file; the path is relative to the folder."""
     where = path.as_posix()
-    pieces = [_piece(geometry) for geometry in _geometries(directory, path)]
+    geometries = _geometries(directory, path)
+    with reading(where, "a mesh whose faces name its own vertices", "export it again"):
+        pieces = [_piece(geometry) for geometry in geometries]
     corners = np.concatenate([p.corners_m for p in pieces]) @ _OBJECT_FROM_GLTF.T
     if not np.isfinite(corners).all():
         raise RescoreError(f"{where}: expected finite vertices, got NaN or infinity: export the mesh again")
@@ -150,7 +155,10 @@ class _Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
 def _geometries(directory: Path, path: Path) -> list[Any]:
     """The triangle meshes of a file with their nodes' transforms applied."""
     suffix, file = path.suffix.lower(), directory / path
-    options: dict[str, Any] = {"split_groups": True} if suffix == ".obj" else {}
+    options: dict[str, Any] = {}
+    if suffix == ".obj":
+        _refuse_large_faces(file, path.as_posix())
+        options = {"split_groups": True}
     try:
         written = plain_gltf(file, path.as_posix()) if suffix in GLTF else None
         source = str(file) if written is None else io.BytesIO(written)
@@ -170,6 +178,18 @@ def _geometries(directory: Path, path: Path) -> list[Any]:
             f"{path.as_posix()}: expected a mesh with faces, got none: export triangles, not points"
         )
     return found
+
+
+def _refuse_large_faces(path: Path, where: str) -> None:
+    """Refuses faces whose triangles would take memory with the square of their corners."""
+    with path.open("rb") as lines:
+        for number, line in enumerate(lines, start=1):
+            corners = len(line.split()) - 1 if line.lstrip()[:2] in (b"f ", b"f\t") else 0
+            if corners > MAX_FACE_CORNERS:
+                raise RescoreError(
+                    f"{where}: line {number}: expected faces of at most {MAX_FACE_CORNERS} corners, got "
+                    f"{corners}: export triangles"
+                )
 
 
 def _check_size(where: str, size: FloatArray) -> None:

@@ -1,6 +1,7 @@
 """The interactive charts of the HTML page: curves of a run or several, image weight, reliability, sweeps."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -149,7 +150,7 @@ def runs_group(
     modes = list(dict.fromkeys(c.mode for curves in runs.values() for c in curves))
     drawn = [
         DrawnCurves(
-            c, f"{run}, {mode_name(c.mode)}", Look.of_colour(colours[run], c.mode), (f"run {run}", c.mode)
+            c, f"{run}, {mode_name(c.mode)}", _look(colours[run], c, curves[-1]), (f"run {run}", c.mode)
         )
         for run, curves in runs.items()
         for c in curves
@@ -161,6 +162,12 @@ def runs_group(
     return _group(
         name, drawn, metrics, switches + mode_switches(modes, {m: mode_name(m) for m in modes}, ends)
     )
+
+
+def _look(colour: str, curve: CurveSet, last: CurveSet) -> Look:
+    """The look of a curve of a run: the last mode alone has a solid line, since all have one colour."""
+    look = Look.of_colour(colour, curve.mode)
+    return replace(look, dash="longdash") if look.dash == "solid" and curve.mode != last.mode else look
 
 
 def _group(

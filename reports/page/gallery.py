@@ -12,12 +12,19 @@ from reports.run.frame_view import CandidateView, FrameView, frame_views
 from rescore.metrics.matching import FALSE_ALARM, HIT
 from rescore.results.candidate_file import difference
 from rescore.results.changes import CHANGED, Group
+from rescore.results.explain import EvidencePart
 from rescore.results.ranked_changes import Inspection
 from rescore.results.run_folder import Run
 
 Key = tuple[str, int, int]
 """Detector, image id and rank of a candidate."""
 
+CAR, BAD_BOX = "car", "car, badly framed"
+"""What a box shows that lies on a car, and what such a false alarm is called."""
+N_PARTS = 8
+"""Parts of the evidence listed beside the large pictures."""
+N_TELLING = 3
+"""Candidates on the first screen."""
 MAX_CARDS = 32
 """Candidates shown of all runs of a page together, so that the file stays small."""
 
@@ -32,6 +39,8 @@ class Mover:
     group: Group
     reason: str
     """Why the candidate moved, in words."""
+    parts: tuple[EvidencePart, ...]
+    """What the parts of its depth evidence say, those that say most first."""
     image_id: int
     before: int
     """Place among all candidates of the detector by its score, 1 is best."""
@@ -58,7 +67,9 @@ class Mover:
         """What happened, in words."""
         direction = "rose" if self.after < self.before else "fell"
         what = "candidate" if self.group is Group.IGNORED else self.outcome
-        what += f" ({self.thing})" if self.thing else ""
+        # what is on a car and counts as a false alarm is badly placed; any other box on a car is no news
+        thing = self.thing if self.thing != CAR else BAD_BOX if self.view.outcome == "false_alarm" else ""
+        what += f" ({thing})" if thing else ""
         return f"{what[0].upper()}{what[1:]} {direction} from place {self.before} to {self.after} of {self.n}"
 
     @property
@@ -72,7 +83,8 @@ class Mover:
     @property
     def verdict(self) -> str:
         """The move and what it does to the counts, in words."""
-        return f"{self.move.capitalize()}: {self.group_text}"
+        move = self.move.capitalize()
+        return move if self.group is Group.IGNORED else f"{move}: {self.group_text}"
 
     @property
     def group_text(self) -> str:
@@ -88,20 +100,33 @@ class Gallery:
     """What changed at the compared points of the curves, a sentence a detector."""
     movers: tuple[Mover, ...]
 
+    @property
+    def telling(self) -> tuple[Mover, ...]:
+        """The few that tell most: a false alarm that fell, a car that rose, a loss; then what comes next."""
+        counting = [m for m in self.movers if m.group in CHANGED]
+        kinds = ((True, "false_alarm"), (True, "hit"), (False, None))
+        first = [
+            next((m for m in counting if m.gain is gain and outcome in (None, m.view.outcome)), None)
+            for gain, outcome in kinds
+        ]
+        chosen = [m for m in first if m is not None]
+        return (*chosen, *(m for m in self.movers if m not in chosen))[:N_TELLING]
 
-def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
+
+def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS, explained: bool = True) -> Gallery:
     """The largest moves of each detector: right ones and wrong ones, of hits and of false alarms.
 
     Args:
         run: the run folder.
         mode: a way of rescoring; detectors without it are left out.
         max_cards: candidates of all detectors together.
+        explained: whether the parts of D are told, which takes the model that made it.
 
     Raises:
         RescoreError: the data set is not where the run says, or the model of the evidence is another.
     """
     having = [d for d in run.detectors if any((r.detector, r.mode) == (d, mode) for r in run.metrics.rows)]
-    inspections = {d: inspect_run(run, d, mode) for d in having}
+    inspections = {d: inspect_run(run, d, mode, explained=explained) for d in having}
     per_pick = max(1, max_cards // (4 * len(inspections)))
     # frames are read one after another; only the small pictures stay
     picks = [(i, gain, picked) for i in inspections.values() for gain, picked in _picks(i, per_pick)]
@@ -118,6 +143,13 @@ def build_gallery(run: Run, mode: str, max_cards: int = MAX_CARDS) -> Gallery:
     found = dict(_movers(run, mode, inspections, wanted))
     summaries = tuple(summary(i) for i in inspections.values())
     return Gallery(summaries, tuple(found[key] for key in wanted))
+
+
+AGAINST_ITS_MOVE = {
+    True: (Group.LOST_CAR, Group.ACCEPTED_FALSE_ALARM),
+    False: (Group.GAINED_CAR, Group.REJECTED_FALSE_ALARM),
+}
+"""Groups of candidates that moved one way and count the other: the compared point moved past them."""
 
 
 def _picks(inspection: Inspection, per_pick: int) -> Iterator[tuple[bool, Sequence[int]]]:
@@ -138,7 +170,8 @@ def _picks(inspection: Inspection, per_pick: int) -> Iterator[tuple[bool, Sequen
         return
     for gain in (True, False):
         for kind in (FALSE_ALARM, HIT):
-            moved = np.where((outcome == kind) & told, -changes.loss if gain else changes.loss, 0)
+            right = ~np.isin(changes.group, AGAINST_ITS_MOVE[gain])
+            moved = np.where((outcome == kind) & told & right, -changes.loss if gain else changes.loss, 0)
             order = np.lexsort((-moved, ~counts))
             yield gain, [int(row) for row in order if moved[row] > 0][:per_pick]
 
@@ -165,7 +198,8 @@ def _mover(inspection: Inspection, row: int, gain: bool, c: CandidateView, view:
         detector=inspection.detector,
         gain=gain,
         group=changes.group[row],
-        reason=inspection.explanations[row].text,
+        reason=_sentence(inspection.explanations[row].text),
+        parts=inspection.explanations[row].parts[:N_PARTS],
         image_id=view.image_id,
         before=int(changes.place_before[row]),
         after=int(changes.place_after[row]),
@@ -174,3 +208,7 @@ def _mover(inspection: Inspection, row: int, gain: bool, c: CandidateView, view:
         panels=candidate_panels(view, c),
         metric=view.metric,
     )
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

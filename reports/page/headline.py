@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reports.palette import detector_name
+from reports.run.reductions import reduction_text
 from reports.run.tables import number, percent
-from rescore.results.metrics_file import Estimate, Metrics, ModeComparison, Row
+from rescore.results.metrics_file import Metrics, ModeComparison, Row
 
 HEADLINE_RECALL = "0.7"
 """Recall at which false positives are compared."""
@@ -19,12 +20,16 @@ class Tile:
     """One detector before and after, at a glance."""
 
     title: str
+    short: str
+    """The title where there is little room."""
     before: str
     after: str | None
     """Figure after rescoring; None where nothing was rescored."""
     what: str
     factor: str
     """What changed, with its interval; empty where there is none."""
+    never: bool
+    """Whether so many cars are found neither before nor after."""
     worse: bool
     """Whether there are more false positives after."""
 
@@ -44,7 +49,7 @@ def headline(metrics: Metrics) -> str:
 def few_images(metrics: Metrics) -> str | None:
     """A warning where the images are so few that the figures prove little; else None."""
     n = metrics.n_images
-    if n >= FEW_IMAGES:
+    if n >= FEW_IMAGES or not metrics.n_cars:
         return None
     images = "One image proves" if n == 1 else f"{n} images prove"
     return (
@@ -59,15 +64,17 @@ def tiles(metrics: Metrics) -> tuple[Tile, ...]:
     for detector in metrics.detectors:
         first, last = _ends(metrics, detector)
         values = [_false_positives(row) for row in (first, last)]
-        before, after = (number(v, 2) for v in values)
+        before, after = ("never" if v is None else number(v, 2) for v in values)
         found = _comparison(metrics, last)
         shown.append(
             Tile(
                 detector_name(detector),
+                detector_name(detector, short=True),
                 before,
                 after if last is not first else None,
                 f"false positives per image at {LEVEL_TEXT} of the cars",
-                "" if found is None else _times(found.reduction.get(HEADLINE_RECALL)),
+                "" if found is None else reduction_text(found.reduction.get(HEADLINE_RECALL)),
+                never=values[0] is None and values[1] is None,
                 worse=values[0] is not None and (values[1] is None or values[1] > values[0]),
             )
         )
@@ -88,41 +95,10 @@ def _clause(metrics: Metrics, detector: str, named: bool) -> str:
         reached = when[before is None, after is None]
         return f"{name} never gets there {reached} rescoring{_precision(metrics, first, last)}"
     found = _comparison(metrics, last)
-    times = "" if found is None else _times(found.reduction.get(HEADLINE_RECALL))
+    times = "" if found is None else reduction_text(found.reduction.get(HEADLINE_RECALL))
     subject = "" if named else f"stereo depth ({last.mode}) takes "
     values = f"from {number(before, 2)} to {number(after, 2)} false positives an image"
     return f"{subject}{name} {values}" + (f", {times}" if times else "")
-
-
-def _times(figure: Estimate | None) -> str:
-    """A reduction factor in words with its interval; empty where it is undefined."""
-    if figure is None or figure.interval is None:
-        return ""
-    value = figure.value
-    low, high = figure.interval
-    fewer = value is None or value >= 1
-    if fewer:
-        ends, shown, what = (low, high), value, "times fewer"
-    else:
-        ends, shown, what = (_inverse(high), _inverse(low)), _inverse(value), "times as many"
-    chance = "; chance may explain it" if _holds_one(low, high) else ""
-    size = "infinitely many times fewer" if shown is None else f"{shown:.1f} {what}"
-    if size == f"1.0 {what}":
-        return f"about as many (95 % interval {_end(low)} to {_end(high)} times fewer)"
-    return f"{size} (95 % interval {_end(ends[0])} to {_end(ends[1])}{chance})"
-
-
-def _inverse(value: float | None) -> float | None:
-    """1 / value, null for infinity on both sides."""
-    return 0.0 if value is None else None if value == 0 else 1 / value
-
-
-def _holds_one(low: float | None, high: float | None) -> bool:
-    return low is not None and low <= 1 and (high is None or high >= 1)
-
-
-def _end(value: float | None) -> str:
-    return "infinity" if value is None else f"{value:.1f}"
 
 
 def _precision(metrics: Metrics, first: Row, last: Row) -> str:

@@ -1,6 +1,6 @@
 """Several runs side by side: what changes from one to another, paired over the frames that both evaluated."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,19 +11,35 @@ from recon.errors import RescoreError
 from reports.palette import detector_name, mode_name
 from reports.run.curves import match_table
 from reports.run.frame_view import run_data
-from reports.run.tables import Table, difference, factor, number
+from reports.run.reductions import reduction_cell
+from reports.run.tables import Table, difference, number
 from rescore.data.content import content_digest
 from rescore.data.frames import DataSet
-from rescore.metrics.bootstrap import BootstrapConfig, Comparison, bootstrap
+from rescore.metrics.bootstrap import BootstrapConfig, FigureIntervals, bootstrap
 from rescore.metrics.curve_bands import CurveBands, curve_bands
 from rescore.metrics.matching import MatchTable, TruthTable
-from rescore.results.comparisons import estimate
+from rescore.results.comparisons import estimate, reductions
+from rescore.results.metrics_file import Reduction
 from rescore.results.run_folder import Run
 
 MIN_SHARED = 2
 """Smallest number of shared frames that gives an interval."""
 LEVEL = 0.7
 """Recall at which false positives are compared."""
+
+
+Scores = tuple[str, str]
+"""A detector and a mode."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """What changes from the scores of one run to those of another."""
+
+    before: Scores
+    after: Scores
+    difference: FigureIntervals
+    reduction: Reduction
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,19 +155,38 @@ def _compare(first: Evaluated, other: Evaluated) -> PairedRuns:
             "the figures above differ by chance of the images too, and their intervals are each run's own."
         )
         return PairedRuns(first.name, other.name, note, None)
-    keys = [
-        (row.detector, row.mode)
-        for row in first.run.metrics.rows
-        if any((r.detector, r.mode) == (row.detector, row.mode) for r in other.run.metrics.rows)
-    ]
-    if not keys:
-        note = "The runs share no detector and mode of one name, so nothing can be paired."
+    compared = scores_to_compare(first.run, other.run)
+    if not compared:
+        note = "The runs share no detector of one name, so nothing can be paired."
         return PairedRuns(first.name, other.name, note, None)
-    changes = _paired_changes(first, other, keys, pairs)
+    changes = _paired_changes(first, other, compared, pairs)
     all_images = len(pairs) == len(first.frame_keys) == len(other.frame_keys)
     which = f"all {len(pairs)} images" if all_images else f"the {len(pairs)} images that both have; {counts}"
     note = f"{other.name} less {first.name}, on {which}."
-    return PairedRuns(first.name, other.name, note, _table(changes))
+    return PairedRuns(first.name, other.name, note, _table(first.name, other.name, changes))
+
+
+def scores_to_compare(first: Run, other: Run) -> list[tuple[Scores, Scores]]:
+    """Detectors and modes that a person would compare, those of the first run before those of the other.
+
+    The detectors alone, each mode that both runs have, and the last modes of both where they differ. One
+    detector a run is paired with the other whatever their names.
+    """
+    names = [(d, d) for d in first.detectors if d in other.detectors]
+    if not names and len(first.detectors) == len(other.detectors) == 1:
+        names = [(first.detectors[0], other.detectors[0])]
+    found = []
+    for ours, theirs in names:
+        modes, their_modes = _modes(first, ours), _modes(other, theirs)
+        pairs = [(mode, mode) for mode in modes if mode in their_modes]
+        last = (modes[-1], their_modes[-1])
+        pairs += [last] if last not in pairs else []
+        found += [((ours, a), (theirs, b)) for a, b in pairs]
+    return found
+
+
+def _modes(run: Run, detector: str) -> list[str]:
+    return [row.mode for row in run.metrics.rows if row.detector == detector]
 
 
 def shared_frames(first: Sequence[str], other: Sequence[str]) -> IntArray:
@@ -178,29 +213,33 @@ def restricted(match: MatchTable, images: IntArray, n_cars: int) -> MatchTable:
 
 
 def _paired_changes(
-    first: Evaluated, other: Evaluated, keys: Sequence[tuple[str, str]], pairs: IntArray
-) -> Mapping[tuple[str, str], Comparison]:
+    first: Evaluated, other: Evaluated, compared: Sequence[tuple[Scores, Scores]], pairs: IntArray
+) -> list[_Change]:
     cars = first.truth.cars_of_image[pairs[:, 0]]
     n_cars = int(cars.sum())
     tables, names = {}, []
-    for i, key in enumerate(keys):
-        for one, column in ((first, 0), (other, 1)):
-            tables[f"{i} {column}"] = restricted(one.match(*key), pairs[:, column], n_cars)
+    for i, both in enumerate(compared):
+        for one, scores, column in ((first, both[0], 0), (other, both[1], 1)):
+            tables[f"{i} {column}"] = restricted(one.match(*scores), pairs[:, column], n_cars)
         names.append((f"{i} 0", f"{i} 1"))
     found = bootstrap(tables, cars, names, np.random.default_rng(0), BootstrapConfig())
-    return {key: found.comparisons[name] for key, name in zip(keys, names, strict=True)}
+    return [
+        _Change(*both, found.comparisons[name].difference, reductions(found, *name)[f"{LEVEL:g}"])
+        for both, name in zip(compared, names, strict=True)
+    ]
 
 
-def _table(changes: Mapping[tuple[str, str], Comparison]) -> Table:
+def _table(first: str, other: str, changes: Sequence[_Change]) -> Table:
     rows = tuple(
         (
-            detector_name(detector),
-            mode_name(mode),
-            factor(estimate(c.reduction[LEVEL])),
+            " → ".join(dict.fromkeys(detector_name(d) for d in (c.before[0], c.after[0]))),
+            mode_name(c.before[1]),
+            mode_name(c.after[1]),
+            reduction_cell(c.reduction),
             difference(estimate(c.difference.auc)),
             difference(estimate(c.difference.average_precision)),
         )
-        for (detector, mode), c in changes.items()
+        for c in changes
     )
-    head = ("detector", "scores", f"times fewer FP at {LEVEL:.0%}", "area", "average precision")
-    return Table("Paired differences", head, rows, text_columns=2)
+    head = ("detector", first, other, f"times fewer FP at {LEVEL:.0%}", "area", "average precision")
+    return Table("Paired differences", head, rows, text_columns=3)

@@ -29,6 +29,7 @@ from reports.run.tables import (
     reliability_table,
     result_table,
     stereo_table,
+    tie_notes,
     weight_table,
 )
 from reports.run.tables3d import boxes3d_table, error_table, pose_table
@@ -116,6 +117,7 @@ def render_report(runs: Sequence[Evaluated]) -> str:
         depth_stops=colour_stops(DEPTH_COLOURS),
         residual_stops=colour_stops(RESIDUAL_COLOURS),
         number=number,
+        tie_notes=tie_notes,
         detector_name=detector_name,
         charts={name: chart for g in groups for name, chart in g.as_json().items()},
         style=asset(_ROOM, "report.css"),
@@ -158,14 +160,21 @@ def _gallery(run: Run, mode: str, max_cards: int) -> tuple[Gallery | None, str]:
             None,
             "No candidate was rescored in this run, so none moved: `rescore apply` rescores detections.",
         )
-    gallery, note = _or_note(lambda: build_gallery(run, mode, max_cards), None, "No pictures of candidates")
+    gallery, note = _or_note(lambda: build_gallery(run, mode, max_cards), None, "No reasons are told")
+    if gallery is None:
+        # another model than the one that made D takes the reasons, not the pictures
+        bare, why_not = _or_note(lambda: build_gallery(run, mode, max_cards, explained=False), None, "")
+        if bare is None:
+            return None, f"No pictures of candidates{why_not}"
+        gallery = bare
     if gallery is not None and not gallery.movers:
         return None, "No candidate with depth evidence changed its place."
     if gallery is not None and all(m.panels.predicted is None for m in gallery.movers):
-        note = (
+        no_depth = (
             f"No predicted depth is shown: {run.root.name} holds no reconstructions; `rescore apply "
             f"--evidence {run.root.name}/evidence` keeps them."
         )
+        note = " ".join(filter(None, (note, no_depth)))
     return gallery, note
 
 

@@ -5,12 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from reports.palette import detector_name
 from reports.run.frame_view import run_dataset
-from reports.run.tables import Table
+from reports.run.tables import Table, number
 from rescore.data.frames import SPLITS, DataSet
-from rescore.results.run_config_file import RunConfigFile
+from rescore.results.candidate_file import ALONE
 from rescore.results.run_folder import Run
 
+_TOLD_BY_DETECTOR = ("rescore", "rescored", "detections", "predicted")
+"""Settings that are told with the detector that they rescore, and names of files."""
 HASH_DIGITS = 16
 """Hexadecimal digits shown of a hash."""
 
@@ -92,23 +95,53 @@ def made_from(run: Run) -> list[tuple[str, str]]:
 def differing_settings(runs: Mapping[str, Run]) -> Table | None:
     """Table of the settings, seeds and versions that differ between runs, a row each; None where none
     does."""
-    flat = {name: _flat(_comparable(run.config)) for name, run in runs.items()}
+    flat = [_comparable(run) for run in runs.values()]
     # what only one kind of command has cannot differ
-    keys = [key for key in next(iter(flat.values())) if all(key in values for values in flat.values())]
-    rows = [(key, *(flat[name][key] for name in runs)) for key in keys]
-    differing = tuple(row for row in rows if len(set(row[1:])) > 1)
-    if not differing:
-        return None
-    return Table("Settings that differ", ("setting", *runs), differing, text_columns=1 + len(runs))
+    keys = [key for key in flat[0] if all(key in values for values in flat)]
+    told: dict[tuple[str, ...], list[str]] = {}
+    for detector, setting in keys:
+        values = [one[detector, setting] for one in flat]
+        if len(set(values)) > 1:
+            # what several detectors say alike is one row
+            told.setdefault((setting, *values), []).append(detector)
+    rows = tuple((": ".join(filter(None, (", ".join(who), row[0]))), *row[1:]) for row, who in told.items())
+    return (
+        Table("Settings that differ", ("setting", *runs), rows, text_columns=1 + len(runs)) if rows else None
+    )
 
 
-def _comparable(config: RunConfigFile) -> dict[str, Any]:
-    value = config.as_json()
-    return {
-        **{name: value.get(name) for name in ("command", "seed", "stereo")},
-        **config.config.everything,
-        "versions": config.versions,
-    }
+def _comparable(run: Run) -> dict[tuple[str, str], str]:
+    """Settings as text, by detector ("" for all) and name; what rescored first, names of files left out."""
+    value, made = run.config.as_json(), run.config.config
+    rest = {name: v for name, v in made.everything.items() if name not in _TOLD_BY_DETECTOR}
+    general = _flat(
+        {name: value.get(name) for name in ("command", "seed", "stereo")}
+        | rest
+        | {"versions": run.config.versions}
+    )
+    return _rescored(run) | {("", name): text for name, text in general.items()}
+
+
+def _rescored(run: Run) -> dict[tuple[str, str], str]:
+    """Scores and w of each detector, and the settings of its last mode."""
+    told: dict[tuple[str, str], str] = {}
+    for detector in run.detectors:
+        rows = [row for row in run.metrics.rows if row.detector == detector]
+        modes, last = [row.mode for row in rows if row.mode != ALONE], rows[-1]
+        settings = {"scores": modes or "alone", "w": number(last.w, 2)}
+        settings |= made_with(run, detector, last.mode) if modes else {}
+        name = detector_name(detector, short=True)
+        told |= {(name, key): text for key, text in _flat(settings).items()}
+    return told
+
+
+def made_with(run: Run, detector: str, mode: str) -> dict[str, Any]:
+    """The settings that rescored in a mode, by a name for people."""
+    found = dict(run.config.config.rescored_with(detector, mode))
+    shift = found.pop("log_odds_shift", None)
+    for told_elsewhere in ("w", "registration", "rescore", "split"):
+        found.pop(told_elsewhere, None)
+    return found if shift is None else {"share of cars: log odds moved by": f"{shift:+.2f}", **found}
 
 
 def _flat(value: Any, name: str = "") -> dict[str, str]:

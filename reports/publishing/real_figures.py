@@ -1,24 +1,20 @@
 """The figures of real streets: ``python -m reports.publishing.real_figures FILE COMMAND RUN [RUN ...]``.
 
-Writes the metrics of finished runs into one JSON file, and their table into the README between two marks, so
-that what the README says is what was measured.
+Writes the metrics of finished runs into one JSON file; `reports/publishing/prose.py` writes their table into
+the README.
 """
 
-import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from recon.errors import RescoreError
-from recon.files import atomic_path
-from reports.run.tables import LEVEL, RECALLS, Table, factor, number
+from reports.run.reductions import reduction_cell
+from reports.run.tables import LEVEL, RECALLS, Table, number
 from rescore.files import read_json_object, write_json
 from rescore.results.candidate_file import ALONE
 from rescore.results.metrics_file import Metrics, read_metrics
 
-README = Path(__file__).resolve().parents[2] / "README.md"
-BEGIN, END = "<!-- real streets: begin -->", "<!-- real streets: end -->"
-"""Marks in the README around the table."""
 TITLES: Mapping[str, str] = {
     "kitti_road": "KITTI road",
     "kitti": "KITTI object",
@@ -27,25 +23,21 @@ TITLES: Mapping[str, str] = {
 _FORMAT = "real streets 1"
 
 
-def publish_figures(file: Path, command: str, runs: Sequence[Path], readme: Path = README) -> Table:
-    """Write the metrics of runs to a file and their table into the README; returns the table.
+def publish_figures(file: Path, command: str, runs: Sequence[Path]) -> Table:
+    """Write the metrics of runs to a file; returns their table.
 
     Args:
         file: the JSON file.
         command: what made them.
         runs: run folders, named as in ``TITLES``.
-        readme: the page with the two marks.
 
     Raises:
-        RescoreError: a run of another name, one without annotated cars, or a page without the marks.
+        RescoreError: a run of another name, or one without annotated cars.
     """
     found = {run.name: read_metrics(run / "metrics.json") for run in runs}
     table = figures_table(found)
-    page = _with_table(readme, table)
     metrics = {name: m.as_json() for name, m in found.items()}
     write_json(file, {"format": _FORMAT, "made_with": command, "runs": metrics})
-    with atomic_path(readme) as beside:
-        beside.write_text(page, encoding="utf-8")
     return table
 
 
@@ -86,7 +78,7 @@ def figures_table(runs: Mapping[str, Metrics]) -> Table:
 
 
 def _rows(title: str, metrics: Metrics) -> list[tuple[str, ...]]:
-    gains = {(c.detector, c.mode): factor(c.reduction.get(LEVEL)) for c in metrics.comparisons}
+    gains = {(c.detector, c.mode): reduction_cell(c.reduction.get(LEVEL)) for c in metrics.comparisons}
     return [
         (
             f"{title}, detector alone" if row.mode == ALONE else f"{title}, rescored",
@@ -97,15 +89,6 @@ def _rows(title: str, metrics: Metrics) -> list[tuple[str, ...]]:
         )
         for row in metrics.rows
     ]
-
-
-def _with_table(readme: Path, table: Table) -> str:
-    """The text of a page with the table between its marks."""
-    text = readme.read_text(encoding="utf-8")
-    marked = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
-    if not marked.search(text):
-        raise RescoreError(f"{readme}: expected the marks {BEGIN} and {END}, found none; put them back")
-    return marked.sub(lambda _: f"{BEGIN}\n\n{table.markdown()}\n{END}", text)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from reports.page.report import build_report
 from reports.pages import write_page
 from reports.publishing.browser import BrowserPage, open_browser
 
-_DESKTOP = (1280, 1160)
+_DESKTOP = (1280, 800)
 _PHONE = (390, 844)
 _QUALITY = 88
 _GAP_PX = 24
@@ -42,7 +42,7 @@ class Shot:
 
 _TOP, _CURVES, _NUMBERS, _TUNING = "", "#r0-curves", "#r0-numbers", "#r0-tuning"
 _GALLERY, _CARDS = "#r0-moves", ".count"
-_RESULT = "The result, both detectors before and after, with bands of 95 %"
+_RESULT = "The first screen: the result, curves with bands of 95 %, three telling candidates"
 _LARGE = "One candidate: picture, depths, residual, numbers and reason"
 SHOTS = (
     Shot("desktop_light", _RESULT, _DESKTOP, False, (_TOP,)),

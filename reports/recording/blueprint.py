@@ -96,11 +96,13 @@ def blueprint(
 
 
 def _overview(plots: Plots) -> rrb.Horizontal:
-    rows = [rrb.Horizontal(*(own[d].view() for own in plots.values())) for d in plots[CARS]]
+    """The guide beside the curves, two in a row, and after the last curve the table of results."""
     guide = rrb.TextDocumentView(origin="guide", name="how to read this recording")
     results = rrb.TextDocumentView(origin="results", name="results on the test set")
-    words = rrb.Vertical(guide, results, row_shares=[2.1, 1])
-    return rrb.Horizontal(words, rrb.Vertical(*rows), column_shares=[2, 5], name=TABS[0])
+    cells = [*(plot.view() for own in plots.values() for plot in own.values()), results]
+    # an odd number of cells leaves the last one a row of its own
+    rows = [rrb.Horizontal(*cells[i : i + 2]) for i in range(0, len(cells), 2)]
+    return rrb.Horizontal(guide, rrb.Vertical(*rows), column_shares=[2, 5], name=TABS[0])
 
 
 def _frame_tab(
@@ -179,12 +181,12 @@ def _candidate_tab(story: Story, detector: str, title: str) -> rrb.Horizontal:
 
     if story.shows_fits(detector):
         pictures = (
-            crop("box; dashes: where the car that fits the depth best ends", "picture", "box", "car"),
+            crop("box; dashes: the car depth shows", "picture", "box", "car"),
             crop("measured depth", "measured_depth/**", "box", "car"),
-            crop("the car that fits the depth best", "seen_depth/**", "box", "car"),
-            crop("the car that fits the box best", "framed_depth/**", "box"),
-            crop("measured − depth of the car that fits the box best", "residual", "box"),
-            _object_view(detector, "the car that fits the box best; white: the depth best"),
+            crop("the car depth shows", "seen_depth/**", "box", "car"),
+            crop("the best-fitting car", "framed_depth/**", "box"),
+            crop("measured − best-fitting car", "residual", "box"),
+            _object_view(detector, "best-fitting car; white: the car depth shows"),
         )
     else:
         pictures = (

@@ -19,6 +19,8 @@ LEGEND = ("hit", "false_alarm", "duplicate", "missed")
 LEGEND_TEXT = {"hit": "hit", "false_alarm": "false alarm", "duplicate": "duplicate", "missed": "missed car"}
 _MAX_TABLE = 15
 _MAX_LABELS = 3
+_LABEL_HEIGHT, _LETTER_WIDTH, _LABEL_EDGE = 0.042, 0.015, 0.02
+"""Sizes of labels as shares of the width of the largest picture, in a view of some 500 points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +36,16 @@ class Shown:
     """Whether this is the detector alone."""
 
 
-def log_boxes(rec: rr.RecordingStream, story: Story, view: FrameView) -> None:
-    """Log the candidates of all detectors and modes, and the tables, at the time that is set."""
+def log_boxes(rec: rr.RecordingStream, story: Story, view: FrameView, width_px: int) -> None:
+    """Log the candidates of all detectors and modes, and the tables, at the time that is set.
+
+    ``width_px`` is that of the largest picture of the recording, for which the views are made.
+    """
     for detector in story.run.detectors:
         for mode in story.modes_of(detector):
-            log_shown(rec, boxes_path(detector, mode), shown(story, view, detector, mode), view)
+            what = shown(story, view, detector, mode)
+            log_shown(rec, boxes_path(detector, mode), what, view)
+            _log_labels(rec, f"{boxes_path(detector, mode)}/labels", what, view, width_px)
         rec.log(f"tables/{part(detector)}", text(frame_table(story, view, detector)))
         _log_legend(rec, f"{IMAGE}/{part(detector)}/legend", view)
 
@@ -71,17 +78,23 @@ def labelled(story: Story, view: FrameView, detector: str) -> BoolArray:
     return np.array([any(c is b for b in best) for c in some], bool)
 
 
-def log_shown(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView, labels: bool = True) -> None:
-    """Log boxes, labels and annotated cars at an entity path."""
+def log_shown(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView) -> None:
+    """Log boxes and annotated cars at an entity path."""
     _log_rectangles(rec, f"{path}/accepted", what, what.accepted)
     _log_rectangles(rec, f"{path}/rejected", what, ~what.accepted)
-    if labels:
-        _log_labels(rec, f"{path}/labels", what, view)
     _log_cars(rec, f"{path}/cars", what, view.truth)
 
 
+def short_label(c: CandidateView, alone: bool) -> str:
+    """What stands on a box: its place and l, or both places and D."""
+    if alone:
+        return f"#{c.rank + 1}  {c.likelihood:.2f}"
+    d = f"  D {c.depth_difference:.2f}" if np.isfinite(c.depth_difference) else ""
+    return (f"#{c.rank + 1}" if c.rank == c.new_rank else f"#{c.rank + 1} → #{c.new_rank + 1}") + d
+
+
 def candidate_label(c: CandidateView, alone: bool) -> str:
-    """The label of a box: rank and l; after rescoring also both places, D and the score."""
+    """The label where the pointer is: rank and l; after rescoring also both places, D and the score."""
     if alone:
         return f"#{c.rank + 1}   l {c.likelihood:.2f}"
     d = f"D {c.depth_difference:.2f}" if np.isfinite(c.depth_difference) else "no D"
@@ -116,21 +129,29 @@ def frame_table(story: Story, view: FrameView, detector: str) -> str:
     return "".join(lines)
 
 
-def label_spots(xyxy_px: FloatArray, width_px: int, height_px: int, share: float = 0.38) -> FloatArray:
-    """Where labels (n, 2) stand: under their boxes, moved down where they would lie on an earlier label.
+def label_spots(
+    xyxy_px: FloatArray, picture_px: tuple[int, int], widths_px: FloatArray, height_px: float
+) -> FloatArray:
+    """Where labels (n, 2) hang, the middle of their upper edges: in their boxes where they fit.
 
-    The size of a label in picture pixels depends on the zoom; assumed is a picture as wide as its view, of
-    which a label takes the ``share``.
+    Else above or below the box; where another label is there, lower.
+
+    Args:
+        xyxy_px: the boxes (n, 4).
+        picture_px: width and height of the picture.
+        widths_px: widths of the labels in pixels of the picture, shape (n,).
+        height_px: height of a label in pixels of the picture.
     """
-    w, h = share * width_px, 0.046 * width_px
-    spots: list[tuple[float, float]] = []
-    for x0, _, x1, y1 in xyxy_px:
-        x = float(np.clip((x0 + x1) / 2, w / 2, width_px - w / 2))
-        y = float(min(y1, height_px - 1.5 * h))
-        while any(abs(x - ox) < w and abs(y - oy) < h for ox, oy in spots):
-            y += h / 4
-        spots.append((x, y))
-    return np.array(spots).reshape(-1, 2)
+    (width, height), h = picture_px, height_px
+    taken: list[tuple[float, float, float]] = []
+    for (x0, y0, x1, y1), w in zip(xyxy_px, widths_px, strict=True):
+        inside = [y0, y1 - h] if x1 - x0 >= w and y1 - y0 >= h else []
+        x = float(np.clip((x0 + x1) / 2, w / 2, width - w / 2))
+        ys = [float(y) for y in (*inside, y0 - h, y1) if 0 <= y <= height - h]
+        ys += np.arange(float(np.clip(y0, 0, height - h)), 2 * height, h / 4).tolist()
+        free = (y for y in ys if all(abs(x - ox) >= (w + ow) / 2 or abs(y - oy) >= h for ox, oy, ow in taken))
+        taken.append((x, next(free), float(w)))
+    return np.array([spot[:2] for spot in taken]).reshape(-1, 2)
 
 
 def _log_rectangles(rec: rr.RecordingStream, path: str, what: Shown, use: BoolArray) -> None:
@@ -158,18 +179,21 @@ def _log_rectangles(rec: rr.RecordingStream, path: str, what: Shown, use: BoolAr
     )
 
 
-def _log_labels(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView) -> None:
+def _log_labels(rec: rr.RecordingStream, path: str, what: Shown, view: FrameView, width_px: int) -> None:
     """Labels apart from the boxes, for the viewer would break them into lines as wide as the box."""
     h, w = view.measured.shape
     some = [c for c, named in zip(what.candidates, what.labelled, strict=True) if named]
-    some.sort(key=lambda c: float(c.xyxy_px[3]))
+    # the foremost chooses its place first
+    some.sort(key=lambda c: min(c.rank, c.new_rank))
     boxes = np.array([c.xyxy_px for c in some]).reshape(-1, 4)
+    labels = [short_label(c, what.alone) for c in some]
+    widths = width_px * (_LABEL_EDGE + _LETTER_WIDTH * np.array([len(label) for label in labels], float))
     rec.log(
         path,
         rr.Points2D(
-            label_spots(boxes, w, h, 0.2 if what.alone else 0.38),
+            label_spots(boxes, (w, h), widths, _LABEL_HEIGHT * width_px),
             class_ids=[outcome_class(c.outcome, accepted=True) for c in some],
-            labels=[candidate_label(c, what.alone) for c in some],
+            labels=labels,
             show_labels=True,
             radii=rr.Radius.ui_points(0),
             draw_order=30,

@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
 from recon.class_model import ClassModel
-from reports.palette import NIGHT, NIGHT_AXIS, NIGHT_INK, ORANGE, SKY, WHITE, on_dark, part_colour, rgb
+from reports.palette import NIGHT, NIGHT_AXIS, ORANGE, SKY, WHITE, on_dark, part_colour, rgb
 from reports.recording.boxes3d import log_fit
 from reports.recording.crop import (
     Crop,
@@ -30,7 +30,7 @@ from reports.recording.entities import (
 from reports.recording.fit_crops import log_fit_crops
 from reports.recording.frame import in_metres, log_depth
 from reports.recording.story import Story
-from reports.recording.words import Bar, ColourRange, evidence_bars, why
+from reports.recording.words import MAX_BARS, Bar, ColourRange, evidence_bars, why
 from reports.run.candidate_panels import colourise
 from reports.run.frame_view import CandidateView, FrameView
 from reports.run.overlay import (
@@ -49,8 +49,10 @@ _OUTLINE_POINTS = 90
 _VIEWED_WIDTH_M = 4.4
 _CAR_SIZE = 2.0
 """Scale of the view of a fitted car, with room for another one beside it."""
-_BARS_WIDTH, _BAR_HEIGHT = 640.0, 44.0
-_BARS_NAME, _BARS_ZERO, _BARS_REACH = 176.0, 490.0, 96.0
+_BARS_WIDTH, _BAR_HEIGHT = 640.0, 48.0
+_BARS_ZERO, _BARS_REACH = _BARS_WIDTH / 2, 0.46 * _BARS_WIDTH
+_BAR_AT, _NAME_AT = 0.8, 0.06
+"""Places of a bar and its line of words in their row; the line keeps its size on screen."""
 _SHORTEST_SCALE = 0.5
 """Log odds of the longest bar are taken to be at least this."""
 _PART_COLOURS = np.array([rgb(part_colour(i)) for i in range(256)], np.uint8)
@@ -107,7 +109,7 @@ def bars_view(story: Story, detector: str) -> rrb.Spatial2DView:
         name=name,
         background=rgb(NIGHT),
         visual_bounds=rrb.VisualBounds2D(
-            x_range=[0, _BARS_WIDTH], y_range=[-0.3 * _BAR_HEIGHT, 10.6 * _BAR_HEIGHT]
+            x_range=[0, _BARS_WIDTH], y_range=[-0.1 * _BAR_HEIGHT, (MAX_BARS + 1.2) * _BAR_HEIGHT]
         ),
     )
 
@@ -248,10 +250,10 @@ def _log_place(rec: rr.RecordingStream, path: str, c: CandidateView, view: Frame
 
 
 def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None:
-    """Horizontal bars with their names at the left and their values at the ends."""
+    """Horizontal bars from the middle, each below its value and its name: beside it there may be no room."""
     if not bars:
         bars = (Bar("no evidence", 0.0),)
-    y = (np.arange(len(bars)) + 0.5) * _BAR_HEIGHT
+    y = (np.arange(len(bars)) + _BAR_AT) * _BAR_HEIGHT
     amount = np.array([b.value for b in bars], float)
     longest = max(float(np.abs(amount).max(initial=0.0)), _SHORTEST_SCALE)
     ends = _BARS_ZERO + amount / longest * _BARS_REACH
@@ -259,21 +261,18 @@ def _log_bars(rec: rr.RecordingStream, path: str, bars: tuple[Bar, ...]) -> None
     strips = np.stack([np.full(len(y), _BARS_ZERO), y, ends, y], axis=1).reshape(-1, 2, 2)
     rec.log(
         f"{path}/bars",
-        rr.LineStrips2D(strips, colors=colours, radii=[0.2 * _BAR_HEIGHT] * len(strips)),
+        rr.LineStrips2D(strips, colors=colours, radii=[0.08 * _BAR_HEIGHT] * len(strips)),
         *values(log_odds=amount),
     )
-    bottom = max(len(bars), 1) * _BAR_HEIGHT
-    axis = rr.LineStrips2D([[(_BARS_ZERO, 0), (_BARS_ZERO, bottom)]], colors=[rgb(NIGHT_AXIS)])
-    rec.log(f"{path}/zero", axis)
-    side = np.where(amount >= 0, 34.0, -34.0)
-    spots = [(_BARS_NAME, row - 0.28 * _BAR_HEIGHT) for row in y]
-    spots += list(zip(ends + side, y - 0.28 * _BAR_HEIGHT, strict=True))
+    half = 0.12 * _BAR_HEIGHT
+    zero = [[(_BARS_ZERO, row - half), (_BARS_ZERO, row + half)] for row in y]
+    rec.log(f"{path}/zero", rr.LineStrips2D(zero, colors=[rgb(NIGHT_AXIS)] * len(zero)))
     rec.log(
         f"{path}/names",
         rr.Points2D(
-            spots,
-            labels=[b.name for b in bars] + [f"{b.value:+.2f}".replace("-", "−") for b in bars],
-            colors=[rgb(NIGHT_INK)] * len(bars) + colours,
+            [(_BARS_ZERO, (row + _NAME_AT) * _BAR_HEIGHT) for row in range(len(bars))],
+            labels=[f"{'−' if b.value < 0 else '+'}{abs(b.value):.2f}  {b.name}" for b in bars],
+            colors=colours,
             radii=rr.Radius.ui_points(0),
             show_labels=True,
         ),

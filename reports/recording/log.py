@@ -1,5 +1,8 @@
 """The recording of a run for the Rerun viewer: frames in 2D and 3D, candidates and why they moved, curves."""
 
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +10,7 @@ import rerun as rr
 
 from recon.arrays import IntArray
 from recon.class_model import ClassModel
+from recon.errors import RescoreError
 from recon.files import atomic_path
 from reports.palette import mode_name
 from reports.recording.blueprint import blueprint, recorded_plots
@@ -39,6 +43,14 @@ from rescore.speech import say
 APPLICATION_ID = "rescore"
 _CHUNK_BYTES = 2**19
 """Bytes that an entity holds back before it is written: what is held must not grow with the frames."""
+_FRAMES_HELD = 8
+"""Frames after which all is written that entities hold back: there are hundreds of them."""
+_TRIES, _PATIENCE_S = 12, 5.0
+_ROOM_BYTES = 2**26
+"""Free room that is kept: more than what is logged between two looks at it."""
+_END_MARK = b"RRF2FOOT"
+_END = _END_MARK + b"\1\0\0\0"
+"""Last bytes of a recording that is whole."""
 MAX_EXPLAINED = 30
 """Candidates of a frame and detector that have pictures of their own: the best before or after rescoring."""
 
@@ -79,10 +91,60 @@ def write_recording(
             APPLICATION_ID, recording_id=story.run.root.name, send_properties=False, batcher_config=batches
         )
         rr.set_log_time_enabled(False, recording=rec)
-        _Writer(rec, story).write(beside, chosen, show)
-        rec.flush()
-        rec.disconnect()
+        with _told_where_it_cannot_write(out):
+            try:
+                _Writer(rec, story).write(beside, chosen, show)
+                _flush(rec, beside)
+            finally:
+                # one that is still connected to a full disk may keep the process from ending
+                rec.disconnect()
+            _refuse_cut(beside)
     return out
+
+
+@contextmanager
+def _told_where_it_cannot_write(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except RuntimeError as error:
+        why = " ".join(str(error).split())
+        raise RescoreError(
+            f"{out}: expected to write here, got {why!r}; make room or choose another place"
+        ) from error
+
+
+def _refuse_full(file: Path) -> None:
+    """Raises RuntimeError where the disk is nearly full: Rerun, which writes, would not say so."""
+    left = shutil.disk_usage(file.parent).free
+    if left < _ROOM_BYTES:
+        raise RuntimeError(
+            f"a disk with {left / 2**20:.0f} MB left, at least {_ROOM_BYTES // 2**20} are needed"
+        )
+
+
+def _flush(rec: rr.RecordingStream, file: Path) -> None:
+    """Write what was logged so far to the file.
+
+    Raises:
+        RuntimeError: the disk is nearly full, or the thread of Rerun that writes has ended or is stuck.
+    """
+    _refuse_full(file)
+    for left in reversed(range(_TRIES)):
+        # without an end, Rerun may wait for ever for a thread that is no more
+        try:
+            rec.flush(timeout_sec=_PATIENCE_S)
+            return
+        except RuntimeError:
+            if not left:
+                raise
+
+
+def _refuse_cut(file: Path) -> None:
+    """Raises RuntimeError where a recording lacks its end."""
+    with file.open("rb") as written:
+        written.seek(max(0, file.stat().st_size - len(_END)))
+        if not written.read().startswith(_END_MARK):
+            raise RuntimeError("a recording without its end")
 
 
 class _Writer:
@@ -103,12 +165,13 @@ class _Writer:
         size = max(f.width_px for f in shown), max(f.height_px for f in shown)
         right = any(f.right_path is not None and f.right_path.is_file() for f in shown)
         plots = recorded_plots(story)
+        _refuse_full(path)
         rec.save(path, default_blueprint=blueprint(story, plots, size, len(chosen), right))
         self._log_static()
         for plot in (p for of_kind in plots.values() for p in of_kind.values()):
             plot.log(rec)
         # names, colours and texts come first in the file, not when enough of them has gathered
-        rec.flush()
+        _flush(rec, path)
         tiles: list[SheetTile] = []
         first: FrameView | None = None
         others = [m for m in story.run.modes if m != story.mode]
@@ -125,10 +188,12 @@ class _Writer:
             if i < MAX_TILES:
                 tiles.append(SheetTile.of(story, view, size))
             log_frame(rec, view, size)
-            log_boxes(rec, story, view)
+            log_boxes(rec, story, view, size[0])
             log_boxes3d(rec, story, view)
             log_models(rec, story, view, model)
             self._log_candidates(i, view, model)
+            if i % _FRAMES_HELD == _FRAMES_HELD - 1:
+                _flush(rec, path)
         if first is not None:
             rec.reset_time()
             self._set_frame(0, first.image_id)

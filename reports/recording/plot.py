@@ -15,12 +15,13 @@ import rerun.blueprint as rrb
 from recon.arrays import FloatArray
 from reports.charts import Chart, Line
 from reports.palette import NIGHT, NIGHT_AXIS, NIGHT_GRID, NIGHT_INK, on_dark, rgb
+from reports.run.tables import SHORT_MODE
 
 WIDTH, HEIGHT = 650, 500
 _DASH = 0.022 * HEIGHT
-_MARK_LABEL = np.array([0.17 * WIDTH, 0.02 * HEIGHT])
-"""Offset from a point to the middle of the upper edge of its label."""
-_LEGEND_X, _LEGEND_STEP = 1.4 * WIDTH, 0.115 * HEIGHT
+_MARK_LABEL = np.array([0.76 * WIDTH, 0.88 * HEIGHT])
+"""Middle of the upper edge of the label of a point: below the right end of the curves, which is high."""
+_LEGEND_X, _LEGEND_STEP = 1.2 * WIDTH, 0.105 * HEIGHT
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Plot:
         rec.log(
             f"{self.path}/operating_point/label",
             rr.Points2D(
-                spots[named].reshape(-1, 2) + _MARK_LABEL,
+                np.tile(_MARK_LABEL, (len(named), 1)),
                 labels=[marks.labels[i] for i in named],
                 colors=[colours[i] for i in named],
                 radii=rr.Radius.ui_points(0),
@@ -86,7 +87,7 @@ class Plot:
             name=self.title,
             background=rgb(NIGHT),
             visual_bounds=rrb.VisualBounds2D(
-                x_range=[-0.13 * WIDTH, 1.78 * WIDTH], y_range=[-0.13 * HEIGHT, 1.19 * HEIGHT]
+                x_range=[-0.13 * WIDTH, 1.42 * WIDTH], y_range=[-0.13 * HEIGHT, 1.19 * HEIGHT]
             ),
         )
 
@@ -128,8 +129,8 @@ class Plot:
         rec.log(path, rr.LineStrips2D(strips, colors=[colour], radii=width, draw_order=index), static=True)
         # a label keeps its size on screen, so no drawn key could stay beside it: the text bears the colour
         key = "- -" if dashed else "—"
-        spot = (_LEGEND_X, (index + 0.5) * _LEGEND_STEP)
-        _log_labels(rec, f"{path}/key", [spot], [f"{key} {line.name}: {line.figure}"], colour)
+        spot, mode = (_LEGEND_X, (index + 0.5) * _LEGEND_STEP), line.tags[-1]
+        _log_labels(rec, f"{path}/key", [spot], [f"{key} {SHORT_MODE.get(mode, mode)} {line.figure}"], colour)
 
 
 def dashes(points: FloatArray, length: float) -> list[FloatArray]:

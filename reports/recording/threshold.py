@@ -27,7 +27,7 @@ from reports.recording.plot import Marks, Plot
 from reports.recording.story import Story
 from reports.run.curves import scores
 from reports.run.frame_view import FrameView
-from reports.run.tables import number, percent
+from reports.run.tables import SHORT_MODE, number, percent
 from rescore.data.frames import Truth
 from rescore.results.candidate_file import ALONE
 
@@ -115,7 +115,7 @@ def log_thresholds(
             log_sheet(rec, detector, tiles, least, whole=i == 0)
             for mode in dict.fromkeys((ALONE, story.mode_of(detector))):
                 what = shown(story, first, detector, mode, least)
-                log_shown(rec, boxes_path(detector, mode), what, first, labels=False)
+                log_shown(rec, boxes_path(detector, mode), what, first)
 
 
 def log_points(
@@ -130,7 +130,8 @@ def log_points(
     rates = np.array([story.rates(detector, m, a) for m, a in zip(modes, accepted, strict=True)])
     main = story.mode_of(detector)
     labels = tuple(
-        f"{fppi:.2f} FP/image" if m == main else "" for m, fppi in zip(modes, rates[:, 0], strict=True)
+        f"{SHORT_MODE.get(m, m)}: {fppi:.2f} FP/image" if m == main else ""
+        for m, fppi in zip(modes, rates[:, 0], strict=True)
     )
     plot.log_marks(rec, Marks(rates[:, 0], rates[:, 1], tuple(mode_colour(m) for m in modes), labels))
     rec.log(points_path(detector), text(_points_table(story, detector, rates, least_score)))

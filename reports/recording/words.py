@@ -1,7 +1,7 @@
 """What a recording says of a candidate in words, and the bars beside them."""
 
 from dataclasses import dataclass
-from textwrap import wrap
+from textwrap import shorten
 
 import numpy as np
 
@@ -12,9 +12,10 @@ from reports.run.frame_view import CandidateView, FrameView
 from rescore.results.candidate_file import ALONE
 from rescore.results.words import status_text
 
-_MAX_BARS = 8
-_LINE = 50
-"""Letters of a line beside a bar."""
+MAX_BARS = 6
+"""Parts of the evidence that have a bar of their own."""
+_LINE = 66
+"""Letters of the line above a bar."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,9 @@ def evidence_bars(story: Story, detector: str, c: CandidateView) -> tuple[Bar, .
     if detector not in story.models:
         return _terms_of_eq_7(story, detector, c)
     parts = story.explanations[detector][c.row].parts
-    bars = [Bar(_short(p.text), p.log_odds) for p in parts[:_MAX_BARS]]
-    if parts[_MAX_BARS:]:
-        rest = parts[_MAX_BARS:]
+    bars = [Bar(_short(p.text), p.log_odds) for p in parts[:MAX_BARS]]
+    if parts[MAX_BARS:]:
+        rest = parts[MAX_BARS:]
         bars.append(Bar(f"{len(rest)} other parts together", sum(p.log_odds for p in rest)))
     return tuple(bars)
 
@@ -81,7 +82,8 @@ def why(story: Story, detector: str, view: FrameView, c: CandidateView, colours_
             f"least *l* {_least(story, detector, ALONE)}, least score {_least(story, detector, mode)}."
         )
     if told is not None:
-        lines.append(f"**Why:** {told[c.row].text}.{_sum(story, detector, c)}")
+        text = told[c.row].text
+        lines.append(f"**Why:** {text[:1].upper()}{text[1:]}.{_sum(story, detector, c)}")
     elif c.status != "ok":
         lines.append(f"No evidence: {status_text(c.status)}.")
     if c.view:
@@ -120,8 +122,8 @@ def _terms_of_eq_7(story: Story, detector: str, c: CandidateView) -> tuple[Bar, 
 
 
 def _short(sentence: str) -> str:
-    """The sentence in short lines, without what cars usually have, which the words beside the bars say."""
-    return "\n".join(wrap(sentence.partition(" (cars")[0], _LINE))
+    """The sentence as one line, without what cars usually have, which the words beside the bars say."""
+    return shorten(sentence.partition(" (cars")[0], _LINE, placeholder=" …")
 
 
 def _moved(delta: int) -> str:
@@ -133,7 +135,7 @@ def _moved(delta: int) -> str:
 
 
 def _verdict(accepted: bool) -> str:
-    return "Accepted" if accepted else "Rejected"
+    return "Accepted" if accepted else "Below the threshold"
 
 
 def _least(story: Story, detector: str, mode: str) -> str:

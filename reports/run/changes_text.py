@@ -27,12 +27,12 @@ GROUP_TEXT = {
     Group.LOST_CAR: "car lost",
     Group.GAINED_CAR: "car gained",
     Group.SWAPPED_CAR: "car lost, another gained",
-    Group.REJECTED_FALSE_ALARM: "false alarm rejected",
-    Group.ACCEPTED_FALSE_ALARM: "false alarm accepted",
+    Group.REJECTED_FALSE_ALARM: "false alarm gone",
+    Group.ACCEPTED_FALSE_ALARM: "new false alarm",
     Group.MOVED_HIT: "other box of a car",
     Group.KEPT_CAR: "car kept",
     Group.KEPT_FALSE_ALARM: "false alarm kept",
-    Group.REJECTED: "not accepted",
+    Group.REJECTED: "below the threshold",
     Group.IGNORED: "not judged",
 }
 """Words for each group, for people."""
@@ -51,6 +51,7 @@ def inspect_run(
     mode: str | None = None,
     point: OperatingPoint | None = None,
     evidence_model: Path | None = None,
+    explained: bool = True,
 ) -> Inspection:
     """The changes of one detector in one mode of a run, explained.
 
@@ -60,6 +61,7 @@ def inspect_run(
         mode: None for the detector's last one, which is that of the most evidence.
         point: the points of the two curves; None for ``rescore.results.changes.default_point``.
         evidence_model: file of the models that made D; None for that of the run folder, if there is one.
+        explained: whether the parts of D are told; else D alone, whatever made it.
 
     Raises:
         RescoreError: no such detector or mode, the point is never reached, or the model is another.
@@ -79,7 +81,7 @@ def inspect_run(
         run.metrics.n_images,
         run.metrics.n_cars,
         point,
-        model_of(run, detector, mode, evidence_model),
+        model_of(run, detector, mode, evidence_model) if explained else None,
         explain_config(run),
     )
 
@@ -146,7 +148,7 @@ def summary(inspection: Inspection) -> str:
     )
     return (
         f"{name}, at {c.point.text}: "
-        f"{t.newly_rejected} of {t.false_before} false alarms rejected, {t.newly_accepted} new"
+        f"{t.newly_rejected} of {t.false_before} false alarms gone, {t.newly_accepted} new"
         f"{''.join(turned)}: {t.false_after} left ({per_image}); cars found {t.cars_before} to "
         f"{t.cars_after} of {match.n_cars}, {t.gained} gained, {t.lost} lost, {t.moved} by another box"
     )
@@ -168,8 +170,8 @@ def terminal_table(inspection: Inspection, rows: IntArray, width: int) -> Table:
     wide = width >= WIDE
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), caption_justify="left")
     table.caption = (
-        "place: among all candidates of the test set. In brackets: what speaks for a car; signed: what it "
-        "adds to the log odds of a car."
+        "place: among all candidates of the test set. D: 0 a car, 1 none. In brackets: where the numbers of "
+        "cars lie."
     )
     for name in ("frame", *(("in frame", "l", "score") if wide else ()), "place"):
         table.add_column(name, justify="right", no_wrap=True)

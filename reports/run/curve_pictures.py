@@ -44,7 +44,7 @@ STYLE: Any = {
     "svg.hashsalt": "rescore",
 }
 _MARKER = "o"
-_DASH: Any = {"solid": "-", "dashed": "--", "dashdot": "-.", "dotted": (0, (1, 1))}
+_DASH: Any = {"solid": "-", "longdash": (0, (7, 2)), "dashed": "--", "dashdot": "-.", "dotted": (0, (1, 1))}
 _ROOM = 0.015
 _PICTURES = {CANDIDATES: "candidate_roc.png", CARS: "car_roc.png", PRECISION: "precision_recall.png"}
 """Files by kind of curve."""

@@ -150,10 +150,13 @@ def curve_charts(drawn: Sequence[DrawnCurves], metrics: Sequence[Metrics]) -> di
                 "false positives per image", left, RIGHT_EDGE_FPPI, log=True,
                 linear_high=RIGHT_EDGE_LINEAR_FPPI, edge="none",
             ),
-            _share(found),
+            _share(found, "cars found"),
         ),
-        CANDIDATES: (_share("share of the false candidates accepted"), _share("share of the hits accepted")),
-        PRECISION: (_share(f"recall: {found}"), _share("precision: hits among the accepted")),
+        CANDIDATES: (
+            _share("share of the false candidates accepted"),
+            _share("share of the hits accepted", "hits accepted"),
+        ),
+        PRECISION: (_share(f"recall: {found}"), _share("precision: hits among the accepted", "precision")),
     }  # fmt: skip
     keys = {CARS: "dotted: all candidates accepted", CANDIDATES: f"{candidates}candidates of {images}images"}
     charts: dict[str, dict[str, Chart]] = {kind: {} for kind in axes}
@@ -246,8 +249,8 @@ def alt_text(what: str, lines: Sequence[Line]) -> str:
     return f"{what}. " + "; ".join(f"{line.name}: {line.figure}" for line in lines)
 
 
-def _share(label: str) -> Axis:
-    return Axis(label, 0.0, 1.0, percent=True)
+def _share(label: str, short: str = "") -> Axis:
+    return Axis(label, 0.0, 1.0, percent=True, short=short)
 
 
 def _band(band: Band) -> dict[str, FloatArray]:

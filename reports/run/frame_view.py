@@ -8,7 +8,7 @@ import numpy as np
 from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.depth_map import DepthMap
-from recon.errors import Failure
+from recon.errors import Failure, RescoreError
 from recon.reconstruction.reconstruct import Reconstruction
 from reports.run.curves import scores
 from reports.run.overlay import registered_depth, registered_relief
@@ -104,9 +104,22 @@ def run_dataset(run: Run) -> DataSet:
 
 
 def run_data(run: Run) -> DataSet:
-    """The frames that the run was evaluated on."""
+    """The frames that the run was evaluated on.
+
+    Raises:
+        RescoreError: the data set has been changed since: an image with candidates is not there, or the
+            number of frames is another.
+    """
     data = run_dataset(run)
-    return data if run.split == "all" else data.split(run.split)
+    chosen = data if run.split == "all" else data.split(run.split)
+    strangers = set(run.candidates["image_id"].tolist()) - {f.image_id for f in chosen.frames}
+    if strangers or len(chosen.frames) != run.metrics.n_images:
+        came = f"no image {min(strangers)}" if strangers else f"{len(chosen.frames)} of them"
+        raise RescoreError(
+            f"{run.data_dir}: expected the {run.metrics.n_images} frames that were evaluated, got {came}: "
+            "the data set was changed since; run `rescore evaluate` again"
+        )
+    return chosen
 
 
 def frame_views(

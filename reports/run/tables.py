@@ -8,6 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 
 from reports.palette import detector_name, mode_name
+from reports.run.reductions import reduction_cell
 from rescore.results.candidate_file import ALONE, Columns, of_mode
 from rescore.results.metrics_file import (
     DetectorDifficulty,
@@ -63,7 +64,9 @@ class Table:
         table = RichTable(title=self.title, title_justify="left", caption=caption, caption_justify="left")
         table.box, table.pad_edge, table.padding = SIMPLE_HEAD, False, (0, 1, 0, 0)
         for i, name in enumerate(self.head):
-            table.add_column(name, justify="left" if i < self.text_columns else "right", no_wrap=True)
+            figures = i >= self.text_columns
+            # where there is no room names are broken, figures are not
+            table.add_column(name, justify="right" if figures else "left", no_wrap=figures)
         for row in self.rows:
             table.add_row(*row)
         return table
@@ -114,6 +117,23 @@ def terminal_table(metrics: Metrics) -> RichTable:
     )
 
 
+def tie_notes(metrics: Metrics) -> tuple[str, ...]:
+    """A sentence for each row whose average precision depends on the order of equal scores."""
+    notes = []
+    for row in metrics.rows if metrics.n_cars else ():
+        if row.ties is None:
+            continue
+        low, high = (number(end) for end in row.ties.average_precision)
+        if low != high:
+            notes.append(
+                f"{detector_name(row.detector, short=True)}, {SHORT_MODE.get(row.mode, row.mode)}: "
+                f"{row.ties.n_candidates} candidates share their score, hits with false positives. Their "
+                f"order in the file decides where average precision lies between {low} and {high}, as in "
+                "COCO's tool"
+            )
+    return tuple(notes)
+
+
 def reason_table(columns: Columns, detectors: Sequence[str]) -> Table:
     """How many candidates of each detector had depth evidence, and why the others had none."""
     counts = {d: _counts([str(s) for s in columns["status"][columns["detector"] == d]]) for d in detectors}
@@ -132,10 +152,13 @@ def reason_table(columns: Columns, detectors: Sequence[str]) -> Table:
 
 
 def kind_table(columns: Columns, detectors: Sequence[str], max_rows: int = 12) -> Table | None:
-    """What the false alarms show, by kind of rendered thing, most first; None where that is unknown."""
+    """What the false alarms show, by kind of rendered thing, most first; None where that is unknown, or
+    there is none."""
     if "kind" not in columns or not any(str(k) for k in columns["kind"]):
         return None
     false = of_mode(columns, "outcome", ALONE) == "false_alarm"
+    if not false.any():
+        return None
     per = {
         d: _counts([str(k) or "unknown" for k in columns["kind"][false & (columns["detector"] == d)]])
         for d in detectors
@@ -195,8 +218,8 @@ def comparison_table(metrics: Metrics) -> Table | None:
         (
             detector_name(c.detector),
             mode_name(c.mode),
-            *(factor(c.reduction.get(level)) for level in RECALLS),
-            factor((c.reduction_without_pictures or {}).get(LEVEL)),
+            *(reduction_cell(c.reduction.get(level)) for level in RECALLS),
+            reduction_cell((c.reduction_without_pictures or {}).get(LEVEL)),
             difference(c.auc_difference),
             difference(c.average_precision_difference),
         )
@@ -217,7 +240,7 @@ def terminal_comparison(metrics: Metrics) -> Table | None:
         rows.append(
             (
                 f"{detector_name(c.detector, short=True)}, {c.mode}",
-                *(factor(f).replace(" (", "\n(", 1) for f in factors),
+                *(reduction_cell(f).replace(" (", "\n(", 1) for f in factors),
                 # no room for noughts before the point
                 *(difference(f).replace(" (", "\n(", 1).replace("0.", ".") for f in areas),
             )
@@ -316,14 +339,6 @@ def in_interval(tuned: TunedWeight) -> list[bool]:
     return [u is not None and u.low <= w <= u.high for w in tuned.w_grid]
 
 
-def factor(figure: Estimate | None) -> str:
-    """A reduction factor with its interval; a dash where it is undefined."""
-    if figure is None or figure.interval is None:
-        return "–"
-    low, high = (_factor(end) for end in figure.interval)
-    return f"{_factor(figure.value)} ({low}–{high})"
-
-
 def difference(figure: Estimate) -> str:
     """A signed difference with its interval; a dash where it is undefined."""
     if figure.interval is None:
@@ -334,13 +349,6 @@ def difference(figure: Estimate) -> str:
 
 def _counts(values: Sequence[str]) -> dict[str, int]:
     return {v: values.count(v) for v in dict.fromkeys(values)}
-
-
-def _factor(value: float | None) -> str:
-    """Three digits as far as there is a point; null is infinity."""
-    if value is None:
-        return "∞"
-    return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}"
 
 
 def _first_mode(metrics: Metrics, detector: str) -> str:

@@ -7,9 +7,11 @@ from matplotlib.figure import Figure
 
 from reports.pages import write_figure, write_page
 from reports.palette import DARK_GREY, GREEN, ORANGE, detector_name
-from reports.run.tables import Table, interval_text
+from reports.run.reductions import reduction_text
+from reports.run.tables import Table, interval_text, number_text
 from reports.studies.false_positives import draw_false_positives
 from rescore.results.candidate_file import ALONE
+from rescore.results.metrics_file import Reduction, finite
 from rescore.results.sweep_file import SweptInterval
 from rescore.studies.class_model_worth import (
     RECALLS,
@@ -79,19 +81,24 @@ def worth_sentence(one: DetectorWorth) -> str:
         verdict = "it earns its place"
     else:
         verdict = "it makes things worse" if factor.high < 1 else "these images cannot tell whether it helps"
+    before, after = (one.figures[way].fppi[MAIN_RECALL].value for way in (WITHOUT, WITH))
+    reduction = Reduction(
+        value=finite(factor.value),
+        interval=(finite(factor.low), finite(factor.high)),
+        n_undefined=factor.n_undefined,
+        n_infinite=factor.n_infinite,
+        before=finite(before),
+        after=finite(after),
+    )
     return (
-        f"{name}: where 70 % of the cars are found, the class model makes {factor.value:.2f} times fewer "
-        f"false positives (95 % interval {_end(factor.low)} to {_end(factor.high)}): {verdict}; "
+        f"{name}: where 70 % of the cars are found, the class model takes {number_text(before, 2)} to "
+        f"{number_text(after, 2)} false positives an image, {reduction_text(reduction)}: {verdict}; "
         f"{_gain(one.class_model.average_precision)}."
     )
 
 
 def _gain(gain: SweptInterval) -> str:
     return f"average precision changes by {gain.value:+.3f} ({gain.low:+.3f} to {gain.high:+.3f})"
-
-
-def _end(value: float) -> str:
-    return "infinity" if np.isinf(value) else f"{value:.2f}"
 
 
 def draw_worth(result: WorthResult) -> Figure:

@@ -103,6 +103,13 @@ def page(result: LocalizationResult, command: str, drawn: Sequence[str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def mean_without_flips(result: LocalizationResult, method: str) -> float | None:
+    """The mean error of orientation of a method without exchanged front and rear; None where none is left."""
+    scores = [row.methods[method] for row in result.placements]
+    right = [s.orientation_deg for s in scores if isinstance(s, Score) and s.orientation_deg <= _FLIPPED_DEG]
+    return sum(right) / len(right) if right else None
+
+
 def _summary(result: LocalizationResult) -> str:
     """A row a method, the report's own figures beside ours."""
     lines = [
@@ -116,14 +123,14 @@ def _summary(result: LocalizationResult) -> str:
         theirs = result.report["single_plane" if method == "single_plane" else "3dp"]
         scores = [r.methods[method] for r in result.placements]
         turns = [s.orientation_deg for s in scores if isinstance(s, Score)]
-        right = [t for t in turns if t <= _FLIPPED_DEG]
+        n_flipped = sum(t > _FLIPPED_DEG for t in turns)
         cells = [
             METHOD_NAME[method],
             _percent(mean.overlap),
             _number(mean.centroid_mm),
             _number(mean.orientation_deg),
-            _number(sum(right) / len(right) if right else None),
-            str(len(turns) - len(right)),
+            _number(mean_without_flips(result, method)),
+            str(n_flipped),
             str(mean.lost),
             _percent(theirs.overlap),
             _number(theirs.centroid_mm),

@@ -40,7 +40,10 @@ Preset = Annotated[str, typer.Option(help="Settings to start from: paper, demo, 
 Changes = Annotated[
     Path | None, typer.Option("--config", help="JSON file with settings that replace those of the preset.")
 ]
-Seed = Annotated[int, typer.Option(help="Seed of every random choice; the same seed gives the same bytes.")]
+Seed = Annotated[
+    int,
+    typer.Option(help="Seed of every random choice; it fixes every byte, of a recording the rows."),
+]
 Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default="all processors")]
 Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]

@@ -65,17 +65,31 @@ def evaluate(
     tunings = {(t.detector, t.registration): t for t in (load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     settings |= predictions_behind(detections)
+    detector_of = dict(zip(detections, (f.detector for f in files), strict=True))
+    settings |= _rescored_with(detector_of)
     stereo = with_stereo_for(RescoreConfig(), data, disparities).stereo
     with locked(out):
         metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
         write_run_config(RunFolder(out).config, "evaluate", settings, None, stereo=stereo, data=dataset)
-        _keep_evidence_models(out, dict(zip(detections, (f.detector for f in files), strict=True)))
+        _keep_evidence_models(out, detector_of)
         if report:
             from reports.page.report import build_report
 
             build_report(out)
     shown = {"report": out / "report.html"} if report else {"figures": RunFolder(out).metrics}
     print_results(metrics, shown, as_json)
+
+
+def _rescored_with(detector_of: dict[Path, str]) -> dict[str, Any]:
+    """The settings that rescored detections, by detector and mode, but for the numbers of evidence models."""
+    found: dict[str, dict[str, Any]] = {}
+    for path, config in configs_behind(list(detector_of)):
+        if "registration" in config:
+            kept = {
+                name: value for name, value in config.items() if name not in ("evidence_model", "predicted")
+            }
+            found.setdefault(detector_of[path], {})[config["registration"]] = kept
+    return {"rescored": found} if found else {}
 
 
 def _keep_evidence_models(out: Path, detector_of: dict[Path, str]) -> None:
@@ -160,7 +174,7 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
         return
     from rich.console import Console
 
-    from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table
+    from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table, tie_notes
     from reports.run.tables3d import TERMINAL_CAPTION_3D, terminal_boxes3d
 
     console = Console()
@@ -168,6 +182,8 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
         say("no car is annotated in these frames: nothing is counted as right or wrong")
     else:
         console.print(terminal_table(metrics))
+    for note in tie_notes(metrics):
+        say(f"note: {note}")
     comparison = terminal_comparison(metrics) if metrics.n_cars else None
     if comparison is not None:
         console.print(comparison.rich(TERMINAL_CAPTION))

@@ -16,10 +16,13 @@ _GOES_ON_ABOVE = 0.3
 """Share above the car that fits the box best, at its depth, from which the thing is taller than a car."""
 _INSIDE, _BEYOND = 0.25, 0.3
 """Extents of the box by which the seen instance ends within it, or beyond it, where it is another one."""
-_TOP_INSIDE = 0.2
-"""Extents by which its top lies within the box, where something goes on above."""
+_LOWER = 0.18
+"""Extents by which it is lower than the box, where something goes on above; one that is shifted is not."""
 _LITTLE = 0.2
 """Expected overlap below which no instance near the box is that of the box."""
+_HIDDEN, _WELL_EXPLAINED = 0.6, 0.65
+"""Share of the framed silhouette that nearer things hide, and of the attainable that the seen instance
+explains, from which the box is on the edge of a car that stands nearer."""
 _GOES_ON_BESIDE = 0.2
 _OUTSIDE = 0.35
 """Share of the seen instance's own measurements outside the box, from which the box shows a part of it."""
@@ -34,10 +37,11 @@ def look_alike(cues: Mapping[str, float]) -> str:
     sides = [-cues["end_left"], -cues["end_right"]]
     inside = np.nanmax([*sides, -np.inf])
     beyond = np.nanmax([*(-s for s in sides), cues["end_top"], cues["end_bottom"], -np.inf])
-    if cues["goes_on_above"] > _GOES_ON_ABOVE and cues["end_top"] < -_TOP_INSIDE:
+    if cues["goes_on_above"] > _GOES_ON_ABOVE and cues["end_top"] + cues["end_bottom"] < -_LOWER:
         return TOO_LARGE
     if cues["explained"] < 0 and cues["overlap"] < _LITTLE:
-        return NO_CAR
+        on_edge = cues["hidden"] >= _HIDDEN and cues["seen_explained"] >= _WELL_EXPLAINED
+        return PART if on_edge else NO_CAR
     if inside > _INSIDE and cues["goes_on_beside"] > _GOES_ON_BESIDE:
         return MORE
     if beyond > _BEYOND and cues["beyond_box"] > _OUTSIDE:

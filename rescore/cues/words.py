@@ -31,11 +31,11 @@ class CueWords:
 
     def at_least(self, low: float) -> str:
         """The values from one on."""
-        return f"from {self.value(low)}"
+        return f"{self.value(low)} or more"
 
     def at_most(self, high: float) -> str:
         """The values up to one."""
-        return f"up to {self.value(high)}"
+        return f"{self.value(high)} or less"
 
 
 @dataclass(frozen=True)
@@ -117,21 +117,20 @@ def metres(sentence: str, form: str = "{:.1f} m") -> CueWords:
     return CueWords(sentence, float, form)
 
 
-def ends(extent: str, side: str, most: float) -> CueWords:
-    """Words of where the car that fits the depth best ends, in extents of the box.
+def ends(side: str, most: float) -> CueWords:
+    """Words of where the car that depth shows ends, in widths or heights of the box.
 
     Args:
-        extent: "width" or "height".
         side: "left", "right", "upper" or "lower".
         most: extents at which the cue is cut off, both ways.
     """
-    car, of_box = "the car that fits the depth best", f"{{}} of the box's {extent}"
+    car = "the car depth shows"
     return TwoWayWords(
         f"{car} ends at the box's {side} edge",
         lambda v: 100 * v,
         "{:.0f} %",
-        Side(f"{car} ends inside the box, {of_box} from its {side} edge", "% inside"),
-        Side(f"{car} reaches {of_box} beyond its {side} edge", "% beyond"),
+        Side(f"{car} ends {{}} inside the box's {side} edge", "% inside"),
+        Side(f"{car} goes {{}} past the box's {side} edge", "% past"),
         least=3,
         most=100 * most - 0.5,
     )

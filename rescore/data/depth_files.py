@@ -12,7 +12,7 @@ import numpy as np
 from recon.arrays import Float32Array
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
-from recon.reading import array_of, reading
+from recon.reading import MAX_PIXELS, array_of, reading
 from recon.stereo.sgbm import read_png16
 
 SUFFIXES = (".png", ".pfm", ".npy", ".exr")
@@ -151,6 +151,20 @@ def _read_npy(path: Path) -> Float32Array:
     return np.asarray(value, np.float32)
 
 
+def _refuse_large_exr(path: Path, data: bytes) -> None:
+    # the head names the corners of the picture, in whole numbers, the last ones inside it
+    place = data.find(b"dataWindow\0box2i\0")
+    corners = data[place + 21 : place + 37]
+    if place < 0 or len(corners) < 16:
+        return
+    x0, y0, x1, y1 = (int(v) for v in np.frombuffer(corners, "<i4"))
+    if (x1 - x0 + 1) * (y1 - y0 + 1) > MAX_PIXELS:
+        raise RescoreError(
+            f"{path}: expected at most {MAX_PIXELS // 10**6} million pixels, got {x1 - x0 + 1} x "
+            f"{y1 - y0 + 1}; scale it down"
+        )
+
+
 def _read_exr(path: Path) -> Float32Array:
     # asked before OpenCV is, which would print lines of its own
     if os.environ.get("OPENCV_IO_ENABLE_OPENEXR", "0") not in ("1", "true", "TRUE", "ON", "on"):
@@ -158,8 +172,10 @@ def _read_exr(path: Path) -> Float32Array:
             f"{path}: expected OpenCV with EXR switched on, got it off; set OPENCV_IO_ENABLE_OPENEXR=1 or "
             "write PFM"
         )
+    data = path.read_bytes()
+    _refuse_large_exr(path, data)
     try:
-        value = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+        value = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         value = None
     if value is None:

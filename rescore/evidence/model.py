@@ -255,6 +255,9 @@ def _model(mode: Registration, row: Mapping[str, Any]) -> EvidenceModel:
     if any(k.shape != log_odds[n].shape or k.ndim != 1 or not len(k) for n, k in knots.items()):
         raise ValueError("knots and log_odds of different lengths")
     floors = {str(name): float(value) for name, value in row["floors"].items()}
+    numbers = (*knots.values(), *log_odds.values(), [*floors.values(), row["bias"], row["min_share"]])
+    if not all(np.isfinite(np.asarray(some, float)).all() for some in numbers):
+        raise ValueError("numbers that are not finite")
     if not set(floors) <= set(checks_of(mode)):
         raise ValueError(f"checks of mode {mode}: {sorted(floors)}")
     depth_of = str(row.get("depth_of", CLASS_MODEL))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
 from recon.arrays import FloatArray
 from recon.boxes import xywh_from_xyxy
@@ -15,6 +16,7 @@ from rescore.data.pictures import by_stem
 from rescore.formats import coco, coco_dataset
 from rescore.formats.bags.reader import is_bag
 from rescore.formats.box_files import is_kitti_text, read_yolo, yolo_classes
+from rescore.formats.checked_json import first_difference
 from rescore.formats.folders import box_files_in, calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
 from rescore.formats.labels import ClassMap, LabelRow
@@ -146,6 +148,17 @@ def _detections(
             "no detections"
         )
     boxes: FloatArray = xywh_from_xyxy(np.array([r.xyxy_px for r in kept], dtype=float).reshape(-1, 4))
+    try:
+        return _as_coco(image_id, kept, boxes, data)
+    except ValidationError as error:
+        raise RescoreError(
+            f"{path}: image {image_id}: expected detections, got {first_difference(error)}; mend the file"
+        ) from error
+
+
+def _as_coco(
+    image_id: int, rows: Sequence[LabelRow], boxes: FloatArray, data: DataSet
+) -> list[coco.Detection]:
     return [
         coco.Detection(
             image_id=image_id,
@@ -155,5 +168,5 @@ def _detections(
             azimuth_deg=None if np.isnan(r.azimuth_deg) else r.azimuth_deg,
             bbox3d=r.bbox3d,
         )
-        for r, box in zip(kept, boxes.tolist(), strict=True)
+        for r, box in zip(rows, boxes.tolist(), strict=True)
     ]

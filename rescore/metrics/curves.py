@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import BoolArray, FloatArray
+from recon.arrays import BoolArray, FloatArray, IntArray
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
 
 RECALL_LEVELS = (0.5, 0.6, 0.7, 0.8)
@@ -42,6 +42,18 @@ class Summary:
     """Share of the cars found when every candidate counts."""
     fppi_at_recall: dict[float, float | None]
     """False positives an image at each recall level; None where it is never reached."""
+
+
+@dataclass(frozen=True)
+class Ties:
+    """How far average precision depends on the order of candidates of equal ranking."""
+
+    n: int
+    """Candidates that have the ranking of another, where one is a hit and one a false positive."""
+    lowest: float
+    """Average precision where the hits of each ranking come last; NaN where no car is annotated."""
+    highest: float
+    """Average precision where they come first."""
 
 
 def candidate_roc(match: MatchTable) -> Curve:
@@ -78,9 +90,22 @@ def average_precision(match: MatchTable) -> float:
     equal ranking count one after another in the order given, and recalls are compared exactly, as in
     COCO's own tool.
     """
+    return _precision(match, np.argsort(-match.ranking, kind="stable"))
+
+
+def ties(match: MatchTable) -> Ties:
+    """What depends on the order in which hits and false positives of equal ranking are given."""
+    hit, false = _kinds(match.outcome)
+    _, place = np.unique(match.ranking, return_inverse=True)
+    mixed = (np.bincount(place, hit) > 0) & (np.bincount(place, false) > 0)
+    hits_last, hits_first = (_precision(match, np.lexsort((key, -match.ranking))) for key in (hit, ~hit))
+    return Ties(int((mixed[place] & (hit | false)).sum()), hits_last, hits_first)
+
+
+def _precision(match: MatchTable, order: IntArray) -> float:
+    """Average precision of candidates that count in an order (n,)."""
     if not match.n_cars:
         return float("nan")
-    order = np.argsort(-match.ranking, kind="stable")
     hit, false = _kinds(match.outcome[order])
     hits, falses = np.cumsum(hit), np.cumsum(false)
     found = hits + falses > 0

@@ -11,14 +11,13 @@ from rescore.data.rendered_kinds import PICTURE_KINDS, UNKNOWN
 from rescore.metrics.bootstrap import (
     Bootstrap,
     BootstrapConfig,
-    Comparison,
     FigureIntervals,
     Interval,
     bootstrap,
 )
 from rescore.metrics.delong import compare_areas
 from rescore.metrics.matching import FALSE_ALARM, MatchTable
-from rescore.results.metrics_file import Ends, Estimate, Intervals, ModeComparison, finite
+from rescore.results.metrics_file import Ends, Estimate, Intervals, ModeComparison, Reduction, finite
 
 Kinds = NDArray[np.object_]
 
@@ -97,7 +96,7 @@ def _compared(
     kind: Kinds | None,
 ) -> ModeComparison:
     change = found.comparisons[first, mode]
-    bare: Comparison = found.comparisons[first + _NO_PICTURES, mode + _NO_PICTURES]
+    bare = first + _NO_PICTURES, mode + _NO_PICTURES
     return ModeComparison(
         detector=detector,
         mode=mode,
@@ -105,8 +104,8 @@ def _compared(
         auc_difference=estimate(change.difference.auc),
         auc_p_value=_p_value(tables[first], tables[mode]),
         average_precision_difference=estimate(change.difference.average_precision),
-        reduction=_by_level(change.reduction),
-        reduction_without_pictures=None if kind is None else _by_level(bare.reduction),
+        reduction=reductions(found, first, mode),
+        reduction_without_pictures=None if kind is None else reductions(found, *bare),
         n_on_pictures=None if kind is None else int(on_pictures(tables[first], kind).sum()),
     )
 
@@ -131,8 +130,15 @@ def _intervals(figures: FigureIntervals) -> Intervals:
     )
 
 
-def _by_level(figures: Mapping[float, Interval]) -> dict[str, Estimate]:
-    return {f"{level:g}": estimate(i) for level, i in figures.items()}
+def reductions(found: Bootstrap, before: str, after: str) -> dict[str, Reduction]:
+    """How many times fewer false positives one table of a bootstrap has than another, by recall as "0.7"."""
+    sides = found.tables[before].fppi_at_recall, found.tables[after].fppi_at_recall
+    return {
+        f"{level:g}": Reduction(
+            **dict(estimate(i)), before=finite(sides[0][level].value), after=finite(sides[1][level].value)
+        )
+        for level, i in found.comparisons[before, after].reduction.items()
+    }
 
 
 def estimate(i: Interval) -> Estimate:

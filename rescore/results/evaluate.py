@@ -19,7 +19,7 @@ from rescore.fusion.fuse import posteriors
 from rescore.fusion.tune import Tuning
 from rescore.fusion.weight_interval import WeightInterval
 from rescore.metrics.bootstrap import BootstrapConfig
-from rescore.metrics.curves import summarise
+from rescore.metrics.curves import summarise, ties
 from rescore.metrics.matching import HIT, IGNORED, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics.reliability import reliability
 from rescore.results.candidate_file import ALONE, Columns, detector_columns, joined, write_candidates
@@ -208,8 +208,11 @@ def _rows(
 ) -> list[Row]:
     """The rows of one detector: alone, then in each mode."""
     weights = {ALONE: 1.0, **{str(f.registration): f.w for f in own if f.registration in matched}}
-    summaries = {ALONE: summarise(alone), **{str(m): summarise(match) for m, match in matched.items()}}
-    return [Row.of(own[0].detector, mode, weights[mode], s, intervals[mode]) for mode, s in summaries.items()]
+    tables = {ALONE: alone, **{str(m): match for m, match in matched.items()}}
+    return [
+        Row.of(own[0].detector, mode, weights[mode], summarise(match), intervals[mode], ties(match))
+        for mode, match in tables.items()
+    ]
 
 
 def _fusion(

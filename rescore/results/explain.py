@@ -97,12 +97,12 @@ def explain(
             found.append(Explanation(text))
             continue
         head = f"D {d[i]:.3f} (median {median:.3f})"
-        if mode == Registration.PAPER:
-            found.append(Explanation(f"{head}, {_eq_6(rows, i)}"))
+        if mode == Registration.PAPER or model is None:
+            found.append(Explanation(head + (f", {_eq_6(rows, i)}" if mode == Registration.PAPER else "")))
             continue
         parts = told.parts(cues[i], weights[i])
         kind = "" if rose[i] or d[i] < _DOUBTED else told.taken_for(cues[i])
-        found.append(Explanation(f"{head}{told.leading(parts, bool(rose[i]))}{kind}", parts))
+        found.append(Explanation(f"{told.leading(parts, float(d[i]), bool(rose[i]))}{kind}", parts))
     return tuple(found)
 
 
@@ -164,27 +164,31 @@ class _Teller:
         text = words.told(value)
         if cue == "relief_scale" and not self.log_limits[0] + 1e-9 < value < self.log_limits[1] - 1e-9:
             text += ", at its bound"
-        wanted = range_text(value, self.ranges.get(cue, ()), words)
-        return f"{text} (cars {wanted})" if wanted else text
+        wanted = range_text(self.ranges.get(cue, ()), words)
+        return f"{text} (cars: {wanted})" if wanted else text
 
-    def leading(self, parts: tuple[EvidencePart, ...], rose: bool) -> str:
-        """The cues that make up most of what speaks for a candidate that rose, or against one that fell."""
-        if self.model is None:
-            return ""
+    def leading(self, parts: tuple[EvidencePart, ...], d: float, rose: bool) -> str:
+        """What depth says, and the cues that make up most of what speaks for a candidate that rose, or
+        against one that fell."""
         total = sum(p.log_odds for p in parts)
         own = [p for p in parts if (p.log_odds > 0) == rose]
         half, told, said = sum(p.log_odds for p in own) / 2, [], 0.0
         for part in own[:TOLD]:
-            told.append(f"{part.text} {part.log_odds:+.2f}")
+            told.append(part.text)
             said += part.log_odds
             if abs(said) >= abs(half):
                 break
-        if not told:
-            return ": no cue speaks for it" if rose else ": no cue speaks against it"
+        head = f"depth speaks {'for' if total > 0 else 'against'} a car (D {d:.2f})"
         if (total > 0) == rose:
-            return f": {'; '.join(told)}"
+            return f"{head}: {'; '.join(told)}"
         # it moved the other way than its own depth says: the depth of other candidates says more
-        return f", cues together {total:+.2f}; {'for' if rose else 'against'} it: {'; '.join(told)}"
+        head += (
+            ", but more so against others that it passed"
+            if rose
+            else ", but more so for others that passed it"
+        )
+        side = "for" if rose else "against"
+        return f"{head}; {side} it: {'; '.join(told)}" if told else f"{head}; nothing speaks {side} it"
 
     def taken_for(self, cues: FloatArray) -> str:
         """What a candidate that fell is taken for, in mode "instance"; empty where nothing says it."""
@@ -211,7 +215,7 @@ class _Teller:
                 detail = self._failed_checks(cues)
         # eq. 7 raises a likelihood below 1 - D, so that those with evidence pass those without
         keeps = "keeps its likelihood" + ("" if rose else "; others rose past it")
-        left = keeps if self.mode == Registration.PAPER else "gets the D of no evidence"
+        left = keeps if self.mode == Registration.PAPER else "depth counts neither for nor against it"
         return f"{told}{f' ({detail})' if detail else ''}: {left}"
 
     def _failed_checks(self, cues: FloatArray) -> str:

@@ -12,14 +12,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, field_serializer
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    SerializerFunctionWrapHandler,
+    TypeAdapter,
+    ValidationError,
+    field_serializer,
+    model_serializer,
+)
 
 from recon.errors import RescoreError
 from rescore.files import read_json_object, write_json
 from rescore.formats.checked_json import first_difference, read_checked
 from rescore.fusion.fuse import LearnedFusion
 from rescore.fusion.weight_interval import WeightInterval
-from rescore.metrics.curves import Summary
+from rescore.metrics.curves import Summary, Ties
 from rescore.metrics.reliability import Reliability
 
 Ends = tuple[float | None, float | None]
@@ -54,6 +62,32 @@ class Estimate(MetricsPart):
     """Resamples in which it is infinite."""
 
 
+class Reduction(Estimate):
+    """False positives an image before rescoring over those after, above 1 where there are fewer, with both.
+
+    Without false positives before and after the factor is 1, without any after infinite, before 0.
+    """
+
+    before: float | None = None
+    """False positives an image before; None where the recall is never reached, or not known in old files."""
+    after: float | None = None
+
+    @model_serializer(mode="wrap")
+    def _known_rates(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        unknown = {"before", "after"} - self.model_fields_set
+        return {name: value for name, value in handler(self).items() if name not in unknown}
+
+    @property
+    def none_before(self) -> bool:
+        """Whether there is no false positive before."""
+        return self.before == 0
+
+    @property
+    def none_after(self) -> bool:
+        """Whether there is no false positive after."""
+        return self.after == 0
+
+
 class Intervals(MetricsPart):
     """Intervals of the figures of a row."""
 
@@ -65,6 +99,19 @@ class Intervals(MetricsPart):
     """Resamples in which a figure is undefined, by its name or recall."""
     n_infinite: dict[str, int]
     """Resamples in which a recall is never reached, by recall."""
+
+
+class TiedScores(MetricsPart):
+    """Hits and false positives of equal score: average precision depends on the order of the file."""
+
+    n_candidates: int
+    average_precision: tuple[float | None, float | None]
+    """With the hits of each score last, and first; None where no car is annotated."""
+
+    @classmethod
+    def of(cls, tied: Ties) -> Self:
+        """What the file holds of it."""
+        return cls(n_candidates=tied.n, average_precision=(finite(tied.lowest), finite(tied.highest)))
 
 
 class Row(MetricsPart):
@@ -82,10 +129,23 @@ class Row(MetricsPart):
     fppi_at_recall: dict[str, float | None]
     """False positives per image by recall, as "0.7"; None where it is never reached."""
     intervals: Intervals | None = None
+    ties: TiedScores | None = None
+    """None where no hit has the score of a false positive, or in old files."""
+
+    @model_serializer(mode="wrap")
+    def _known_ties(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        unknown = {"ties"} if self.ties is None else set()
+        return {name: value for name, value in handler(self).items() if name not in unknown}
 
     @classmethod
     def of(
-        cls, detector: str, mode: str, w: float | None, summary: Summary, intervals: Intervals | None
+        cls,
+        detector: str,
+        mode: str,
+        w: float | None,
+        summary: Summary,
+        intervals: Intervals | None,
+        tied: Ties | None = None,
     ) -> Self:
         """The row of a match table's figures."""
         return cls(
@@ -97,6 +157,7 @@ class Row(MetricsPart):
             recall_ceiling=finite(summary.recall_ceiling),
             fppi_at_recall=_by_level(summary),
             intervals=intervals,
+            ties=None if tied is None or not tied.n else TiedScores.of(tied),
         )
 
 
@@ -109,9 +170,9 @@ class ModeComparison(MetricsPart):
     auc_difference: Estimate
     auc_p_value: float | None = None
     average_precision_difference: Estimate
-    reduction: dict[str, Estimate]
+    reduction: dict[str, Reduction]
     """How many times fewer false positives, by recall."""
-    reduction_without_pictures: dict[str, Estimate] | None = None
+    reduction_without_pictures: dict[str, Reduction] | None = None
     """How many times fewer, false alarms on pictures of cars left out; None where kinds are unknown."""
     n_on_pictures: int | None = None
 

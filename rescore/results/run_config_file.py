@@ -63,6 +63,8 @@ class RunSettings(BaseModel):
     """The modes that `rescore reproduce` compared."""
     predicted: dict[str, Any] = {}
     """Depth that another system predicted and that led to scores of the run, by file of detections."""
+    rescored: dict[str, dict[str, dict[str, Any]]] = {}
+    """Settings of `rescore apply` behind the detections of `rescore evaluate`, by detector and mode."""
     cues: CueConfig | None = Field(default=None, validation_alias=AliasPath(_RESCORE, "cues"))
     """Settings of the parts of the depth evidence; None where the file has none."""
     everything: dict[str, Any] = {}
@@ -77,6 +79,13 @@ class RunSettings(BaseModel):
         for path, usual in RETIRED.items():
             given = _without(given, path, usual)
         return {**{key: value for key, value in given.items() if value is not None}, "everything": given}
+
+    def rescored_with(self, detector: str, mode: str) -> dict[str, Any]:
+        """The settings that rescored a detector's candidates in a mode; empty where the file has none."""
+        own = self.rescored.get(detector, {}).get(mode)
+        if own is not None:
+            return {**own, **own.get(_RESCORE, {})}
+        return dict(self.everything.get(_RESCORE) or {})
 
     @model_serializer
     def as_json(self) -> dict[str, Any]:

@@ -29,6 +29,10 @@ STATUS_TEXT: dict[str, str] = {
 """Words for each status of a candidate."""
 
 
+SURE = 0.95
+"""Probability of a side from which the next one is not told."""
+
+
 def status_text(status: str) -> str:
     """Words for a status, known or not."""
     return STATUS_TEXT.get(status, status.replace("_", " ") or "not rescored")
@@ -36,14 +40,17 @@ def status_text(status: str) -> str:
 
 def view_text(view: str, probability: float, second: str) -> str:
     """Words for the side from which the fitted instance shows an object; empty where none was fitted."""
-    return f"seen from its {view} ({100 * probability:.0f} %), else from its {second}" if view else ""
+    if not view:
+        return ""
+    other = f", else from its {second}" if probability < SURE else ""
+    return f"seen from its {view} ({100 * probability:.0f} %){other}"
 
 
 def words_of(cue: str, height_m: float | None = None) -> CueWords:
     """Words of a cue; ``height`` is told as the box's height in metres where the class's is given."""
     if cue != "height" or height_m is None:
         return CUES[cue].words
-    return CueWords("{} tall", lambda v: height_m * float(np.exp(v)), "{:.1f} m")
+    return CueWords("it is {} tall", lambda v: height_m * float(np.exp(v)), "{:.1f} m")
 
 
 def favourable(knots: Sequence[float], log_odds: Sequence[float]) -> list[tuple[float, float]]:
@@ -66,12 +73,11 @@ def favourable(knots: Sequence[float], log_odds: Sequence[float]) -> list[tuple[
     return [*ranges, (start, np.inf)] if positive[-1] else ranges
 
 
-def range_text(value: float, ranges: Sequence[tuple[float, float]], words: CueWords) -> str:
-    """The range that holds a value or is nearest to it, as ``1.2 to 1.7 m``; empty where there is no
-    range."""
-    if not ranges:
+def range_text(ranges: Sequence[tuple[float, float]], words: CueWords) -> str:
+    """The only range, as ``1.2 to 1.7 m``; empty where there is none, or several, which would confuse."""
+    if len(ranges) != 1:
         return ""
-    low, high = min(ranges, key=lambda r: max(r[0] - value, value - r[1], 0.0))
+    low, high = ranges[0]
     if np.isinf(low) and np.isinf(high):
         return ""
     if np.isinf(low):

@@ -227,3 +227,32 @@ def test_a_folder_that_cannot_be_written_is_one_error_line(tmp_path: Path) -> No
     (tmp_path / "file").write_text("")
     with pytest.raises(RescoreError, match="expected a folder to write to"):
         build_dataset(TINY, tmp_path / "file" / "data")
+
+
+@pytest.mark.parametrize("damage", ["missing", "cut", "record", "no JSON", "poster"])
+def test_a_build_makes_again_what_is_missing_cut_or_cannot_be_read(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: str
+) -> None:
+    half = tmp_path / "data"
+    shutil.copytree(folder, half)
+    name = "poster" if damage == "poster" else "test_0000"
+    picture, record = half / "truth" / "test_0000.png", half / "records" / "test_0000.json"
+    if damage == "missing":
+        picture.unlink()
+    elif damage == "cut":
+        picture.write_bytes(picture.read_bytes()[:-40])
+    elif damage == "record":
+        record.write_text(json.dumps({"key": json.loads(record.read_text())["key"]}))
+    elif damage == "no JSON":
+        record.write_bytes(b"[" * 100_000)
+    else:
+        (half / "pictures" / "test_00.png").write_bytes(b"")
+    made: list[str] = []
+    build_one, render_picture = build._build_frame_alone, build._render_picture
+    monkeypatch.setattr(build, "_build_frame_alone", lambda task: (made.append(task.name), build_one(task)))
+    monkeypatch.setattr(
+        build, "_render_picture", lambda path, *rest: (made.append("poster"), render_picture(path, *rest))
+    )
+    build_dataset(TINY, half, seed=3)
+    assert set(made) == {name}
+    assert _bytes(half) == _bytes(folder)

@@ -174,6 +174,16 @@ def test_errors_are_one_line(rescore: Command, tiny_run: Path, tmp_path: Path) -
     assert sorted(p.name for p in tmp_path.iterdir()) == ["nan.json"]
 
 
+def check_made_with(config: Path, weights: dict[str, float]) -> None:
+    """The settings of an evaluation tell what rescored the detections, without the numbers of the model."""
+    made_with = json.loads(config.read_text())["config"]["rescored"]["hog"]
+    assert list(made_with) == ["paper", "metric"]
+    for mode, told in made_with.items():
+        assert (told["registration"], told["w"]) == (mode, weights[mode])
+        assert "view_bin" in told["rescore"]
+        assert "evidence_model" not in told
+
+
 def test_commands_one_by_one_equal_the_whole_run(rescore: Command, tiny_run: Path, tmp_path: Path) -> None:
     data = tiny_run / "data"
 
@@ -214,6 +224,7 @@ def test_commands_one_by_one_equal_the_whole_run(rescore: Command, tiny_run: Pat
     run("evaluate", data, *files, "--out", tmp_path / "run", "--no-report")
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     whole = json.loads((tiny_run / "metrics.json").read_text())
+    check_made_with(tmp_path / "run" / "config.json", {row["mode"]: row["w"] for row in metrics["rows"]})
     modes = {"detector", "paper", "metric"}
     assert metrics["rows"] == [r for r in whole["rows"] if r["detector"] == "hog" and r["mode"] in modes]
     # a weight of one mode does not serve another

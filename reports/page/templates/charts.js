@@ -3,7 +3,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const PRINT_WIDTH = 330;
-const DASH = { solid: "", dashed: "7 4", dashdot: "9 4 2 4", dotted: "2 3" };
+const DASH = { solid: "", longdash: "16 4", dashed: "7 4", dashdot: "9 4 2 4", dotted: "2 3" };
 
 function make(name, attributes, parent, text) {
   const node = document.createElementNS(SVG, name);
@@ -78,6 +78,7 @@ class Chart {
   constructor(host, spec, group) {
     Object.assign(this, { host, spec, group, width: 0, at: null });
     this.small = host.closest(".small") !== null;
+    this.low = host.closest(".first") !== null;
     this.tip = html("div", "tip", host);
     this.tip.hidden = true;
     this.tip.setAttribute("role", "status");
@@ -94,8 +95,8 @@ class Chart {
   redraw() { if (this.width) this.draw(this.width); }
   draw(width) {
     this.width = width;
-    const height = Math.round(this.small ? Math.min(width * .72, 210) : Math.min(Math.max(width * .72, 250), 370));
-    this.box = { left: this.small ? 44 : 64, right: width - 10, top: 8, bottom: height - (this.small ? 26 : 44) };
+    const height = Math.round(this.small ? Math.min(width * .72, 210) : this.low ? 200 : Math.min(Math.max(width * .72, 250), 370));
+    this.box = { left: this.small ? 44 : this.low ? 56 : 64, right: width - 10, top: 8, bottom: height - (this.small ? 26 : this.low ? 36 : 44) };
     const { left, right, top, bottom } = this.box;
     this.x = new Scale(this.spec.x, this.group.linear, left, right);
     this.y = new Scale(this.spec.y, false, bottom, top);
@@ -115,7 +116,9 @@ class Chart {
     this.dots = make("g", {}, this.svg);
     this.legend.replaceChildren(...lines.map(l => {
       const item = html("li");
-      item.append(swatch(l.look), l.name);
+      // the switches above name the lines of a low chart
+      item.append(swatch(l.look), this.low ? "" : l.name);
+      if (this.low) item.title = l.name;
       if (!this.small) html("span", "of", item, l.figure);
       return item;
     }));
@@ -133,8 +136,8 @@ class Chart {
     }
     make("path", { d: `M${left},${top}V${bottom}H${right}`, class: "frame" }, svg);
     if (this.small) return;
-    make("text", { x: (left + right) / 2, y: height - 7, "text-anchor": "middle" }, svg, this.spec.x.label);
-    make("text", { transform: `translate(12 ${(top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, svg, this.spec.y.label);
+    make("text", { x: (left + right) / 2, y: height - (this.low ? 4 : 7), "text-anchor": "middle" }, svg, this.spec.x.label);
+    make("text", { transform: `translate(12 ${(top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, svg, (this.low && this.spec.y.short) || this.spec.y.label);
   }
   path(xs, ys, step) {
     let d = "", last = null;

@@ -1,7 +1,7 @@
 "use strict";
 // Switch of themes, gallery and printing of the page.
 
-const FIRST_CARDS = 12;
+const FIRST_CARDS = innerWidth < 620 ? 4 : 12;
 const specs = JSON.parse(document.getElementById("charts").textContent);
 const groups = [...document.querySelectorAll(".chartgroup")].map(e => new ChartGroup(e, specs));
 
@@ -22,6 +22,8 @@ class Gallery {
     for (const s of this.selects) s.addEventListener("change", () => this.update());
     element.querySelector("button[data-reset]").addEventListener("click", () => { for (const s of this.selects) s.selectedIndex = 0; this.update(); });
     for (const card of this.cards) card.querySelector("button").addEventListener("click", () => viewer.open(this, card));
+    for (const b of element.closest("section").querySelectorAll(".brief button"))
+      b.addEventListener("click", () => viewer.open(this, this.cards.find(c => c.dataset.place === b.dataset.shows), b));
     this.update();
   }
   shown() { return [...this.list.children].filter(c => !c.hidden); }
@@ -52,15 +54,17 @@ class Viewer {
       if (by) { this.step(by); e.preventDefault(); }
     });
     dialog.addEventListener("click", e => { if (e.target === dialog) dialog.close(); });
-    dialog.addEventListener("close", () => this.card.querySelector("button").focus());
+    dialog.addEventListener("close", () => (this.from ?? this.card.querySelector("button")).focus());
   }
-  open(gallery, card) {
+  open(gallery, card, from = null) {
     this.gallery = gallery;
+    this.from = from;
     this.show(card);
     this.dialog.showModal();
   }
   step(by) {
     const shown = this.gallery.shown();
+    this.from = null;
     this.show(shown[(shown.indexOf(this.card) + by + shown.length) % shown.length]);
   }
   show(card) {
@@ -68,8 +72,8 @@ class Viewer {
     this.dialog.classList.toggle("loss", card.classList.contains("loss"));
     this.title.textContent = card.querySelector("h3").textContent;
     const left = html("div"), right = html("div");
-    const [frame, why, numbers] = [...card.querySelector(".more").children].map(n => n.cloneNode(true));
-    left.append(frame, why);
+    const [frame, why, numbers, ...said] = [...card.querySelector(".more").children].map(n => n.cloneNode(true));
+    left.append(frame, why, ...said);
     right.append(card.querySelector(".panels").cloneNode(true), numbers);
     this.body.replaceChildren(left, right);
     this.dialog.scrollTop = 0;

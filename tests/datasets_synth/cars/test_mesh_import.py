@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from datasets_synth.cars.mesh_import import load_meshes
+from datasets_synth.cars.mesh_import import MAX_FACE_CORNERS, load_meshes
 from datasets_synth.cars.parts import PART_LABEL
 from recon.errors import RescoreError
 
@@ -242,3 +242,15 @@ def test_no_texture_is_read_from_outside_the_folder_of_meshes(tmp_path: Path) ->
     assert car.mesh.materials[0].texture is None
     (car,) = load_meshes(tmp_path / "cars")
     assert car.mesh.materials[0].texture is None
+
+
+def test_a_face_of_too_many_corners_is_refused_before_it_takes_memory(tmp_path: Path) -> None:
+    ring = np.linspace(0, 2 * np.pi, MAX_FACE_CORNERS + 2)[:-1]
+    corners = [f"v {0.9 * np.cos(a)} {1.4 * (i % 2)} {2.1 * np.sin(a)}" for i, a in enumerate(ring)]
+    face = " ".join(str(i + 1) for i in range(len(ring)))
+    (tmp_path / "car.obj").write_text("\n".join([*corners, f"f {face}"]))
+    with pytest.raises(RescoreError, match=r"car\.obj: line 1002: expected faces of at most 1000 .* 1001"):
+        load_meshes(tmp_path)
+    (tmp_path / "car.obj").write_text("\n".join([*corners, f"f {face.rpartition(' ')[0]}"]))
+    (car,) = load_meshes(tmp_path)
+    assert car.size_m[0] == pytest.approx(4.2, abs=0.1)

@@ -1,4 +1,5 @@
 import base64
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from reports.run.curves import match_table
 from reports.run.fitted_cars import shown_area
 from reports.run.frame_view import frame_views
 from rescore.results.candidate_file import places
-from rescore.results.changes import CHANGED
+from rescore.results.changes import CHANGED, Group
 from rescore.results.run_folder import Run
 
 
@@ -58,6 +59,41 @@ def test_the_first_cards_show_one_of_each_kind(run: Run):
     kinds = [(m.detector, m.gain, m.view.outcome) for m in movers]
     assert len(set(kinds[: len(set(kinds))])) == len(set(kinds))
     assert len(movers) <= 16
+
+
+def test_three_candidates_tell_most(run: Run):
+    gallery = build_gallery(run, "paper")
+    telling = gallery.telling
+    assert len(telling) == len(set(map(id, telling))) == 3
+    assert all(m in gallery.movers for m in telling)
+    counting = [m for m in gallery.movers if m.group in CHANGED]
+    fell = next(m for m in counting if m.gain and m.view.outcome == "false_alarm")
+    assert telling[0] is fell
+    losses = [m for m in counting if not m.gain]
+    assert not losses or losses[0] in telling
+
+
+def test_no_card_says_that_what_rose_is_gone_or_what_fell_is_new(run: Run):
+    for m in build_gallery(run, "paper").movers:
+        against = (Group.REJECTED_FALSE_ALARM, Group.LOST_CAR)
+        other_way = (Group.ACCEPTED_FALSE_ALARM, Group.GAINED_CAR)
+        assert m.group not in (against if m.after < m.before else other_way)
+        assert "rejected" not in m.verdict
+
+
+def test_a_false_alarm_on_a_car_is_called_badly_framed(run: Run):
+    mover = build_gallery(run, "paper").movers[0]
+
+    def title(outcome: str, kind: str) -> str:
+        return replace(mover, view=replace(mover.view, outcome=outcome, kind=kind)).title.partition(" from")[
+            0
+        ]
+
+    way = "rose" if mover.after < mover.before else "fell"
+    assert title("false_alarm", "car") == f"False alarm (car, badly framed) {way}"
+    assert title("false_alarm", "road_sign") == f"False alarm (road sign) {way}"
+    assert title("hit", "car") == f"Hit {way}"
+    assert title("duplicate", "car") == f"Duplicate {way}"
 
 
 def test_colours_are_neutral_at_zero_residual_and_grey_in_holes():

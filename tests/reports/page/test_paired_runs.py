@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from reports.page.paired_runs import Evaluated, compare_runs, restricted, shared_frames, side_by_side
+from reports.page.paired_runs import (
+    Evaluated,
+    compare_runs,
+    restricted,
+    scores_to_compare,
+    shared_frames,
+    side_by_side,
+)
+from reports.palette import detector_name, mode_name
 from rescore.metrics.curves import recall_curve
 from rescore.metrics.matching import HIT, MatchTable
 from rescore.results.run_folder import Run, load_run
@@ -86,7 +94,7 @@ def test_what_two_runs_share_is_compared_alone(run: Run, tmp_path: Path):
     assert "on the 4 images that both have" in pair.note
     assert pair.table is not None
     # the same candidates on the same images
-    assert {row[3] for row in pair.table.rows} == {"+0.000 (+0.000, +0.000)"}
+    assert {row[4] for row in pair.table.rows} == {"+0.000 (+0.000, +0.000)"}
 
 
 def test_a_better_second_run_has_positive_differences(run: Run, tmp_path: Path):
@@ -98,9 +106,52 @@ def test_a_better_second_run_has_positive_differences(run: Run, tmp_path: Path):
     assert pair.table is not None
     paper = [row for row in pair.table.rows if "paper" in row[1]]
     assert len(paper) == 2
-    assert all(row[3].startswith("+0.") and not row[3].startswith("+0.000 ") for row in paper)
+    assert all(row[4].startswith("+0.") and not row[4].startswith("+0.000 ") for row in paper)
     alone = [row for row in pair.table.rows if "alone" in row[1]]
-    assert {row[3] for row in alone} == {"+0.000 (+0.000, +0.000)"}
+    assert {row[4] for row in alone} == {"+0.000 (+0.000, +0.000)"}
+
+
+def in_mode(run: Run, mode: str) -> Run:
+    """The run with its mode paper under another name."""
+    rows = tuple(
+        row.model_copy(update={"mode": mode}) if row.mode == "paper" else row for row in run.metrics.rows
+    )
+    columns = {name.replace("_paper", f"_{mode}"): c for name, c in run.candidates.items()}
+    columns[f"depth_difference_{mode}"] = columns["depth_difference"]
+    return replace(run, metrics=run.metrics.model_copy(update={"rows": rows}), candidates=columns)
+
+
+def test_runs_of_other_modes_are_paired_by_their_last_ones(run: Run):
+    other = in_mode(run, "metric")
+    assert scores_to_compare(run, other) == [
+        (("hog", "detector"), ("hog", "detector")),
+        (("hog", "paper"), ("hog", "metric")),
+        (("boosted", "detector"), ("boosted", "detector")),
+        (("boosted", "paper"), ("boosted", "metric")),
+    ]
+    (pair,) = compare_runs([Evaluated("a", run), Evaluated("b", other)])
+    assert pair.table is not None
+    assert pair.table.head[:3] == ("detector", "a", "b")
+    assert [row[1:3] for row in pair.table.rows[:2]] == [
+        ("detector alone", "detector alone"),
+        (mode_name("paper"), mode_name("metric")),
+    ]
+    # the same scores under another name
+    assert {row[4] for row in pair.table.rows} == {"+0.000 (+0.000, +0.000)"}
+
+
+def only(run: Run, detector: str) -> Run:
+    rows = tuple(row for row in run.metrics.rows if row.detector == detector)
+    return replace(run, metrics=run.metrics.model_copy(update={"rows": rows}))
+
+
+def test_two_detectors_are_paired_where_each_run_has_one(run: Run):
+    one, other = only(run, "hog"), only(run, "boosted")
+    assert scores_to_compare(one, other)[0] == (("hog", "detector"), ("boosted", "detector"))
+    (pair,) = compare_runs([Evaluated("a", one), Evaluated("b", other)])
+    assert pair.table is not None
+    assert pair.table.rows[0][0] == f"{detector_name('hog')} → {detector_name('boosted')}"
+    assert scores_to_compare(run, other)[0] == (("boosted", "detector"), ("boosted", "detector"))
 
 
 def test_a_lost_data_set_is_a_note(run: Run):

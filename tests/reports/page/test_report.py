@@ -28,6 +28,7 @@ from rescore.results.sweep_file import (
     write_sweep,
 )
 from tests.reports.html_reader import Page
+from tests.reports.metric_run import make_metric_run
 from tests.reports.solid_rows import boxes3d_level, boxes3d_row
 
 
@@ -254,9 +255,37 @@ def test_several_runs_come_side_by_side(run: Run, tmp_path: Path):
     assert "All settings, seeds and versions are the same" in page.text
     # a run against itself differs by nothing, in every resample
     for row in page.tables["paired-1"][1:]:
-        assert row[3:] == ["+0.000 (+0.000, +0.000)"] * 2
+        assert row[4:] == ["+0.000 (+0.000, +0.000)"] * 2
 
 
 def test_a_run_named_twice_is_refused(run: Run):
     with pytest.raises(RescoreError, match=r"expected different run folders, got .* twice"):
         build_report([run.root, run.root / "."])
+
+
+def test_a_run_without_annotated_cars_claims_nothing(run: Run):
+    nothing = {"auc": None, "average_precision": None, "recall_ceiling": None, "intervals": None}
+    fppi = dict.fromkeys(("0.5", "0.6", "0.7", "0.8"))
+    rows = tuple(row.model_copy(update=nothing | {"fppi_at_recall": fppi}) for row in run.metrics.rows)
+    unknown = {"comparisons": (), "reliability": (), "tuning": {}, "n_cars": 0, "rows": rows}
+    columns = {
+        name: np.full(len(c), "ignored", object) if name.startswith("outcome_") else c
+        for name, c in run.candidates.items()
+    }
+    page = Page(text_of(replace(run, metrics=run.metrics.model_copy(update=unknown), candidates=columns)))
+    assert "No car is annotated in these images" in page.text
+    for word in ("nterval", "no likelihoods", "false alarm", "duplicate is", "Gain", "FP/image"):
+        assert word not in page.text, word
+    assert {c["data-move"] for c in page.cards} == {"rise", "fall"}
+    assert "r0-fusion" not in page.tables
+
+
+def test_another_evidence_model_takes_the_reasons_and_not_the_pictures(run_dir: Path, tmp_path: Path):
+    other = load_run(make_metric_run(run_dir, tmp_path / "other"))
+    page = Page(text_of(other))
+    assert "epth speaks" in page.text
+    table = other.candidates | {"difference_metric": other.candidates["difference_metric"] * 0.5}
+    doubted = Page(text_of(replace(other, candidates=table)))
+    assert "No reasons are told: depth evidence (metric): expected the model" in doubted.text
+    assert "epth speaks" not in doubted.text
+    assert len(doubted.cards) == len(page.cards) > 0

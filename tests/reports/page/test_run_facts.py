@@ -46,3 +46,45 @@ def test_only_settings_that_differ_are_listed(run: Run):
     assert table is not None
     assert table.rows == (("seed", "3", "4"),)
     assert differing_settings({"a": run, "b": run}) is None
+
+
+def rescored(run: Run, mode: str, w: float, shift: float, view_bin: int | str) -> Run:
+    """The run as `rescore evaluate` would tell of it, its detectors rescored in one mode."""
+    rows = tuple(
+        row if row.mode == "detector" else row.model_copy(update={"mode": mode, "w": w})
+        for row in run.metrics.rows
+    )
+    made_with = {
+        "w": w,
+        "registration": mode,
+        "log_odds_shift": shift,
+        "rescore": {"view_bin": view_bin, "align": {"min_valid_px": 30}},
+    }
+    settings = {
+        "detections": [f"{mode}.json"],
+        "split": "test",
+        "rescored": {detector: {mode: made_with} for detector in run.detectors},
+    }
+    config = run.config.model_copy(update={"config": RunSettings.model_validate(settings)})
+    return replace(run, metrics=run.metrics.model_copy(update={"rows": rows}), config=config)
+
+
+def test_mode_weight_share_and_view_are_told_and_file_names_are_not(run: Run):
+    one, other = rescored(run, "paper", 0.6, 0.0, 3), rescored(run, "instance", 0.33, -0.4, "fit")
+    table = differing_settings({"a": one, "b": other})
+    assert table is not None
+    assert table.rows == (
+        ("HOG + SVM, boosted: scores", "paper", "instance"),
+        ("HOG + SVM, boosted: w", "0.60", "0.33"),
+        ("HOG + SVM, boosted: share of cars: log odds moved by", "+0.00", "-0.40"),
+        ("HOG + SVM, boosted: view_bin", "3", "fit"),
+    )
+    assert differing_settings({"a": one, "b": one}) is None
+
+
+def test_a_run_of_reproduce_is_compared_with_one_of_evaluate(run: Run):
+    made = RunSettings.model_validate({"preset": "demo", "rescore": {"view_bin": 3}})
+    whole = replace(run, config=run.config.model_copy(update={"config": made}))
+    table = differing_settings({"a": whole, "b": rescored(run, "paper", 0.6, 0.0, "fit")})
+    assert table is not None
+    assert ("HOG + SVM, boosted: view_bin", "3", "fit") in table.rows

@@ -12,7 +12,7 @@ from PIL import Image
 from recon.boxes import iou_matrix
 from recon.errors import RescoreError
 from reports.publishing.birds_eye import FARTHEST_M, draw_birds_eye
-from reports.publishing.real_figures import BEGIN
+from reports.publishing.prose import marks
 from reports.publishing.real_street import PICTURES, publish_street
 from reports.publishing.street_boxes import AGAINST, FOR, SILENT, StreetFrame, street_frames
 from reports.publishing.street_card import WIDTH_PX, place_labels
@@ -167,7 +167,7 @@ def test_the_readme_begins_with_the_real_picture_and_names_its_source() -> None:
     text = (ROOT / "README.md").read_text()
     pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text)
     assert pictures[0] == "reports/published/real_street/sun.webp"
-    caption = re.sub(r"\s+", " ", text[text.index(pictures[0]) : text.index(BEGIN)])
+    caption = re.sub(r"\s+", " ", text[text.index(pictures[0]) : text.index(marks("real")[0])])
     assert re.search(r"SID Mini, University of Michigan-Dearborn .+CC BY 4\.0", caption)
     for name in PICTURES:
         file = ROOT / "reports" / "published" / "real_street" / f"{name}.webp"

@@ -10,6 +10,8 @@ import rerun_cli
 from rerun.chunk import RrdReader
 
 from recon.errors import RescoreError
+from reports.page.report import build_report
+from reports.recording import log
 from reports.recording.entities import HOLE_CLASS, OUTCOME_CLASSES, THRESHOLD_STEPS
 from reports.recording.frame import DEPTH_UNIT
 from reports.recording.log import write_recording
@@ -19,9 +21,9 @@ from reports.run.curves import curve_sets
 from reports.run.frame_view import frame_views
 from reports.run.overlay import apply_transform, points_of_depth, world_from_camera
 from rescore.results.metrics_file import read_metrics, write_metrics
-from rescore.results.run_folder import Run, boxes_px, load_run
+from rescore.results.run_folder import Run, boxes_px, load_run, missing_evidence
 from tests.reports.metric_run import make_metric_run
-from tests.reports.recording_reader import colours_of, read
+from tests.reports.recording_reader import colours_of, every_row, read
 
 IMAGE = "/world/camera/image"
 RERUN = Path(rerun_cli.__file__).parent / "rerun"
@@ -326,3 +328,92 @@ def test_pictures_of_several_sizes_are_stored_with_one(run_dir: Path, tmp_path: 
     (small,) = np.flatnonzero(choose_frames(Story.of(load_run(tmp_path / "run")), max_frames=2) == 1)
     (mask,) = read(out, f"{IMAGE}/measured_depth/holes")[int(small)]["SegmentationImage:buffer"]
     assert (np.array(mask, np.uint8).reshape(240, 320)[-8:] == HOLE_CLASS).all()
+
+
+def test_the_same_run_gives_the_same_rows_in_the_same_order(metric_run: Run, recording: Path, tmp_path: Path):
+    again = write_recording(metric_run.root, tmp_path / "again.rrd", show=False)
+    one, other = every_row(recording), every_row(again)
+    assert len(one) == len(other) > 1000
+    assert one == other
+    # a row that differs is seen
+    other[-1][1]["new"] = 0
+    assert one != other
+    assert RrdReader(str(recording)).recordings() == RrdReader(str(again)).recordings()
+    views = [
+        [
+            row["ViewBlueprint:display_name"]
+            for _, row in every_row(path, blueprint=True)
+            if row.get("ViewBlueprint:display_name")
+        ]
+        for path in (recording, again)
+    ]
+    assert len(views[0]) > 10
+    assert views[0] == views[1]
+
+
+def test_report_and_recording_say_which_evidence_is_missing(
+    run_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    copy = tmp_path / "run"
+    shutil.copytree(run_dir, copy)
+    lost = sorted((copy / "evidence" / "hog").glob("*.npz"))[1:3]
+    for path in lost:
+        path.unlink()
+    words = (
+        f"{copy / 'evidence' / 'hog'}: expected evidence of 5 frames, 2 are missing, such as {lost[0].name}"
+    )
+    assert len(missing_evidence(load_run(copy))) == 1
+    assert missing_evidence(load_run(run_dir)) == ()
+    recording = write_recording(copy, tmp_path / "a.rrd", show=False)
+    assert f"note: {words}" in capsys.readouterr().err
+    assert words in str(read(recording, "/guide"))
+    page = build_report(copy)
+    assert f"note: {words}" in capsys.readouterr().err
+    assert words in page.read_text()
+
+
+def test_a_recording_without_its_end_gets_no_name(
+    metric_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write = log._Writer.write
+
+    def cut(self: object, path: Path, chosen: object, show: bool) -> None:
+        write(self, path, chosen, show)
+        # nothing more reaches the file
+        path.unlink()
+        path.write_bytes(b"RRF2")
+
+    monkeypatch.setattr(log._Writer, "write", cut)
+    with pytest.raises(RescoreError, match=r"a\.rrd: expected to write .* 'a recording without its end'"):
+        write_recording(metric_run.root, tmp_path / "out" / "a.rrd", show=False)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_recording_begins_only_where_there_is_room(
+    metric_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    room = shutil.disk_usage(tmp_path)._replace(free=log._ROOM_BYTES - 1)
+    monkeypatch.setattr(log.shutil, "disk_usage", lambda _path: room)
+    with pytest.raises(RescoreError, match=r"got 'a disk with 64 MB left, at least 64 are needed'; m"):
+        write_recording(metric_run.root, tmp_path / "a.rrd", show=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("change", ["ids", "fewer"])
+def test_a_data_set_that_was_changed_since_is_one_line(run_dir: Path, tmp_path: Path, change: str):
+    copy = tmp_path / "run"
+    shutil.copytree(run_dir, copy)
+    file = copy / "data" / "annotations.json"
+    value = json.loads(file.read_text())
+    if change == "ids":
+        for row, key in [(i, "id") for i in value["images"]] + [
+            (a, "image_id") for a in value["annotations"]
+        ]:
+            row[key] += 100
+    else:
+        last = value["images"].pop()["id"]
+        value["annotations"] = [a for a in value["annotations"] if a["image_id"] != last]
+    file.write_text(json.dumps(value))
+    with pytest.raises(RescoreError, match=r"data: expected the 5 frames that were evaluated, got no image"):
+        write_recording(copy, tmp_path / "a.rrd", show=False)
+    assert "the data set was changed since" in build_report(copy).read_text()

@@ -1,8 +1,11 @@
 import io
+from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
 
+from reports.page.paired_runs import Evaluated
+from reports.page.report import render_report
 from reports.run.tables import (
     difficulty_table,
     kind_table,
@@ -11,8 +14,9 @@ from reports.run.tables import (
     short_table,
     stereo_table,
     terminal_table,
+    tie_notes,
 )
-from rescore.results.metrics_file import DetectorDifficulty, Metrics, Row, StereoStatistics
+from rescore.results.metrics_file import DetectorDifficulty, Metrics, Row, StereoStatistics, TiedScores
 from rescore.results.run_folder import Run
 
 
@@ -100,3 +104,28 @@ def test_the_difficulty_table_names_the_commonest_kinds():
     assert table is not None
     assert table.rows[0][1:] == ("10", "90.0%", "–", "bus picture 60.0%, unknown 40.0%")
     assert difficulty_table({"hog": hard.model_copy(update={"share_by_kind": {}})}) is None
+
+
+def test_equal_scores_are_told_with_what_their_order_decides(run: Run) -> None:
+    assert tie_notes(run.metrics) == ()
+    tied = TiedScores(n_candidates=7, average_precision=(0.25, 0.5))
+    first, *rest = run.metrics.rows
+    metrics = run.metrics.model_copy(update={"rows": (first.model_copy(update={"ties": tied}), *rest)})
+    assert tie_notes(metrics) == (
+        "HOG + SVM, alone: 7 candidates share their score, hits with false positives. Their order in the "
+        "file decides where average precision lies between 0.250 and 0.500, as in COCO's tool",
+    )
+    page = render_report([Evaluated("run", replace(run, metrics=metrics))])
+    assert "7 candidates share their score" in page
+
+
+def test_figures_are_whole_beside_long_names(run: Run) -> None:
+    wide = dict.fromkeys(("0.5", "0.6", "0.7", "0.8"), 12.34)
+    rows = tuple(
+        row.model_copy(update={"detector": "hog_views", "mode": "instance", "fppi_at_recall": wide})
+        for row in run.metrics.rows
+    )
+    out = io.StringIO()
+    Console(file=out, width=80).print(terminal_table(run.metrics.model_copy(update={"rows": rows})))
+    assert "…" not in out.getvalue()
+    assert out.getvalue().count("12.34") == 4 * len(rows)

@@ -1,15 +1,16 @@
 import io
+import re
 from pathlib import Path
 
 from rich.console import Console
 
 from reports.page.paired_runs import Evaluated
 from reports.page.report import render_report
+from reports.run.reductions import reduction_cell
 from reports.run.tables import (
     TERMINAL_CAPTION,
     comparison_table,
     difference,
-    factor,
     fusion_table,
     reliability_table,
     terminal_comparison,
@@ -17,7 +18,15 @@ from reports.run.tables import (
     weight_text,
 )
 from rescore.files import write_json
-from rescore.results.metrics_file import Ends, Estimate, Metrics, ModeComparison, TunedWeight, read_metrics
+from rescore.results.metrics_file import (
+    Ends,
+    Estimate,
+    Metrics,
+    ModeComparison,
+    Reduction,
+    TunedWeight,
+    read_metrics,
+)
 from rescore.results.run_folder import Run
 
 
@@ -25,10 +34,8 @@ def figure(value: float | None, interval: Ends | None) -> Estimate:
     return Estimate(value=value, interval=interval, n_undefined=0, n_infinite=0)
 
 
-def test_factors_show_infinity_and_what_is_undefined():
-    assert factor(figure(1.236, (0.994, 12.34))) == "1.24 (0.99–12.3)"
-    assert factor(figure(None, (1.5, None))) == "∞ (1.50–∞)"
-    assert factor(figure(None, None)) == factor(None) == "–"
+def reduction(value: float | None, interval: Ends | None) -> Reduction:
+    return Reduction(**dict(figure(value, interval)))
 
 
 def test_differences_are_signed():
@@ -42,8 +49,8 @@ def test_the_comparison_shows_metrics_json(run: Run):
     assert len(table.rows) == len(run.metrics.comparisons) == 2
     for cells, c in zip(table.rows, run.metrics.comparisons, strict=True):
         shown = dict(zip(table.head, cells, strict=True))
-        assert shown["fewer FP at 70%"] == factor(c.reduction["0.7"])
-        assert shown["at 70% without pictures"] == factor(c.reduction_without_pictures["0.7"])
+        assert shown["fewer FP at 70%"] == reduction_cell(c.reduction["0.7"])
+        assert shown["at 70% without pictures"] == reduction_cell(c.reduction_without_pictures["0.7"])
         assert shown["area"] == difference(c.auc_difference)
         assert shown["AP"] == difference(c.average_precision_difference)
 
@@ -52,11 +59,11 @@ def test_the_terminal_comparison_fits_80_columns_at_its_widest():
     wide = figure(-0.1234, (-1.0, -0.9876))
     modes = tuple(
         ModeComparison(
-            detector="hog",
+            detector="hog_views",
             mode=mode,
             against="detector",
-            reduction={"0.7": figure(123.4, (11.11, 987.6))},
-            reduction_without_pictures={"0.7": figure(None, (11.11, None))},
+            reduction={"0.7": reduction(123.4, (11.11, 987.6))},
+            reduction_without_pictures={"0.7": reduction(None, (11.11, None))},
             auc_difference=wide,
             average_precision_difference=wide,
         )
@@ -73,7 +80,29 @@ def test_the_terminal_comparison_fits_80_columns_at_its_widest():
         assert text.count(shown) == 3
     for shown in ("−.123", "(−1.000, −.988)"):
         assert text.count(shown) == 6
-    assert "HOG + SVM, guarded" in text
+    assert re.search(r" HOG \+ SVM, all .*\n views, guarded ", text)
+
+
+def test_the_terminal_names_the_corners_of_a_factor():
+    corners = ((0.0, 0.08, 0.0), (0.1, 0.0, None), (0.0, 0.0, 1.0))
+    modes = tuple(
+        ModeComparison(
+            detector="hog_views",
+            mode="instance",
+            against="detector",
+            reduction={"0.7": reduction(value, (0.0, None)).model_copy(update={"before": b, "after": a})},
+            auc_difference=figure(0.0, (0.0, 0.0)),
+            average_precision_difference=figure(0.0, (0.0, 0.0)),
+        )
+        for b, a, value in corners
+    )
+    table = terminal_comparison(Metrics(n_images=1, n_cars=1, n_candidates=1, rows=(), comparisons=modes))
+    assert table is not None
+    out = io.StringIO()
+    Console(file=out, width=80).print(table.rich(TERMINAL_CAPTION))
+    for told in (" none before ", " none after ", " none, none "):
+        assert out.getvalue().count(told) == 1
+    assert "…" not in out.getvalue()
 
 
 def test_every_way_of_fusing_has_a_row_and_the_detector_one(run: Run):

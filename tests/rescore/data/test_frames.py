@@ -9,6 +9,7 @@ from recon.camera import GroundedStereo, GroundPlane, PinholeCamera, StereoCamer
 from recon.errors import RescoreError
 from recon.stereo.ground import GroundDoubt
 from recon.stereo.sgbm import SgbmConfig, write_disparity
+from rescore.data.depth_files import MeasuredFile, Quantity, read_measured
 from rescore.data.frames import SPLITS, DataSet, Frame, FrameRecord, GroundSource, Truth, load_frame
 from rescore.data.pictures import read_rgb
 from rescore.data.splits import Splits
@@ -166,3 +167,18 @@ def test_no_ground_is_taken_that_is_not_trusted(tmp_path: Path) -> None:
     assert isinstance(unknown.ground_estimate.doubt, GroundDoubt)
     uncalibrated = Frame(1, frame.left_rgb, frame.disparity_px, None, None).with_stereo_ground()
     assert (uncalibrated.ground_source, uncalibrated.ground_estimate) == (GroundSource.DEFAULT, None)
+
+
+def test_a_measured_picture_that_claims_too_many_pixels_is_refused_from_its_head(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPENCV_IO_ENABLE_OPENEXR", "1")
+    corners = np.array([-5, 0, 29_994, 19_999], "<i4").tobytes()
+    head = b"\x76\x2f\x31\x01\x02\0\0\0dataWindow\0box2i\0" + (16).to_bytes(4, "little") + corners
+    (tmp_path / "a.exr").write_bytes(head)
+    with pytest.raises(RescoreError, match=r"a\.exr: expected at most 100 million pixels, got 30000 x 20000"):
+        read_measured(MeasuredFile(tmp_path / "a.exr", Quantity.DISPARITY), 40, 20, None)
+    # a PNG is compared with the picture that it belongs to
+    cv2.imwrite(str(tmp_path / "disparity.png"), np.zeros((30, 40), np.uint16))
+    with pytest.raises(RescoreError, match="expected 40 x 20 pixels, got 40 x 30"):
+        read_measured(MeasuredFile(tmp_path / "disparity.png", Quantity.DISPARITY, 256), 40, 20, None)

@@ -12,6 +12,7 @@ from rescore.metrics.curves import (
     recall_ceiling,
     recall_curve,
     summarise,
+    ties,
 )
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
 
@@ -121,3 +122,17 @@ def test_perfect_detector() -> None:
     perfect = summarise(table([4, 3, 2, 1, 0], [HIT] * 4 + [FALSE_ALARM]))
     assert (perfect.auc, perfect.average_precision, perfect.recall_ceiling) == (1, 1, 1)
     assert set(perfect.fppi_at_recall.values()) == {0.0}
+
+
+def test_ties_of_a_hit_and_a_false_alarm_bound_average_precision() -> None:
+    # one car; the hit has the score of one of two false alarms
+    match = table([0.5, 0.5, 0.2], [FALSE_ALARM, HIT, FALSE_ALARM], n_images=1, n_cars=1)
+    found = ties(match)
+    # hit second: precision 1/2 at every recall; hit first: 1
+    assert (found.n, found.lowest, found.highest) == (2, 0.5, 1.0)
+    # in the order given the false alarm comes first
+    assert average_precision(match) == 0.5
+    # equal scores of one kind decide nothing, nor does an ignored candidate
+    assert ties(table([0.5, 0.5, 0.2], [FALSE_ALARM, FALSE_ALARM, HIT], n_images=1, n_cars=1)).n == 0
+    assert ties(table([0.5, 0.5], [IGNORED, HIT], n_images=1, n_cars=1)).n == 0
+    assert ties(table([], [], n_images=1, n_cars=1)).n == 0

@@ -47,10 +47,11 @@ def test_the_reason_names_what_speaks_most_for_a_riser_and_against_a_faller() ->
     cues = np.stack([tall, right])
     fell, rose = explain(rows_of(model, cues), "metric", np.array([False, True]), model)
     # 1.5 m x 1.25^2 = 2.3 m, against 1.2 to 1.9 m; -1.0 is more than half of what speaks against it
-    assert fell.text.endswith(": 2.3 m tall (cars 1.2 to 1.9 m) -1.00")
+    assert fell.text == "depth speaks against a car (D 0.83): it is 2.3 m tall (cars: 1.2 to 1.9 m)"
     assert [p.cue for p in fell.parts] == ["height", "foot", "relief_scale"]
-    assert fell.parts[2].text == "relief 3.0 times the predicted one, at its bound"
-    assert "1.5 m tall (cars 1.2 to 1.9 m) +1.00" in rose.text
+    assert fell.parts[2].text == "its relief is 3.0 times the predicted one, at its bound"
+    assert rose.text.startswith("depth speaks for a car (D 0.4")
+    assert rose.text.endswith(": it is 1.5 m tall (cars: 1.2 to 1.9 m)")
     for one, c in zip((fell, rose), cues, strict=True):
         assert sum(p.log_odds for p in one.parts) == pytest.approx(model.contributions(c[None]).sum())
 
@@ -59,14 +60,28 @@ def test_one_that_fell_though_depth_is_for_it_says_so() -> None:
     model = metric_model()
     cues = cues_with(height=0.0, foot=0.0, relief_scale=0.0)[None]
     (one,) = explain(rows_of(model, cues), "metric", np.array([False]), model)
-    assert ", cues together +1.40; against it: relief 1.0 times the predicted one -0.10" in one.text
+    assert one.text == (
+        "depth speaks for a car (D 0.40), but more so for others that passed it; against it: its relief is "
+        "1.0 times the predicted one"
+    )
+
+
+def test_one_that_rose_though_depth_is_against_it_says_so() -> None:
+    model = metric_model()
+    tall = cues_with(height=2 * np.log(1.25), foot=0.2, relief_scale=0.0)[None]
+    short = cues_with(height=2 * np.log(1.25), foot=0.9, relief_scale=0.0)[None]
+    (one,) = explain(rows_of(model, tall), "metric", np.array([True]), model)
+    head = "depth speaks against a car (D 0.86), but more so against others that it passed"
+    assert one.text == f"{head}; for it: its foot is 0.2 m above the ground (cars: 0.5 m or less)"
+    (none,) = explain(rows_of(model, short), "metric", np.array([True]), model)
+    assert none.text.endswith("that it passed; nothing speaks for it")
 
 
 def test_a_height_is_a_multiple_where_the_class_is_not_known() -> None:
     model = metric_model()
     cues = cues_with(height=np.log(2.0), foot=2.0, relief_scale=0.0)[None]
     (one,) = explain(rows_of(model, cues), "metric", np.array([False]), model, ExplainConfig(height_m=None))
-    assert "2.0 times as tall as a car (cars 0.8 to 1.2 times)" in one.text
+    assert "it is 2.0 times as tall as a car (cars: 0.8 to 1.2 times)" in one.text
 
 
 def test_without_evidence_the_status_and_the_failed_check_are_told() -> None:
@@ -75,8 +90,14 @@ def test_without_evidence_the_status_and_the_failed_check_are_told() -> None:
     rows = rows_of(model, cues, ["stereo_not_believed", "no_stereo"])
     doubted, empty = explain(rows, "metric", np.zeros(2, bool), model)
     told = "75.0 % of neighbouring measurements agree, at least 90.0 % needed"
-    assert doubted.text == f"{STATUS_TEXT['stereo_not_believed']} ({told}): gets the D of no evidence"
-    assert empty.text == "too little measured depth (88 % of stereo missing): gets the D of no evidence"
+    assert (
+        doubted.text
+        == f"{STATUS_TEXT['stereo_not_believed']} ({told}): depth counts neither for nor against it"
+    )
+    assert (
+        empty.text
+        == "too little measured depth (88 % of stereo missing): depth counts neither for nor against it"
+    )
     assert not doubted.parts
 
 
@@ -129,10 +150,12 @@ def test_ranges_where_a_function_is_positive() -> None:
     assert favourable([0, 1, 2], [1, -1, 1]) == [(-np.inf, 0.5), (1.5, np.inf)]
     assert favourable([0.0], [-1.0]) == []
     share = words_of("left")
-    assert range_text(0.9, [(-np.inf, 0.2)], share) == "up to 20 %"
-    assert range_text(0.9, [(-np.inf, 0.2), (0.95, np.inf)], share) == "from 95 %"
-    assert range_text(0.9, [], share) == range_text(0.9, [(-np.inf, np.inf)], share) == ""
-    assert range_text(3.0, [(-0.04, 0.5)], words_of("foot")) == "0.0 to 0.5 m"
+    assert range_text([(-np.inf, 0.2)], share) == "20 % or less"
+    assert range_text([(0.95, np.inf)], share) == "95 % or more"
+    # two ranges tell a person nothing
+    assert range_text([(-np.inf, 0.2), (0.95, np.inf)], share) == ""
+    assert range_text([], share) == range_text([(-np.inf, np.inf)], share) == ""
+    assert range_text([(-0.04, 0.5)], words_of("foot")) == "0.0 to 0.5 m"
 
 
 @pytest.mark.parametrize("cue", CUES)
@@ -165,12 +188,12 @@ def test_where_the_car_ends_is_told_by_its_side_of_the_box() -> None:
     cues = np.stack([cues_with(overlap=0.8, end_right=v) for v in ends])
     found = explain(instance_rows(model, cues, ["ok"] * 4), "instance", np.zeros(4, bool), model)
     told = [next(p.text for p in e.parts if p.cue == "end_right") for e in found]
-    car, wanted = "the car that fits the depth best", "(cars 20 % inside to 20 % beyond)"
+    car, wanted = "the car depth shows", "(cars: 20 % inside to 20 % past)"
     assert told == [
-        f"{car} reaches 95 % of the box's width beyond its right edge {wanted}",
-        f"{car} ends inside the box, 40 % of the box's width from its right edge {wanted}",
+        f"{car} goes 95 % past the box's right edge {wanted}",
+        f"{car} ends 40 % inside the box's right edge {wanted}",
         f"{car} ends at the box's right edge {wanted}",
-        f"{car} reaches at least 150 % of the box's width beyond its right edge {wanted}",
+        f"{car} goes at least 150 % past the box's right edge {wanted}",
     ]
 
 
@@ -188,19 +211,19 @@ def test_what_fell_is_told_by_what_it_is_taken_for() -> None:
 
 def test_other_explanations_of_the_depth_are_told_in_words() -> None:
     plane, gap, explained = (words_of(cue) for cue in ("over_plane", "gap", "explained"))
-    assert plane.told(np.log1p(30)) == "a car explains its depth better than a flat thing, by 30 nats"
-    assert plane.told(-np.log1p(30)) == "a flat thing explains its depth better than a car, by 30 nats"
-    assert plane.told(-0.3) == "a flat thing explains its depth as well as a car"
-    assert gap.told(0.44) == "a car elsewhere explains the depth better than one in the box, by 44 %"
-    assert gap.told(0.0) == "no car elsewhere explains the depth better than one in the box"
-    assert explained.told(-1.8).startswith("an empty place explains the depth better than a car in the box")
-    assert range_text(0.0, [(np.log1p(2), np.inf)], plane) == "from 2 for a car"
-    assert range_text(0.0, [(-np.inf, -np.log1p(2))], plane) == "at least 2 for a flat thing"
-    assert range_text(0.0, [(-np.log1p(2), np.inf)], plane) == "at most 2 for a flat thing"
-    assert range_text(0.0, [(np.log1p(2), np.log1p(9))], plane) == "2 to 9 for a car"
-    assert range_text(0.0, [(-np.log1p(9), -np.log1p(2))], plane) == "2 to 9 for a flat thing"
-    assert range_text(0.9, [(-np.inf, 0.19)], gap) == "up to 19 % for elsewhere"
-    assert range_text(0.9, [(0.1, 0.19)], gap) == "10 to 19 % for elsewhere"
+    assert plane.told(np.log1p(30)) == "a car explains it better than a flat board, by 30 nats"
+    assert plane.told(-np.log1p(30)) == "a flat board explains the depth better, by 30 nats"
+    assert plane.told(-0.3) == "a flat board explains the depth as well as a car"
+    assert gap.told(0.44) == "a car elsewhere explains the depth 44 % better"
+    assert gap.told(0.0) == "no car elsewhere explains the depth better"
+    assert explained.told(-1.8) == "an empty place explains the depth 180 % better"
+    assert range_text([(np.log1p(2), np.inf)], plane) == "2 for a car or more"
+    assert range_text([(-np.inf, -np.log1p(2))], plane) == "at least 2 for a board"
+    assert range_text([(-np.log1p(2), np.inf)], plane) == "at most 2 for a board"
+    assert range_text([(np.log1p(2), np.log1p(9))], plane) == "2 to 9 for a car"
+    assert range_text([(-np.log1p(9), -np.log1p(2))], plane) == "2 to 9 for a board"
+    assert range_text([(-np.inf, 0.19)], gap) == "19 % better elsewhere or less"
+    assert range_text([(0.1, 0.19)], gap) == "10 to 19 % better elsewhere"
 
 
 def test_a_box_in_which_no_car_could_be_placed_says_so_where_stereo_measured() -> None:
@@ -209,6 +232,9 @@ def test_a_box_in_which_no_car_could_be_placed_says_so_where_stereo_measured() -
     rows = instance_rows(model, cues, ["no_stereo"] * 2)
     placed, empty = explain(rows, "instance", np.ones(2, bool), model)
     assert placed.text == (
-        "no car could be placed (a car's distance is not known): gets the D of no evidence"
+        "no car could be placed (a car's distance is not known): depth counts neither for nor against it"
     )
-    assert empty.text == "too little measured depth (100 % of stereo missing): gets the D of no evidence"
+    assert (
+        empty.text
+        == "too little measured depth (100 % of stereo missing): depth counts neither for nor against it"
+    )
