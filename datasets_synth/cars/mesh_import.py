@@ -5,23 +5,30 @@ Files follow glTF: +Y up, +Z forward (the nose), metres. Everything is turned in
 (`datasets_synth.cars.body_extent`) at the origin.
 """
 
+import io
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import trimesh
 
 from datasets_synth.cars.body_extent import body_extent
+from datasets_synth.cars.gltf_files import SUFFIXES as GLTF
+from datasets_synth.cars.gltf_files import plain_gltf
 from datasets_synth.cars.parts import CAR_PARTS, PART_LABEL
 from datasets_synth.meshes.mesh import Material, Mesh
 from datasets_synth.meshes.mesh_build import smooth_normals
 from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
 from recon.pixels import linear_from_encoded
+from recon.reading import reading
 
-SUFFIXES = (".obj", ".glb", ".gltf", ".ply")
+SUFFIXES = (".obj", ".ply", *GLTF)
 MAX_FACE_CORNERS = 1000
 """Corners of a face of an OBJ file; one with more is refused before it is cut into triangles."""
 LENGTH_RANGE_M = (1.5, 20.0)
@@ -38,7 +45,7 @@ class ImportedCar:
     """A car mesh from a file."""
 
     shape_id: str
-    """Name of the mesh file without its suffix (with it, where two files share the name)."""
+    """Name by which all else knows it: see ``load_meshes``."""
     mesh: Mesh
     size_m: tuple[float, float, float]
     """Length, width, height of the body: no mirrors or aerials, as in a car's papers."""
@@ -56,90 +63,148 @@ class _Piece:
 
 
 def load_meshes(directory: Path) -> tuple[ImportedCar, ...]:
-    """All OBJ, GLB, glTF and PLY files of a folder, in the order of their names.
+    """All OBJ, GLB, glTF and PLY files of a folder and the folders in it, in the order of their paths.
 
     Base colours and textures are kept, several in one file too. A vertex-coloured mesh gets one material for
     each colour (finely quantised). Transparent materials become dark glass: nothing is seen through. Faces
     of an OBJ group (or glTF mesh) named after a part (`datasets_synth.cars.parts`) get its label, others 0.
 
+    A mesh is called by the names of the folders it lies in and its own without the suffix, joined by "-"; a
+    folder's only mesh by those of the folders, as models of ShapeNet. Where two would share a name, both are
+    called by all of their paths.
+
     Raises:
-        RescoreError: no such folder, no mesh in it, a file that cannot be read or holds no faces, or measures
-            that no car has in metres with these axes.
+        RescoreError: no such folder, no mesh in it, a file that cannot be read, holds no faces or needs an
+            extension of glTF that is not read, or measures that no car has in metres with these axes.
     """
     if not directory.is_dir():
         raise RescoreError(
             f"expected a folder of car meshes, got {str(directory)!r}: give an existing folder"
         )
-    paths = sorted(p for p in directory.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    paths = [p.relative_to(directory) for p in directory.rglob("*") if p.suffix.lower() in SUFFIXES]
+    # hidden folders hold copies of what is beside them
+    paths = sorted(
+        p for p in paths if (directory / p).is_file() and not any(part[0] in "._" for part in p.parts)
+    )
     if not paths:
         raise RescoreError(
             f"expected OBJ, GLB or PLY files in {str(directory)!r}, found none: put car meshes into it"
         )
-    stems = [p.stem for p in paths]
-    return tuple(_load(p, p.stem if stems.count(p.stem) == 1 else p.name) for p in paths)
+    return tuple(_load(directory, path, name) for path, name in zip(paths, _names(paths), strict=True))
 
 
-def _load(path: Path, shape_id: str) -> ImportedCar:
-    """One file as a car."""
-    pieces = [_piece(geometry) for geometry in _geometries(path)]
+def _names(paths: Sequence[Path]) -> list[str]:
+    """A name for each mesh by its path (see ``load_meshes``)."""
+    meshes = Counter(p.parent for p in paths)
+    short = [
+        p.parent.parts if p.parent.parts and meshes[p.parent] == 1 else (*p.parent.parts, p.stem)
+        for p in paths
+    ]
+    uses = Counter("-".join(parts) for parts in short)
+    names = [
+        name if uses[name := "-".join(parts)] == 1 else "-".join(p.parts)
+        for p, parts in zip(paths, short, strict=True)
+    ]
+    twice = next((name for name, n in Counter(names).items() if n > 1), None)
+    if twice is not None:
+        raise RescoreError(
+            f"expected car meshes with different paths, got two that make {twice!r}: rename one"
+        )
+    return names
+
+
+def _load(directory: Path, path: Path, shape_id: str) -> ImportedCar:
+    """The car of a file; the path is relative to the folder."""
+    where = path.as_posix()
+    geometries = _geometries(directory, path)
+    with reading(where, "a mesh whose faces name its own vertices", "export it again"):
+        pieces = [_piece(geometry) for geometry in geometries]
     corners = np.concatenate([p.corners_m for p in pieces]) @ _OBJECT_FROM_GLTF.T
     if not np.isfinite(corners).all():
-        raise RescoreError(
-            f"{path.name}: expected finite vertices, got NaN or infinity: export the mesh again"
-        )
+        raise RescoreError(f"{where}: expected finite vertices, got NaN or infinity: export the mesh again")
     low, high = corners.min((0, 1)), corners.max((0, 1))
-    _check_size(path, high - low)
+    _check_size(where, high - low)
     low, high = body_extent(corners)
     corners -= [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]
     length, width, height = (float(v) for v in high - low)
     return ImportedCar(shape_id, _as_mesh(corners, pieces), (length, width, height))
 
 
-def _geometries(path: Path) -> list[Any]:
+class _Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+    """Finds the files that a mesh names, in the folder of all meshes and nowhere else."""
+
+    def __init__(self, path: Path, directory: Path) -> None:
+        super().__init__(str(path))
+        self._directory = directory.resolve()
+
+    def absolute(self, name: str) -> Path:
+        """The place of a file that a mesh names, as in ``../images/paint.jpg`` of ShapeNet.
+
+        Raises:
+            ValueError: it lies outside the folder of all meshes.
+        """
+        # glTF writes a blank in a name as %20
+        named = name.strip().replace("\\", "/"), unquote(name)
+        places = [(Path(self.parent) / n).resolve() for n in named]
+        path = next((p for p in places if p.exists()), places[0])
+        if not path.is_relative_to(self._directory):
+            raise ValueError(f"{name!r} lies outside {self._directory}")
+        return path
+
+
+def _geometries(directory: Path, path: Path) -> list[Any]:
     """The triangle meshes of a file with their nodes' transforms applied."""
+    suffix, file = path.suffix.lower(), directory / path
     options: dict[str, Any] = {}
-    if path.suffix.lower() == ".obj":
-        _refuse_large_faces(path)
+    if suffix == ".obj":
+        _refuse_large_faces(file, path.as_posix())
         options = {"split_groups": True}
     try:
-        scene = trimesh.load_scene(path, process=False, **options)
+        written = plain_gltf(file, path.as_posix()) if suffix in GLTF else None
+        source = str(file) if written is None else io.BytesIO(written)
+        options |= {} if written is None else {"file_type": "glb"}
+        scene = trimesh.load_scene(source, resolver=_Beside(file, directory), process=False, **options)
         dumped = scene.dump(concatenate=False)
+    except RescoreError:
+        raise
     except Exception as error:  # whatever trimesh and its readers raise means the same to the user
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RescoreError(
-            f"{path.name}: expected a readable mesh file, got: {reason}; export it again"
+            f"{path.as_posix()}: expected a readable mesh file, got: {reason}; export it again"
         ) from error
     found = [g for g in dumped if isinstance(g, trimesh.Trimesh) and len(g.faces)]
     if not found:
-        raise RescoreError(f"{path.name}: expected a mesh with faces, got none: export triangles, not points")
+        raise RescoreError(
+            f"{path.as_posix()}: expected a mesh with faces, got none: export triangles, not points"
+        )
     return found
 
 
-def _refuse_large_faces(path: Path) -> None:
+def _refuse_large_faces(path: Path, where: str) -> None:
     """Refuses faces whose triangles would take memory with the square of their corners."""
     with path.open("rb") as lines:
         for number, line in enumerate(lines, start=1):
             corners = len(line.split()) - 1 if line.lstrip()[:2] in (b"f ", b"f\t") else 0
             if corners > MAX_FACE_CORNERS:
                 raise RescoreError(
-                    f"{path.name}: line {number}: expected faces of at most {MAX_FACE_CORNERS} corners, got "
+                    f"{where}: line {number}: expected faces of at most {MAX_FACE_CORNERS} corners, got "
                     f"{corners}: export triangles"
                 )
 
 
-def _check_size(path: Path, size: FloatArray) -> None:
+def _check_size(where: str, size: FloatArray) -> None:
     """Refuses measures that a car in metres with the nose along +Z cannot have."""
     longest = float(size.max())
     got = " x ".join(f"{v:.4g}" for v in size)
     if not LENGTH_RANGE_M[0] <= longest <= LENGTH_RANGE_M[1]:
         unit = next((f" (in {name}?)" for scale, name in _UNITS if 2.3 <= longest * scale <= 6.5), "")
         raise RescoreError(
-            f"{path.name}: expected a car {LENGTH_RANGE_M[0]:g} to {LENGTH_RANGE_M[1]:g} metres long, "
+            f"{where}: expected a car {LENGTH_RANGE_M[0]:g} to {LENGTH_RANGE_M[1]:g} metres long, "
             f"got length x width x height {got}{unit}: scale the mesh to metres"
         )
     if size[0] < 0.9 * size[1] or size[0] < 0.7 * size[2]:
         raise RescoreError(
-            f"{path.name}: expected +Y up and the nose along +Z, got length x width x height {got}: turn it"
+            f"{where}: expected +Y up and the nose along +Z, got length x width x height {got}: turn it"
         )
 
 

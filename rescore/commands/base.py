@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rescore.evidence.model import EvidenceModel
     from rescore.evidence.registration import Registration
     from rescore.experiment.config import RunConfig
+    from rescore.formats.bags.topics import Wanted
     from rescore.formats.coco import DetectionFile
 
 app = typer.Typer(
@@ -109,12 +110,30 @@ def read_data(dataset: Path, class_name: str = "car", maps: Sequence[str] = ()) 
     return _told(read_dataset(dataset, class_name, ClassMap.of(class_name, maps)))
 
 
-def rectified_data(dataset: Path, class_name: str, maps: Sequence[str], out: Path) -> "DataSet":
-    """A folder of pictures as two cameras took them, rectified into ``out``; its notes are told."""
+def imported_data(
+    dataset: Path, class_name: str, maps: Sequence[str], out: Path, topics: "Wanted", *, rectify: bool
+) -> "DataSet":
+    """A data set to write to ``out``; a recording of ROS, or pictures to rectify, are written there already.
+
+    Its notes are told.
+    """
+    from rescore.formats.bags.reader import is_bag
+    from rescore.formats.bags.topics import Wanted
+    from rescore.formats.bags.unpack import import_bag
     from rescore.formats.calibrations.rectify import rectified_dataset
     from rescore.formats.labels import ClassMap
 
-    return _told(rectified_dataset(dataset, ClassMap.of(class_name, maps), out))
+    classes = ClassMap.of(class_name, maps)
+    if is_bag(dataset):
+        return _told(import_bag(dataset, topics, classes, out, rectify=rectify))
+    if topics != Wanted():
+        raise RescoreError(
+            f"{dataset}: expected a recording of ROS to take topics from, got none; leave out --left, "
+            "--right and --detections"
+        )
+    return (
+        _told(rectified_dataset(dataset, classes, out)) if rectify else read_data(dataset, class_name, maps)
+    )
 
 
 def _told(data: "DataSet") -> "DataSet":

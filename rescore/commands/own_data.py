@@ -15,9 +15,9 @@ from rescore.commands.base import (
     detections_of,
     file_target,
     folder_target,
+    imported_data,
     print_json,
     read_data,
-    rectified_data,
 )
 from rescore.speech import say
 
@@ -31,11 +31,30 @@ def _boxes_target(out: Path) -> Path | None:
 
 
 ClassName = Annotated[str, typer.Option("--class", help="Class whose boxes count.")]
+ROS_PANEL = "Recordings of ROS 2 (a bag folder or MCAP)"
+LeftTopic = Annotated[
+    str | None,
+    typer.Option(
+        "--left", help="Topic of left pictures; not needed with one pair.", rich_help_panel=ROS_PANEL
+    ),
+]
+RightTopic = Annotated[
+    str | None, typer.Option("--right", help="Topic of right pictures.", rich_help_panel=ROS_PANEL)
+]
+BoxesTopic = Annotated[
+    str | None,
+    typer.Option(
+        "--detections", help="Topic of boxes; not needed where there is one.", rich_help_panel=ROS_PANEL
+    ),
+]
 
 
 @app.command(name="import")
 def import_dataset(
-    dataset: Annotated[Path, typer.Argument(help="Folder of any layout that the README names.")],
+    dataset: Annotated[
+        Path,
+        typer.Argument(help="Folder of any layout that docs/own-data.md names, or a recording of ROS 2."),
+    ],
     out: Annotated[Path, typer.Option(help="Folder to write annotations.json to.", callback=folder_target)],
     class_name: ClassName = "car",
     maps: Maps = None,
@@ -43,20 +62,22 @@ def import_dataset(
     rectify: Annotated[
         bool, typer.Option("--rectify", help="Rectify the pictures by their calibration, and write them too.")
     ] = False,
+    left: LeftTopic = None,
+    right: RightTopic = None,
+    detections: BoxesTopic = None,
 ) -> None:
     """Write a data set of any known layout as a folder with annotations.json, to look at and to change.
 
     Example: [bold]rescore import kitti/training --map van=car --out data/kitti[/bold]
     """
+    from rescore.formats.bags.topics import Wanted
     from rescore.formats.coco_write import write_dataset
     from rescore.locks import locked
 
-    if rectify:
-        data = rectified_data(dataset, class_name, maps or (), out)
-    else:
-        data = read_data(dataset, class_name, maps or ())
+    topics = Wanted(left, right, detections)
+    data = imported_data(dataset, class_name, maps or (), out, topics, rectify=rectify)
     with locked(out):
-        file = write_dataset(out, data, copy=copy and not rectify)
+        file = write_dataset(out, data, copy=copy and data.root != out)
     boxes = sum(len(t.annotation_id) for t in data.truth.values())
     say(f"{len(data.frames)} frames, {boxes} boxes: {file}")
 
@@ -109,6 +130,8 @@ def doctor(
     class_name: ClassName = "car",
     frames: Annotated[int, typer.Option(min=1, help="Frames whose pixels are examined, evenly spread.")] = 5,
     as_json: AsJson = False,
+    left: LeftTopic = None,
+    right: RightTopic = None,
 ) -> None:
     """Examine the installation and a data set; a line a finding, exit code 1 where something is wrong.
 
@@ -118,10 +141,11 @@ def doctor(
 
     from rescore.doctor import examine_dataset, examine_installation
     from rescore.doctor.findings import Level
+    from rescore.formats.bags.topics import Wanted
 
     findings = examine_installation()
     if dataset is not None:
-        findings += examine_dataset(dataset, class_name, frames)
+        findings += examine_dataset(dataset, class_name, frames, Wanted(left, right))
     if as_json:
         print_json([asdict(finding) for finding in findings])
     for finding in () if as_json else findings:

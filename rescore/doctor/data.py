@@ -1,5 +1,6 @@
 """Is a data set whole, and do its numbers agree with its pictures?"""
 
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,15 +14,33 @@ from rescore.data.splits import Splits
 from rescore.doctor.findings import Finding, Level
 from rescore.doctor.pairs import examine_pairs
 from rescore.files import digest_of
+from rescore.formats.bags.reader import is_bag
+from rescore.formats.bags.topics import Wanted
+from rescore.formats.bags.unpack import unpacked
 from rescore.formats.calibration_files import doubts
+from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
 
 
-def examine_dataset(path: Path, class_name: str, max_frames: int) -> list[Finding]:
-    """Findings on files, sizes, calibration, boxes and splits of all frames, and on the pixels of
-    ``max_frames`` frames."""
+def examine_dataset(
+    path: Path, class_name: str, max_frames: int, wanted: Wanted | None = None
+) -> list[Finding]:
+    """Findings on a data set: files, calibrations, boxes and splits of all frames, the pixels of some.
+
+    ``max_frames`` says of how many.
+
+    A recording of ROS is examined by that many pairs of the topics ``wanted``.
+    """
+    if not is_bag(path):
+        return _examine(path, lambda: read_dataset(path, class_name), max_frames)
+    with tempfile.TemporaryDirectory() as folder:
+        classes, out, topics = ClassMap(class_name), Path(folder), wanted or Wanted()
+        return _examine(path, lambda: unpacked(path, topics, classes, out, most=max_frames).data, max_frames)
+
+
+def _examine(path: Path, read: Callable[[], DataSet], max_frames: int) -> list[Finding]:
     try:
-        data = read_dataset(path, class_name)
+        data = read()
     except RescoreError as error:
         return [Finding(Level.ERROR, "data set", str(error))]
     except OSError as error:

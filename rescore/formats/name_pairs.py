@@ -2,16 +2,12 @@
 
 import math
 import re
-from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from enum import Enum
-from operator import itemgetter
 from pathlib import Path
 
 from recon.errors import RescoreError
-
-MAX_SECONDS_APART = 0.02
-"""Farthest that times may be apart which TUM's tools take for one moment."""
+from rescore.formats.time_pairs import MAX_SECONDS_APART, nearest_pairs
 
 
 class Side(Enum):
@@ -109,21 +105,9 @@ def _tidy(before: str, after: str) -> str:
 
 def _by_time(lefts: Sequence[Path], others: Sequence[Path]) -> dict[Path, Path]:
     """Pairs of files named by nearly one time, the closest first, each file once."""
-    there = sorted((t, p) for p in others if (t := _time(p.stem)) is not None)
-    apart = []
-    for path in lefts:
-        time = _time(path.stem)
-        if time is not None:
-            first = bisect_left(there, time - MAX_SECONDS_APART, key=itemgetter(0))
-            last = bisect_right(there, time + MAX_SECONDS_APART, key=itemgetter(0))
-            apart += [(abs(t - time), path, other) for t, other in there[first:last]]
-    found: dict[Path, Path] = {}
-    taken: set[Path] = set()
-    for _, a, b in sorted(apart):
-        if a not in found and b not in taken:
-            found[a] = b
-            taken.add(b)
-    return found
+    first, second = ([(t, p) for p in paths if (t := _time(p.stem)) is not None] for paths in (lefts, others))
+    pairs = nearest_pairs([t for t, _ in first], [t for t, _ in second], MAX_SECONDS_APART)
+    return {first[i][1]: second[j][1] for i, j in pairs.items()}
 
 
 def _time(stem: str) -> float | None:

@@ -14,6 +14,7 @@ from recon.errors import RescoreError
 from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import by_stem
 from rescore.formats import coco, coco_dataset
+from rescore.formats.bags.reader import is_bag
 from rescore.formats.box_files import is_kitti_text, read_yolo, yolo_classes
 from rescore.formats.checked_json import first_difference
 from rescore.formats.folders import box_files_in, calibration_notes
@@ -69,13 +70,18 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
             contradictory.
     """
     classes = classes or ClassMap(class_name)
-    if not path.is_dir():
+    if not path.is_dir() and not is_bag(path):
         return _read_annotations(path, classes)
     # KITTI keeps its two halves in folders of these names, EuRoC its sensors
     for root in (path, path / "training", path / "mav0"):
         for layout in LAYOUTS if root.is_dir() else ():
             if layout.is_in(root):
                 return layout.read(root, classes)
+    if is_bag(path):
+        raise RescoreError(
+            f"{path}: expected a data set, got a recording of ROS; unpack it by "
+            f"`rescore import {path} --out MY_FOLDER`"
+        )
     inside = sorted(p.name for p in path.iterdir())[:6]
     looked_for = "; ".join(layout.sign for layout in LAYOUTS)
     raise RescoreError(

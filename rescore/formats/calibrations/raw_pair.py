@@ -144,6 +144,9 @@ class RawPair:
         ]
         if bent:
             return f"lens distortion ({', '.join(bent)})"
+        moved = self._moved_px
+        if moved > MAX_APART_PX:
+            return f"P or R that move pixels by about {moved:.1f} px"
         turn, place = self._turn_and_place()
         k, other = self.left.matrix, self.right.matrix
         apart = float(np.abs(other[1] - k[1]).max() + k[0, 0] * np.abs(turn - np.eye(3)).max())
@@ -157,6 +160,18 @@ class RawPair:
     @property
     def _numbered(self) -> list[tuple[int, RawCamera]]:
         return [(1, self.left), (2, self.right)]
+
+    @property
+    def _moved_px(self) -> float:
+        """How far the stated rectification moves pixels; 0 where none is stated."""
+        if self.stated is None:
+            return 0.0
+        r1, p1, r2, p2 = self.stated
+        cameras = ((self.left, r1, p1), (self.right, r2, p2))
+        return max(
+            float(np.abs(p[:2, :3] - c.matrix[:2]).max() + p[0, 0] * np.abs(r - np.eye(3)).max())
+            for c, r, p in cameras
+        )
 
     def _turn_and_place(self) -> tuple[FloatArray, FloatArray]:
         if self.move is not None:

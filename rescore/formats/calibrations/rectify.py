@@ -12,7 +12,7 @@ from recon.files import atomic_path
 from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
 from rescore.data.pictures import read_rgb
 from rescore.files import remove
-from rescore.formats.calibrations.raw_pair import Rectified, RectifiedPair
+from rescore.formats.calibrations.raw_pair import RawPair, Rectified, RectifiedPair
 from rescore.formats.folders import calibration_notes
 from rescore.formats.labels import ClassMap
 from rescore.formats.pair_folders import read_as_taken
@@ -35,16 +35,27 @@ def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
         RescoreError: the folder has no pairs, no calibration of two cameras as they stand or pictures of
             several sizes, or ``out`` has such pictures already.
     """
-    for side in SIDES:
-        if (out / side).exists():
-            raise RescoreError(
-                f"{out / side}: expected no pictures here yet, found some; choose another --out"
-            )
-    data, raw, path = read_as_taken(root, classes)
+    refuse_pictures(out)
+    return rectified(*read_as_taken(root, classes), out)
+
+
+def rectified(data: DataSet, raw: RawPair, path: Path, out: Path) -> DataSet:
+    """A data set of pictures as two cameras took them, rectified as ``rectified_dataset`` does.
+
+    Args:
+        data: The pictures, and boxes on them.
+        raw: The cameras.
+        path: What names the cameras in errors.
+        out: Folder to write pictures to.
+
+    Raises:
+        RescoreError: as there.
+    """
+    refuse_pictures(out)
     sizes = sorted({(f.width_px, f.height_px) for f in data.frames})
     if len(sizes) != 1:
         raise RescoreError(
-            f"{root}: expected pictures of one size, that of their calibration, got {len(sizes)} sizes; "
+            f"{data.root}: expected pictures of one size, that of their calibration, got {len(sizes)} sizes; "
             "rectify each in a folder of its own"
         )
     pair = raw.rectified(path, *sizes[0])
@@ -54,10 +65,20 @@ def rectified_dataset(root: Path, classes: ClassMap, out: Path) -> DataSet:
     notes = [n for n in data.notes if "no calibration" not in n]
     gone = sum(len(t.annotation_id) - len(truth[i].annotation_id) for i, t in data.truth.items())
     if gone:
-        notes.append(f"{root}: left out {gone} boxes that rectification moves out of the picture")
+        notes.append(f"{data.root}: left out {gone} boxes that rectification moves out of the picture")
     if any(t.boxes3d is not None for t in data.truth.values()):
-        notes.append(f"{root}: left out 3D boxes, which are of the camera as it stands")
-    return replace(data, frames=frames, truth=truth, notes=(*notes, *calibration_notes(frames, root)))
+        notes.append(f"{data.root}: left out 3D boxes, which are of the camera as it stands")
+    notes += calibration_notes(frames, data.root)
+    return replace(data, root=out, frames=frames, truth=truth, notes=tuple(notes))
+
+
+def refuse_pictures(out: Path) -> None:
+    """Raises RescoreError where a folder has a left or a right side already."""
+    for side in SIDES:
+        if (out / side).exists():
+            raise RescoreError(
+                f"{out / side}: expected no pictures here yet, found some; choose another --out"
+            )
 
 
 def _written(data: DataSet, pair: RectifiedPair, out: Path) -> tuple[FrameRecord, ...]:

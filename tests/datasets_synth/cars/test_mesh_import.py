@@ -168,6 +168,82 @@ def test_points_without_faces_are_refused(tmp_path: Path) -> None:
         load_meshes(tmp_path)
 
 
+def write_model(folder: Path, name: str, picture: str, rgb: tuple[int, int, int]) -> None:
+    """A model in a folder of its own whose texture lies where the model says."""
+    folder.mkdir(parents=True)
+    (folder / picture).parent.mkdir(exist_ok=True)
+    Image.fromarray(np.full((2, 2, 3), rgb, np.uint8)).save(folder / picture)
+    (folder / f"{name}.mtl").write_text(f"newmtl skin\nKd 1 1 1\nmap_Kd {picture}\n")
+    vertices, faces = box_lines(BODY_M, (0, 0, 0), 1)
+    corners = ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1"]
+    lines = [f"mtllib {name}.mtl", *vertices, *corners, "usemtl skin", *faces]
+    (folder / f"{name}.obj").write_text("\n".join(lines) + "\n")
+
+
+def test_folders_of_models_are_read_each_with_its_own_textures(tmp_path: Path) -> None:
+    """As ShapeNet has them: every model and every texture of one name, and pictures beside the models."""
+    red, blue = (255, 0, 0), (0, 0, 255)
+    write_model(
+        tmp_path / "02958343" / "1a0bc9" / "models", "model_normalized", "../images/texture0.png", red
+    )
+    write_model(
+        tmp_path / "02958343" / "1a1dcd" / "models", "model_normalized", "../images/texture0.png", blue
+    )
+    write_model(tmp_path / "beetle", "car", "skin.png", red)
+    write_model(tmp_path / "smart", "car", "skin.png", blue)
+    write_model(tmp_path / "__MACOSX" / "smart", "car", "skin.png", blue)
+    for name in ("1b.glb", "1c.glb"):
+        (tmp_path / "000-023").mkdir(exist_ok=True)
+        trimesh.creation.box(extents=BODY_M).export(tmp_path / "000-023" / name)
+    trimesh.creation.box(extents=BODY_M).export(tmp_path / "alone.ply")
+    cars = load_meshes(tmp_path)
+    colours = {
+        car.shape_id: tuple(car.mesh.materials[0].texture[0, 0].tolist())
+        for car in cars
+        if car.mesh.materials[0].texture is not None
+    }
+    assert [car.shape_id for car in cars] == [
+        "000-023-1b",
+        "000-023-1c",
+        "02958343-1a0bc9-models",
+        "02958343-1a1dcd-models",
+        "alone",
+        "beetle",
+        "smart",
+    ]
+    assert colours == {
+        "02958343-1a0bc9-models": red,
+        "02958343-1a1dcd-models": blue,
+        "beetle": red,
+        "smart": blue,
+    }
+
+
+def test_models_that_would_share_a_name_are_called_by_their_paths(tmp_path: Path) -> None:
+    for name in ("a-b/c.ply", "a/b/c.ply", "d.ply"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        trimesh.creation.box(extents=BODY_M).export(tmp_path / name)
+    with pytest.raises(RescoreError, match=r"got two that make 'a-b-c\.ply': rename one"):
+        load_meshes(tmp_path)
+    (tmp_path / "a-b" / "c.ply").rename(tmp_path / "a-b" / "e.ply")
+    assert [car.shape_id for car in load_meshes(tmp_path)] == ["a-b-c.ply", "a-b-e.ply", "d"]
+
+
+def test_an_error_names_the_folder_of_the_model(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "model.glb").write_bytes(b"no mesh")
+    with pytest.raises(RescoreError, match=r"^one/model\.glb: expected a readable mesh file"):
+        load_meshes(tmp_path)
+
+
+def test_no_texture_is_read_from_outside_the_folder_of_meshes(tmp_path: Path) -> None:
+    write_model(tmp_path / "cars" / "one", "car", "../../secret.png", (9, 9, 9))
+    (car,) = load_meshes(tmp_path / "cars" / "one")
+    assert car.mesh.materials[0].texture is None
+    (car,) = load_meshes(tmp_path / "cars")
+    assert car.mesh.materials[0].texture is None
+
+
 def test_a_face_of_too_many_corners_is_refused_before_it_takes_memory(tmp_path: Path) -> None:
     ring = np.linspace(0, 2 * np.pi, MAX_FACE_CORNERS + 2)[:-1]
     corners = [f"v {0.9 * np.cos(a)} {1.4 * (i % 2)} {2.1 * np.sin(a)}" for i, a in enumerate(ring)]
