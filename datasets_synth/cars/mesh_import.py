@@ -20,6 +20,7 @@ from datasets_synth.meshes.mesh_build import smooth_normals
 from recon.arrays import FloatArray, IntArray
 from recon.errors import RescoreError
 from recon.pixels import linear_from_encoded
+from recon.reading import reading
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply")
 MAX_FACE_CORNERS = 1000
@@ -81,7 +82,9 @@ def load_meshes(directory: Path) -> tuple[ImportedCar, ...]:
 
 def _load(path: Path, shape_id: str) -> ImportedCar:
     """One file as a car."""
-    pieces = [_piece(geometry) for geometry in _geometries(path)]
+    geometries = _geometries(path)
+    with reading(path.name, "a mesh whose faces name its own vertices", "export it again"):
+        pieces = [_piece(geometry) for geometry in geometries]
     corners = np.concatenate([p.corners_m for p in pieces]) @ _OBJECT_FROM_GLTF.T
     if not np.isfinite(corners).all():
         raise RescoreError(

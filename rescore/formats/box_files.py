@@ -111,7 +111,8 @@ def _yolo_row(where: str, words: list[str], size: tuple[int, int], names: Sequen
             f"{where}: expected YOLO's class, x, y, width, height (and a score), got {len(words)} columns; "
             "polygons are not read"
         )
-    if not words[0].isdecimal() or int(words[0]) >= len(names):
+    # numbers of thousands of digits are refused by int itself
+    if not words[0].isdecimal() or len(words[0]) > 9 or int(words[0]) >= len(names):
         raise RescoreError(
             f"{where}: expected a class number below {len(names)}, got {words[0][:20]!r}; mend it, or the "
             "names"

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from recon.arrays import FloatArray
 from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
+from recon.reading import reading
 from rescore.data.frames import DataSet, frame_names
 from rescore.formats import coco, coco_dataset
 from rescore.formats.box_files import class_names, is_kitti_text, read_yolo
@@ -74,7 +75,9 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
     for root in (path, path / "training"):
         for layout in LAYOUTS if root.is_dir() else ():
             if layout.is_in(root):
-                return layout.read(root, classes)
+                # what no reader of a single file has told
+                with reading(root, "a data set", "mend its files"):
+                    return layout.read(root, classes)
     inside = sorted(p.name for p in path.iterdir())[:6]
     looked_for = "; ".join(layout.sign for layout in LAYOUTS)
     raise RescoreError(
