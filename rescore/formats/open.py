@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from recon.arrays import FloatArray
 from recon.boxes import xywh_from_xyxy
 from recon.errors import RescoreError
+from recon.reading import reading
 from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import by_stem
 from rescore.formats import coco, coco_dataset
@@ -76,7 +77,9 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
     for root in (path, path / "training", path / "mav0"):
         for layout in LAYOUTS if root.is_dir() else ():
             if layout.is_in(root):
-                return layout.read(root, classes)
+                # what no reader of a single file has told
+                with reading(root, "a data set", "mend its files"):
+                    return layout.read(root, classes)
     if is_bag(path):
         raise RescoreError(
             f"{path}: expected a data set, got a recording of ROS; unpack it by "

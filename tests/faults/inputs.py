@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.errors import RescoreError
 from recon.learning.label_files import read_labelled_views
 from recon.learning.primitives import PrimitiveLibrary
 from recon.part_views import load_part_views, save_part_views
@@ -17,6 +18,7 @@ from rescore.cli import main
 from rescore.defaults import default_rescorer_file
 from rescore.detectors.registry import load_detector
 from rescore.doctor import examine_dataset
+from rescore.doctor.findings import Level
 from rescore.evidence.files import read_evidence, read_fits
 from rescore.evidence.model import save_models
 from rescore.experiment.config import run_preset, with_changes
@@ -53,7 +55,13 @@ def rescore(*arguments: str) -> Read:
 
 def doctor() -> Read:
     """What the doctor finds on a data set, without its look at the installation."""
-    return lambda root: examine_dataset(root, "car", 1)
+
+    def call(root: Path) -> None:
+        wrong = [str(f) for f in examine_dataset(root, "car", 1) if f.level is Level.ERROR]
+        if wrong:
+            raise RescoreError(wrong[0])
+
+    return call
 
 
 def detections(root: Path) -> Path:

@@ -68,7 +68,7 @@ PREDICTIONS: dict[str, tuple[Callable[[Path], object], Any, str]] = {
     "unit unknown": (as_is, RELATIVE | {"unit": "cm"}, "net.json: unit: expected relative or"),
     "factor of relative": (as_is, RELATIVE | {"factor": 256}, "net.json: factor: expected met"),
     "factor 0": (as_is, METRIC | {"factor": 0}, "net: expected a positive factor .*got 0"),
-    "factor NaN": (as_is, METRIC | {"factor": float("nan")}, "net: expected a positive factor .*got nan"),
+    "factor NaN": (as_is, METRIC | {"factor": float("nan")}, "net.json: .*NaN, which is no number of JSON"),
     "no folder": (
         lambda root: (root / "net").rename(root / "gone"),
         RELATIVE,

@@ -254,3 +254,13 @@ def test_a_face_of_too_many_corners_is_refused_before_it_takes_memory(tmp_path: 
     (tmp_path / "car.obj").write_text("\n".join([*corners, f"f {face.rpartition(' ')[0]}"]))
     (car,) = load_meshes(tmp_path)
     assert car.size_m[0] == pytest.approx(4.2, abs=0.1)
+
+
+@pytest.mark.parametrize("face", ["1 2 9", "1 2 513"])
+def test_a_face_of_vertices_that_are_not_there_is_one_line(tmp_path: Path, face: str) -> None:
+    corners = "".join(f"{x} {y} {z}\n" for x in (-0.9, 0.9) for y in (0, 1.4) for z in (-2.1, 2.1))
+    head = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "car.ply").write_text(f"{head}{corners}3 {face}\n")
+    with pytest.raises(RescoreError, match=r"car\.ply: expected a mesh whose faces name its own vert"):
+        load_meshes(tmp_path)

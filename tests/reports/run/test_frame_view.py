@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from recon.errors import RescoreError
 from reports.recording.frame import in_metres
 from reports.run.frame_view import frame_views, run_data
 from rescore.results.run_config_file import RunConfigFile, RunSettings
@@ -66,6 +67,8 @@ def test_without_calibration_depth_is_shown_up_to_scale(run_dir: Path, tmp_path:
 def test_the_evaluated_split_is_the_one_of_the_config(run: Run):
     assert run.split == "test"
     other = replace(run, config=RunConfigFile(config=RunSettings(split="validation")))
-    assert len(run_data(other).frames) == 0
+    # the data set has no frame of that split
+    with pytest.raises(RescoreError, match="expected the 5 frames that were evaluated, got no image"):
+        run_data(other)
     everything = replace(run, config=RunConfigFile(config=RunSettings(split="all")))
     assert len(run_data(everything).frames) == run.metrics.n_images

@@ -418,3 +418,21 @@ def test_every_form_is_evaluated_alike(
     assert metrics[0]["n_cars"] == 2
     assert metrics[0]["n_candidates"] == 3
     assert all(m == metrics[0] for m in metrics[1:])
+
+
+@pytest.mark.parametrize("text", ["9" * 5000 + " 0.5 0.5 0.2 0.3", "2 0.5 0.5 0.2 0.3"])
+def test_a_class_that_is_not_named_is_one_line_whatever_its_digits(tmp_path: Path, text: str) -> None:
+    own.pair_folder(tmp_path)
+    own.write_text(tmp_path / "data.yaml", "names: [person, car]\n")
+    own.write_text(tmp_path / "labels" / "a.txt", text)
+    with pytest.raises(RescoreError, match=r"a\.txt:1: expected") as raised:
+        read_dataset(tmp_path)
+    assert len(str(raised.value)) < 500
+
+
+def test_a_box_of_a_text_file_that_is_out_of_range_is_one_line(tmp_path: Path) -> None:
+    own.kitti_folder(tmp_path)
+    car = own.KITTI_CAR.replace("10.0 20.0", "-1e308 20.0")
+    own.write_text(tmp_path / "found" / "000003.txt", f"{car} 0.7\n")
+    with pytest.raises(RescoreError, match=r"found: image \d+: expected detections, got bbox"):
+        read_detections(tmp_path / "found", read_dataset(tmp_path))
