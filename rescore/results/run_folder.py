@@ -7,6 +7,7 @@ import numpy as np
 
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
+from recon.reading import reading
 from rescore.evidence.registration import Registration
 from rescore.files import read_json_object
 from rescore.results.candidate_file import ALONE, REQUIRED_COLUMNS, Columns, read_candidates
@@ -166,7 +167,10 @@ class Run:
     def part_names(self) -> tuple[str, ...]:
         """Names of the parts of the class model, label 1 first; empty where the run folder holds no model."""
         path = self.class_model_path()
-        return () if path is None else tuple(str(n) for n in read_json_object(path, "a model")["part_names"])
+        if path is None:
+            return ()
+        with reading(path, "a class model with names of its parts", "learn the model again"):
+            return tuple(str(n) for n in read_json_object(path, "a model")["part_names"])
 
     def class_model_path(self) -> Path | None:
         """The class model of the run; None where the run folder holds none."""

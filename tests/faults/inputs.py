@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learning.label_files import read_labelled_views
 from recon.learning.primitives import PrimitiveLibrary
@@ -20,7 +21,7 @@ from rescore.detectors.registry import load_detector
 from rescore.doctor import examine_dataset
 from rescore.doctor.findings import Level
 from rescore.evidence.files import read_evidence, read_fits
-from rescore.evidence.model import save_models
+from rescore.evidence.model import load_models, save_models
 from rescore.experiment.config import run_preset, with_changes
 from rescore.experiment.stages import Stage, run_stage
 from rescore.files import write_json
@@ -170,6 +171,13 @@ def _run(root: Path) -> None:
     bundle.class_model.save(RunFolder(root).class_model)
 
 
+def _read_models(root: Path) -> None:
+    run = load_run(root)
+    run.part_names()
+    ClassModel.load(run.folder.class_model)
+    load_models(run.folder.evidence_model("hog"))
+
+
 def _show(root: Path) -> None:
     from reports.page.paired_runs import Evaluated  # noqa: PLC0415
     from reports.page.report import render_report  # noqa: PLC0415 (drawing takes a second to import)
@@ -290,7 +298,7 @@ KINDS = (
     Kind("detector, boosted", _detectors, ["boosted.npz"], lambda root: load_detector(root / "boosted.npz")),
     Kind("run, JSON", _run, ["metrics.json", "config.json"], rescore("inspect", "{}", "--only", "all")),
     Kind("run, table", _run, ["candidates.parquet"], rescore("inspect", "{}", "--only", "all")),
-    Kind("run, models", _run, ["models/*.json"], rescore("inspect", "{}", "--only", "all")),
+    Kind("run, models", _run, ["models/*.json"], _read_models),
     Kind("run, shown", _run, RUN_FILES, _show),
     Kind("evidence files", _run, ["evidence/*/*.npz"], _read_evidence),
     Kind(
