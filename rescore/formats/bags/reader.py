@@ -19,7 +19,7 @@ SUFFIXES = (".mcap", ".db3")
 _ROS1 = ".bag"
 _WHAT = "a recording of ROS 2"
 _ADVICE = "record it again, or mend it by `ros2 bag reindex`"
-_VISION = {
+VISION_MESSAGES = {
     "ObjectHypothesis": "string class_id\nfloat64 score",
     "ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
     "Point2D": "float64 x\nfloat64 y",
@@ -142,6 +142,6 @@ def _humble() -> "Typestore":
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - optional
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in _VISION.items():
+    for name, text in VISION_MESSAGES.items():
         store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
     return store
