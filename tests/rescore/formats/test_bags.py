@@ -83,6 +83,7 @@ def test_a_recording_is_a_data_set(storage: StoragePlugin, tmp_path: Path, run: 
         f"left out 1 of 4 pictures of {LEFT} without a partner",
         f"left out 1 of 4 pictures of {RIGHT} without a partner",
         "left out 1 messages of detections of no pair",
+        f"wrote 2 detections to {out / 'detections.json'}",
         "left out boxes of other classes: 1 truck",
         "3 frames, 0 boxes",
     ):
