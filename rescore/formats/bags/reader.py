@@ -112,8 +112,8 @@ def opened(path: Path) -> Iterator[Bag]:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an optional package
     except ImportError as error:
         raise RescoreError(
-            f"{path}: expected the package rosbags, which reads recordings of ROS, found none; install it by "
-            "`pip install 'rescore[ros]'`"
+            f"{path}: expected the package rosbags, which reads recordings of ROS, found none; run "
+            "`make setup`, or `pip install rosbags`"
         ) from error
     source = _source(path)
     with reading(path, _WHAT, _ADVICE):
