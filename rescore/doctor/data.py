@@ -27,9 +27,8 @@ def examine_dataset(
 ) -> list[Finding]:
     """Findings on a data set: files, calibrations, boxes and splits of all frames, the pixels of some.
 
-    ``max_frames`` says of how many.
-
-    A recording of ROS is examined by that many pairs of the topics ``wanted``.
+    Pixels are those of ``max_frames`` frames. Of a recording of ROS that many pairs of the topics ``wanted``
+    are examined, and no others.
     """
     if not is_bag(path):
         return _examine(path, lambda: read_dataset(path, class_name), max_frames)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from rosbags.rosbag2 import StoragePlugin
 
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
@@ -28,7 +29,9 @@ from rescore.files import write_json
 from rescore.formats.uiuc import read_uiuc
 from rescore.library.bundles import default_bundle, read_bundle
 from rescore.results.run_folder import RunFolder, load_run
+from tests.datasets_synth.cars.test_gltf_files import quantised
 from tests.rescore import own_data as own
+from tests.rescore import ros_bags as bags
 
 Read = Callable[[Path], object]
 """Reads what lies in a folder."""
@@ -224,6 +227,17 @@ def _meshes(root: Path) -> None:
         folder = root / name.rpartition(".")[2]
         folder.mkdir()
         box.export(folder / name)
+    (root / "quantised").mkdir()
+    quantised(root / "quantised" / "car.glb")
+
+
+def _recording(storage: StoragePlugin) -> Read:
+    def make(root: Path) -> None:
+        found = bags.boxes(bags.START_NS, [("car", 0.5, (30, 30, 20, 10))])
+        topics = bags.pictures([0, 100], [0, 100]) | bags.infos() | {"/boxes": [found]}
+        bags.write_bag(root / "bag", topics, storage)
+
+    return make
 
 
 def _read_meshes(root: Path) -> None:
@@ -246,6 +260,7 @@ WEIGHT = ("--w", "0.5")
 WITH_MODEL = ("apply", "{}", "{}/detections.json", "--out", "{}/out/r.json", "--split", "all")
 WITH_MODEL += ("--jobs", "1", "--disparities", "16")
 EVALUATE = ("evaluate", "{}", "{}/detections.json", "--out", "{}/out", "--split", "all", "--no-report")
+IMPORT_BAG = ("import", "{}/bag", "--out", "{}/out")
 CLASS_MODEL = (*WITH_MODEL, "--model", "{}/model.json", "--w", "0.5")
 
 KINDS = (
@@ -320,7 +335,9 @@ KINDS = (
         lambda r: load_part_views(r / "views"),
     ),
     Kind("primitives", _primitives, ["*.npz"], lambda r: PrimitiveLibrary.load(r / "primitives.npz")),
-    Kind("meshes", _meshes, ["obj/car.obj", "glb/car.glb", "ply/car.ply"], _read_meshes),
+    Kind("meshes", _meshes, ["obj/car.obj", "glb/car.glb", "ply/car.ply", "quantised/car.glb"], _read_meshes),
+    Kind("recording, MCAP", _recording(StoragePlugin.MCAP), ["bag/*"], rescore(*IMPORT_BAG)),
+    Kind("recording, SQLite", _recording(StoragePlugin.SQLITE3), ["bag/*"], rescore(*IMPORT_BAG)),
     Kind("UIUC", _uiuc, ["trueLocations.txt", "TestImages/test-0.pgm"], read_uiuc),
     Kind("stage record", _stage, [".stages/work.json"], _run_stage),
 )

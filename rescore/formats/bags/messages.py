@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recon.arrays import UInt8Array
 from recon.errors import RescoreError
+from recon.reading import refuse_large_picture
 from rescore.data.pictures import PNG_END, PNG_HEAD
 from rescore.formats.calibrations.numbers import Values, numbers_of
 from rescore.formats.calibrations.tools import FISHEYE, is_fisheye
@@ -77,7 +78,11 @@ def _of_compressed(where: str, form: str, data: UInt8Array) -> tuple[str, bytes]
         return None
     mosaic = next((code for name, code in _BAYER.items() if name in form), None)
     if mosaic is not None:
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        try:
+            refuse_large_picture(Path(where), content)
+            pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        except (OSError, SyntaxError, ValueError, cv2.error):
+            return None
         if pixels is None:
             return None
         if pixels.ndim == 2 and pixels.dtype == np.uint8:

@@ -19,7 +19,7 @@ SUFFIXES = (".mcap", ".db3")
 _ROS1 = ".bag"
 _WHAT = "a recording of ROS 2"
 _ADVICE = "record it again, or mend it by `ros2 bag reindex`"
-_VISION = {
+VISION_MESSAGES = {
     "ObjectHypothesis": "string class_id\nfloat64 score",
     "ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
     "Point2D": "float64 x\nfloat64 y",
@@ -112,8 +112,8 @@ def opened(path: Path) -> Iterator[Bag]:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an optional package
     except ImportError as error:
         raise RescoreError(
-            f"{path}: expected the package rosbags, which reads recordings of ROS, found none; install it by "
-            "`pip install 'rescore[ros]'`"
+            f"{path}: expected the package rosbags, which reads recordings of ROS, found none; run "
+            "`make setup`, or `pip install rosbags`"
         ) from error
     source = _source(path)
     with reading(path, _WHAT, _ADVICE):
@@ -142,6 +142,6 @@ def _humble() -> "Typestore":
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - optional
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in _VISION.items():
+    for name, text in VISION_MESSAGES.items():
         store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
     return store

@@ -60,9 +60,12 @@ def _as_recorded(path: Path, wanted: Wanted, classes: ClassMap, out: Path) -> Da
         _refuse_data(out)
         with _whole(out):
             found = unpacked(path, wanted, classes, out)
-            if found.detections is not None:
-                coco.write_detections(out / DETECTIONS, "detections", found.detections.table, found.data)
-    return found.data
+            if found.detections is None:
+                return found.data
+            table = found.detections.table
+            coco.write_detections(out / DETECTIONS, "detections", table, found.data)
+    told = f"{path}: wrote {len(table)} detections to {out / DETECTIONS}"
+    return replace(found.data, notes=(*found.data.notes, told))
 
 
 def _rectified(path: Path, wanted: Wanted, classes: ClassMap, out: Path) -> DataSet:

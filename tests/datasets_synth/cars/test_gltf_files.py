@@ -78,6 +78,18 @@ def one(folder: Path) -> ImportedCar:
     return car
 
 
+def quantised(path: Path) -> None:
+    """A car whose positions are bytes and whose texture is moved."""
+    tree = Tree()
+    uv = tree.accessor(np.full((len(BOX.vertices), 2), 9999, "<u2"), normalized=True)
+    positions = tree.accessor((BOX.vertices * 2 * 127).astype("<i1"), normalized=True, padding=1)
+    tree.mesh(POSITION=positions, TEXCOORD_0=uv)
+    tree.json["nodes"][0]["scale"] = [v / 2 for v in BODY_M]
+    with_paint(tree, {"scale": [2, 2]})
+    tree.needs("KHR_mesh_quantization", "KHR_texture_transform")
+    tree.write(path)
+
+
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 @pytest.mark.parametrize("kind", ["i2", "u2", "i1"])
 @pytest.mark.parametrize("normalized", [True, False])
