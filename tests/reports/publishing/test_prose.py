@@ -25,7 +25,7 @@ PUBLISHED = ROOT / "reports" / "published"
 WRITE = "run `python -m reports.publishing.prose`"
 
 CONSTANTS = {
-    **dict.fromkeys(("12", "3.11"), "versions that it runs on"),
+    **dict.fromkeys(("12", "3.11", "2"), "versions that it runs on, and of ROS"),
     **dict.fromkeys(("6", "7"), "equations"),
     **dict.fromkeys(("3", "4"), "sections of the report"),
     **dict.fromkeys(("15",), "candidates an image"),
