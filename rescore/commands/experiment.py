@@ -17,6 +17,7 @@ from rescore.commands.base import (
     Dataset,
     EvidenceModelFile,
     Jobs,
+    Maps,
     Preset,
     Seed,
     Split,
@@ -124,6 +125,7 @@ def apply(
         ),
     ] = None,
     split: Split = "test",
+    maps: Maps = None,
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
@@ -144,7 +146,7 @@ def apply(
     from rescore.fusion.rescore_frame import Rescoring
 
     used = Named(model, predicted, tuned, w, registration, evidence_model).rescores(preset, config)
-    data = read_split(dataset, split, used.settings.class_name)
+    data = read_split(dataset, split, used.settings.class_name, maps)
     looked = with_stereo_for(with_camera(used.settings.rescore, camera), data, disparities)
     finding = Rescoring(looked, predict=evidence is not None or used.mode.predicts)
     source, table, detector = evidence_of(data, detections, used.source, finding, jobs, evidence)

@@ -1,13 +1,14 @@
 """Detections as COCO results files. Data sets: ``rescore.formats.coco_dataset``."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, FiniteFloat, TypeAdapter, create_model
+from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, create_model
 
 from recon.arrays import FloatArray
 from recon.boxes import xywh_from_xyxy, xyxy_from_xywh
@@ -18,13 +19,19 @@ from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS, Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
+from rescore.files import refuse_unsafe_name
 from rescore.formats.checked_json import Box, Box3D, Box3DDeviations, Number, read_checked
+from rescore.formats.labels import ClassMap, flat_note, has_size
 
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""
 
 ROUNDING = 1e-6
 """What single precision may put a probability beyond 0 or 1."""
+
+
+Text = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+"""A text without control characters, which could steer a terminal."""
 
 
 class Detection(BaseModel):
@@ -37,16 +44,16 @@ class Detection(BaseModel):
     detector: str | None = None
     detector_score: FiniteFloat | None = None
     likelihood: FiniteFloat | None = None
-    status: str | None = None
-    reason_detail: str | None = None
+    status: Text | None = None
+    reason_detail: Text | None = None
     w: FiniteFloat | None = None
     registration: Registration | None = None
     cues: dict[str, FiniteFloat] = {}
     azimuth_deg: FiniteFloat | None = None
-    ground: str = ""
-    view_bin: str = ""
+    ground: Text = ""
+    view_bin: Text = ""
     view_probability: FiniteFloat | None = None
-    second_view: str = ""
+    second_view: Text = ""
     bbox3d: Box3D | None = None
     bbox3d_sd: Box3DDeviations | None = None
 
@@ -70,8 +77,6 @@ class DetectionFile:
     """Weight of eq. 7 that made the posterior."""
     registration: Registration
     """Mode that made the posterior; ``PAPER`` where the file does not say."""
-    n_other_class: int
-    """Detections left out because their category is another."""
     n_beyond_max: int
     """Detections left out because their image has ``max_candidates`` better ones."""
     notes: tuple[str, ...] = ()
@@ -96,22 +101,34 @@ class DetectionFile:
         return {i: self.table.candidates(i, r) for i, r in rows.items()}
 
 
-def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_CANDIDATES) -> DetectionFile:
+def read_detections(
+    path: Path,
+    data: DataSet,
+    max_candidates: int | None = MAX_CANDIDATES,
+    classes: ClassMap | None = None,
+) -> DetectionFile:
     """The detections of a COCO results file, best raw score first in each image (ties in the file's order).
 
     The raw score is ``detector_score`` where there is one (a rescored file), else ``score``. Where no
     likelihood is given, scores that all lie in [0, 1] are taken as likelihoods; other scores leave them NaN.
+
+    Detections without a category, of a category of the truth, and of one that ``classes`` maps to the class
+    are read; others, and boxes of no size, are left out, and ``notes`` of the result counts them.
 
     Raises:
         RescoreError: the file is missing, has another shape, names an unknown image, or holds no usable
         number.
     """
     found = read_checked(path, _DETECTIONS, "detections as a list in COCO's results form")
-    return detection_file(path, found, data, max_candidates)
+    classes = classes or ClassMap(data.category, data.renamed, of_several=True)
+    file = detection_file(path, found, data, max_candidates, classes)
+    counts = Counter(dict.fromkeys(data.category_names.values(), 0))
+    counts.update(_category_name(d.category_id, data) for d in found if d.category_id is not None)
+    return replace(file, notes=(*file.notes, *classes.notes(path, counts)))
 
 
 def detection_file(
-    path: Path, found: list[Detection], data: DataSet, max_candidates: int | None = MAX_CANDIDATES
+    path: Path, found: list[Detection], data: DataSet, max_candidates: int | None, classes: ClassMap
 ) -> DetectionFile:
     """Detections of any form, checked and ordered as ``read_detections`` does; ``path`` names them.
 
@@ -119,38 +136,60 @@ def detection_file(
         RescoreError: as there.
     """
     known = {f.image_id for f in data.frames}
+    ours, sized = 0, []
     for number, d in enumerate(found):
-        _check_detection(path, number, d, known)
-    ours = [d for d in found if d.category_id in (None, data.category_id)]
+        counts = _takes(d.category_id, data, classes)
+        ours += counts
+        if _check_detection(path, number, d, known, counts=counts):
+            sized.append(d)
     if found and not ours:
+        other = found[0].category_id
+        name = _category_name(other, data)
         raise RescoreError(
             f"{path}: expected detections of category_id {data.category_id} ({data.category!r}), got only "
-            f"{found[0].category_id}; map the classes"
+            f"{other}{'' if name.isdecimal() else f' ({name!r})'}; take it for the class with --map "
+            f"{name}={data.category}, or give detections of the class"
         )
-    kept = _best_of_each_image(ours, data, max_candidates)
+    kept = _best_of_each_image(sized, data, max_candidates)
     rescored = bool(kept) and all(d.status for d, _ in kept)
     weights = {d.w for d, _ in kept}
+    detector = (kept[0][0].detector if kept else None) or path.stem
+    refuse_unsafe_name(path, "the name of a detector", detector)
     return DetectionFile(
-        detector=(kept[0][0].detector if kept else None) or path.stem,
+        detector=detector,
         table=_table(kept),
         posterior=np.array([d.score for d, _ in kept]) if rescored else None,
         w=weights.pop() if rescored and len(weights) == 1 else None,
         registration=(kept[0][0].registration if kept else None) or Registration.PAPER,
-        n_other_class=len(found) - len(ours),
-        n_beyond_max=len(ours) - len(kept),
+        n_beyond_max=len(sized) - len(kept),
+        notes=flat_note(path, ours - len(sized)),
     )
 
 
-def _check_detection(path: Path, number: int, d: Detection, known: set[int]) -> None:
+def _takes(category_id: int | None, data: DataSet, classes: ClassMap) -> bool:
+    """Whether a detection of a category counts as one of the class."""
+    if category_id is None or category_id == data.category_id or category_id in data.class_ids:
+        return True
+    return classes.takes(_category_name(category_id, data))
+
+
+def _category_name(category_id: int | None, data: DataSet) -> str:
+    """The name of a category; its number where the data set does not name it."""
+    if category_id is None or category_id == data.category_id:
+        return data.category
+    return data.category_names.get(category_id, str(category_id))
+
+
+def _check_detection(path: Path, number: int, d: Detection, known: set[int], *, counts: bool) -> bool:
+    """Whether a detection is a box of the class.
+
+    Raises:
+        RescoreError: it can be none of this data set.
+    """
     if d.image_id not in known:
         raise RescoreError(
             f"{path}: detection {number}: expected an image of the data set, got image_id {d.image_id}; "
             "use the detections of this data set and split"
-        )
-    if not (d.bbox[2] > 0 and d.bbox[3] > 0):
-        raise RescoreError(
-            f"{path}: detection {number}: expected [x, y, w, h] with positive sizes, "
-            f"got {list(d.bbox)}; mend bbox"
         )
     if d.bbox3d_sd is not None and d.bbox3d is None:
         raise RescoreError(
@@ -161,6 +200,7 @@ def _check_detection(path: Path, number: int, d: Detection, known: set[int]) -> 
             f"{path}: detection {number}: expected a likelihood in [0, 1], got {d.likelihood}; "
             "calibrate the scores"
         )
+    return has_size(f"{path}: detection {number}", d.bbox, counts=counts) and counts
 
 
 def _raw_score(d: Detection) -> float:

@@ -103,6 +103,7 @@ def evaluate(
     metrics = Metrics(
         n_images=truth.n_images,
         n_cars=truth.n_cars,
+        n_ignored=data.n_ignored,
         n_candidates=sum(len(f.table) for f in firsts),
         rows=tuple(rows),
         comparisons=tuple(comparisons),
@@ -125,7 +126,7 @@ def evaluate(
 
 def has_cars(data: DataSet) -> bool:
     """Whether any car is annotated that can be found."""
-    return any((~truth.ignore).any() for truth in data.truth.values())
+    return data.n_cars > 0
 
 
 def unjudged(data: DataSet) -> DataSet:
