@@ -60,9 +60,8 @@ AdaptShare = Annotated[
         rich_help_panel=LEARNED_PANEL,
     ),
 ]
-Maps = Annotated[
-    list[str] | None, typer.Option("--map", help="Take a class for another, as van=car; may be repeated.")
-]
+MAP_HELP = "Take a class for another, as van=car; may be repeated."
+Maps = Annotated[list[str] | None, typer.Option("--map", help=MAP_HELP)]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print JSON on standard output in place of text.", show_default=False)

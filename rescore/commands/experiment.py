@@ -10,6 +10,7 @@ import typer
 from rescore.commands.base import (
     ALL_PROCESSORS,
     DETECTION_FORMS,
+    MAP_HELP,
     REGISTRATION_HELP,
     AdaptShare,
     AsJson,
@@ -17,7 +18,6 @@ from rescore.commands.base import (
     Dataset,
     EvidenceModelFile,
     Jobs,
-    Maps,
     Preset,
     Seed,
     Split,
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from rescore.experiment.stages import Done
 
 STEREO_PANEL = "Camera and stereo matching"
+CLASSES_PANEL = "Names of classes"
 SECOND_PANEL = "Second boxes"
 
 
@@ -125,7 +126,9 @@ def apply(
         ),
     ] = None,
     split: Split = "test",
-    maps: Maps = None,
+    maps: Annotated[
+        list[str] | None, typer.Option("--map", help=MAP_HELP, rich_help_panel=CLASSES_PANEL)
+    ] = None,
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
