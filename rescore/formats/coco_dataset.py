@@ -14,7 +14,7 @@ from recon.errors import RescoreError
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
-from rescore.formats.checked_json import Box, Box3D, Number, read_checked
+from rescore.formats.checked_json import Box, Box3D, Number, Rows, read_checked
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, flat_note, has_size
 
 
@@ -76,9 +76,9 @@ class _Category(BaseModel):
 
 
 class _DataSet(BaseModel):
-    images: list[_Image]
-    annotations: list[_Annotation]
-    categories: list[_Category]
+    images: Rows[_Image]
+    annotations: Rows[_Annotation]
+    categories: Rows[_Category]
 
 
 _DATA_SET = TypeAdapter(_DataSet)
@@ -115,7 +115,7 @@ def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = N
                 f"{file}: annotation {a.id}: expected a listed category, got category_id {a.category_id}; "
                 "add it to categories"
             )
-        if not has_size(f"{file}: annotation {a.id}", a.bbox, counts=a.category_id in class_ids):
+        if not has_size(file, f"annotation {a.id}", a.bbox, counts=a.category_id in class_ids):
             flat += 1
             continue
         counts[names[a.category_id]] += 1

@@ -123,11 +123,12 @@ def flat_note(where: object, n: int) -> tuple[str, ...]:
     return (f"{where}: left out {n} {'box' if n == 1 else 'boxes'} of width or height 0",) if n else ()
 
 
-def has_size(where: str, xywh_px: Sequence[float], *, counts: bool) -> bool:
+def has_size(file: Path, what: str, xywh_px: Sequence[float], *, counts: bool = True) -> bool:
     """Whether a box is one: some tools write boxes of width or height 0.
 
     Args:
-        where: the place of the box, for the message.
+        file: where the box is, for the message.
+        what: which one of it.
         xywh_px: left, top, width, height.
         counts: whether the box is of the class; others may be of any size.
 
@@ -137,7 +138,7 @@ def has_size(where: str, xywh_px: Sequence[float], *, counts: bool) -> bool:
     x, y, w, h = xywh_px
     if counts and min(w, h) < 0:
         raise RescoreError(
-            f"{where}: expected [x, y, w, h] with positive sizes, got {list(xywh_px)}; mend bbox"
+            f"{file}: {what}: expected [x, y, w, h] with positive sizes, got {list(xywh_px)}; mend bbox"
         )
     # sums, since a size far below the place adds nothing to it
     return x + w > x and y + h > y

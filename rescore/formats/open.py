@@ -120,7 +120,7 @@ def read_detections(
     found = [d for image_id, own in rows.items() for d in _detections(path, image_id, own, classes, data)]
     missing = len(names) - len(files)
     notes = (f"{path}: {missing} of {len(names)} frames have no file, so no detections",) if missing else ()
-    file = coco.detection_file(path, found, data, max_candidates, classes)
+    file = coco.detection_file(path, [found], data, max_candidates, classes)
     return replace(file, notes=(*notes, *told, *flat, *classes.notes(path, counts)))
 
 
