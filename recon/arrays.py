@@ -20,6 +20,13 @@ def constant(value: object, shape: tuple[int, ...], dtype: Any = float) -> NDArr
     return np.broadcast_to(np.array(value, dtype), shape)
 
 
+def rows_by_value(column: IntArray) -> dict[int, IntArray]:
+    """The rows of each value, in their order, from one look at all rows."""
+    order = np.argsort(column, kind="stable")
+    values, first = np.unique(column[order], return_index=True)
+    return dict(zip(values.tolist(), np.split(order, first[1:]), strict=True)) if len(column) else {}
+
+
 def rows_of(column: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
     """The rows of a mask or an index; of an array of ``constant`` again such a one."""
     if not _is_constant(column):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import FloatArray, IntArray, rows_of, stacked
+from recon.arrays import FloatArray, IntArray, rows_by_value, rows_of, stacked
 from recon.errors import Failure, RescoreError
 from rescore.data.boxes3d import Boxes3D
 from rescore.evidence.align_depth import DepthAlignment
@@ -136,11 +136,8 @@ class CandidateTable:
 
     def by_image(self, image_ids: Iterable[int]) -> dict[int, Candidates]:
         """The candidates of each image, empty where it has none."""
-        found = {}
-        for image_id in image_ids:
-            rows = np.flatnonzero(self.image_id == image_id)
-            found[image_id] = self.candidates(image_id, rows)
-        return found
+        rows, none = rows_by_value(self.image_id), np.zeros(0, np.int64)
+        return {i: self.candidates(i, rows.get(i, none)) for i in image_ids}
 
     def candidates(self, image_id: int, rows: NDArray[Any] | Sequence[int]) -> Candidates:
         """What a detector found in an image, which are the rows of a mask or an index."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from recon.arrays import FloatArray, IntArray
+from recon.arrays import FloatArray, IntArray, rows_by_value
 from rescore.data.frames import DataSet, Truth
 from rescore.data.rendered_kinds import kinds_of_candidates
 from rescore.detectors.base import Detections
@@ -81,9 +81,9 @@ def _share_by_kind(
     wrong = (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
     counted = wrong & (match.ranking >= curve.threshold[reached[0]])
     kinds: Counter[str] = Counter()
+    boxes, rows_of_image = boxes[counted], rows_by_value(image_id[counted])
     for frame in data.frames:
-        here = counted & (image_id == frame.image_id)
-        if here.any():
-            kinds.update(kinds_of_candidates(frame, boxes[here]))
+        if frame.image_id in rows_of_image:
+            kinds.update(kinds_of_candidates(frame, boxes[rows_of_image[frame.image_id]]))
     total = kinds.total()
     return {kind: n / total for kind, n in sorted(kinds.items(), key=lambda item: (-item[1], item[0]))}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import rows_by_value
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.rendered_kinds import kinds_of_candidates
@@ -85,13 +86,15 @@ def evaluate(
     firsts: list[DetectionFile] = []
     solid: list[Boxes3DRow] = []
     cars3d = TrueCars.of(data)
+    # one number for all detectors, which are resampled alike
+    drawn = BootstrapConfig.for_candidates(max(len(f.table) for f in files))
     for own in _by_detector(files):
         matched = {f.registration: _match(f, truth, min_iou) for f in own if f.posterior is not None}
         alone = _match_alone(own[0], truth, min_iou)
         kind = _kinds(data, own[0].table)
         parts.append(detector_columns(own, alone, matched, kind))
         by_mode = {ALONE: alone, **{str(m): t for m, t in matched.items()}}
-        sure = certainty(own[0].detector, by_mode, kind, truth.cars_of_image, seed)
+        sure = certainty(own[0].detector, by_mode, kind, truth.cars_of_image, seed, drawn)
         rows += _rows(own, alone, matched, sure.intervals)
         comparisons += sure.comparisons
         for file in own:
@@ -109,9 +112,7 @@ def evaluate(
         comparisons=tuple(comparisons),
         fusion=tuple(fusion),
         reliability=tuple(reliabilities),
-        bootstrap=BootstrapSettings(
-            n_resamples=BootstrapConfig().n_resamples, confidence=BootstrapConfig().confidence, seed=seed
-        ),
+        bootstrap=BootstrapSettings(n_resamples=drawn.n_resamples, confidence=drawn.confidence, seed=seed),
         stereo=_stereo(data),
         reasons={f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in firsts},
         tuning=_tuning(tunings),
@@ -194,9 +195,10 @@ def _match(file: DetectionFile, truth: TruthTable, min_iou: float) -> MatchTable
 def _kinds(data: DataSet, table: CandidateTable) -> NDArray[np.object_]:
     """What mostly fills each candidate's box, frame by frame."""
     kinds = np.full(len(table), NOT_RESCORED, dtype=object)
+    rows_of_image = rows_by_value(table.image_id)
     for record in data.frames:
-        rows = np.flatnonzero(table.image_id == record.image_id)
-        if len(rows):
+        if record.image_id in rows_of_image:
+            rows = rows_of_image[record.image_id]
             kinds[rows] = kinds_of_candidates(record, table.xyxy_px[rows])
     return kinds
 
@@ -250,11 +252,8 @@ def _reliabilities(
 
 def _difficulty(data: DataSet, table: CandidateTable) -> DetectorDifficulty:
     """What the detector alone makes of the cars that are seen well (see ``rescore.results.difficulty``)."""
-    found = {
-        f.image_id: Detections(table.xyxy_px[rows], table.score[rows])
-        for f in data.frames
-        if len(rows := np.flatnonzero(table.image_id == f.image_id))
-    }
+    rows_of_image = rows_by_value(table.image_id)
+    found = {i: Detections(table.xyxy_px[rows], table.score[rows]) for i, rows in rows_of_image.items()}
     hard = difficulty(data, found)
     return DetectorDifficulty(
         n_cars=hard.n_cars,
