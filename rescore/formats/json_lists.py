@@ -1,5 +1,6 @@
 """Long lists of objects in JSON, read in pieces, so that memory does not grow with the file."""
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,8 +17,10 @@ PIECE_BYTES = 4 * 2**20
 MAX_OBJECT_BYTES = 16 * 2**20
 """Bytes within which an object of the list must end; what has none there is no such list."""
 _BETWEEN = re.compile(rb"\}\s*,\s*(?=\{)")
-_TRIES = 8
-"""Places at the end of a piece that are tried as the end of an object; objects in objects have more."""
+_TAIL_BYTES = 2**18
+"""The end of a piece, which is looked through first."""
+_TRIES = 64
+"""Places at the end of a piece that are tried as the end of an object; objects in objects have such too."""
 
 
 def read_pieces(path: Path, shape: TypeAdapter[list[T]], what: str) -> Iterator[list[T]]:
@@ -54,8 +57,7 @@ def read_pieces(path: Path, shape: TypeAdapter[list[T]], what: str) -> Iterator[
 def _first(file: IO[bytes]) -> bytes:
     """The beginning of a file; all of it in UTF-8 where it is in another encoding."""
     head = file.read(4)
-    plain = utf8_of(head + b" " * 4) == head + b" " * 4
-    return head if plain and not head.startswith(b"\xef\xbb\xbf") else utf8_of(head + file.read())
+    return head if json.detect_encoding(head) == "utf-8" else utf8_of(head + file.read())
 
 
 def _whole(
@@ -65,7 +67,9 @@ def _whole(
 
     What lies before a comma between objects, closed as a list, is JSON only where that list is the outer one.
     """
-    ends = [m.start() + 1 for m in _BETWEEN.finditer(rest, max(0, len(rest) - PIECE_BYTES // 16))]
+    tail = max(0, len(rest) - _TAIL_BYTES)
+    ends = [m.start() + 1 for m in _BETWEEN.finditer(rest, tail)]
+    ends = ends or [m.start() + 1 for m in _BETWEEN.finditer(rest)]
     for end in ends[: -_TRIES - 1 : -1]:
         found = _checked(before + rest[:end] + b"]", shape)
         if not (isinstance(found, ValidationError) and found.errors()[0]["type"] == "json_invalid"):

@@ -44,11 +44,26 @@ def difficulty(
     Cars seen less than ``min_visibility`` are neither missed nor false alarms when found; cars of unknown
     visibility count as seen.
     """
-    seen = replace(data, truth={i: _hide(t, min_visibility) for i, t in data.truth.items()})
     found = {f.image_id: detections_by_image.get(f.image_id, _NONE) for f in data.frames}
     image_id = np.repeat(np.array(list(found), np.int64), [len(d) for d in found.values()])
     boxes = np.concatenate([np.empty((0, 4)), *(d.xyxy_px for d in found.values())])
     score = np.concatenate([np.empty(0), *(d.score for d in found.values())])
+    return difficulty_of_table(data, image_id, boxes, score, min_visibility)
+
+
+def difficulty_of_table(
+    data: DataSet, image_id: IntArray, boxes: FloatArray, score: FloatArray, min_visibility: float = 0.6
+) -> Difficulty:
+    """The difficulty as ``difficulty`` has it, for a detector's candidates in one table.
+
+    Args:
+        data: the frames.
+        image_id: image of each candidate, shape (n,).
+        boxes: shape (n, 4), pixel edges.
+        score: shape (n,).
+        min_visibility: share from which a car counts as seen.
+    """
+    seen = replace(data, truth={i: _hide(t, min_visibility) for i, t in data.truth.items()})
     truth = TruthTable.of(seen)
     match = greedy_match(image_id, boxes, score, truth)
     curve = recall_curve(match)

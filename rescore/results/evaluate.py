@@ -12,7 +12,6 @@ from recon.arrays import rows_by_value
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.rendered_kinds import kinds_of_candidates
-from rescore.detectors.base import Detections
 from rescore.evidence.candidates import NOT_RESCORED, CandidateTable
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import DetectionFile
@@ -25,7 +24,7 @@ from rescore.metrics.matching import HIT, IGNORED, MatchTable, TruthTable, greed
 from rescore.metrics.reliability import reliability
 from rescore.results.candidate_file import ALONE, Columns, detector_columns, joined, write_candidates
 from rescore.results.comparisons import certainty
-from rescore.results.difficulty import difficulty
+from rescore.results.difficulty import difficulty_of_table
 from rescore.results.evaluate3d import TrueCars, boxes3d_rows
 from rescore.results.metrics_file import (
     BootstrapSettings,
@@ -252,9 +251,7 @@ def _reliabilities(
 
 def _difficulty(data: DataSet, table: CandidateTable) -> DetectorDifficulty:
     """What the detector alone makes of the cars that are seen well (see ``rescore.results.difficulty``)."""
-    rows_of_image = rows_by_value(table.image_id)
-    found = {i: Detections(table.xyxy_px[rows], table.score[rows]) for i, rows in rows_of_image.items()}
-    hard = difficulty(data, found)
+    hard = difficulty_of_table(data, table.image_id, table.xyxy_px, table.score)
     return DetectorDifficulty(
         n_cars=hard.n_cars,
         recall_ceiling=finite(hard.recall_ceiling),
