@@ -27,7 +27,7 @@ from rescore.commands import (
     weight,
 )
 from rescore.commands.base import app
-from rescore.speech import doing, heartbeat, silence
+from rescore.speech import doing, heartbeat, shown, silence
 from rescore.stopping import Stopped, stoppable
 
 __all__ = [
@@ -144,7 +144,7 @@ def main() -> None:
         print("rescore: expected enough memory, got no more; use smaller files or --jobs 1", file=sys.stderr)
         sys.exit(1)
     except RescoreError as error:
-        print(f"rescore: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"rescore: {shown(' '.join(str(error).split()))}", file=sys.stderr)
         sys.exit(1)
     except OSError as error:
         print(

@@ -42,11 +42,16 @@ def is_quiet() -> bool:
     return _state.quiet
 
 
+def shown(text: str) -> str:
+    """The text as a terminal may have it: what files hold, such as names, could else steer it."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
 def say(text: str) -> None:
     """Tell the user something on standard error, unless that is silenced."""
     if not _state.quiet:
         # in one piece, since two threads speak
-        print(f"{text}\n", end="", file=sys.stderr, flush=True)
+        print(f"{shown(text)}\n", end="", file=sys.stderr, flush=True)
         _state.last_said_s = now_s()
 
 

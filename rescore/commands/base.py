@@ -64,6 +64,8 @@ AdaptShare = Annotated[
         rich_help_panel=LEARNED_PANEL,
     ),
 ]
+MAP_HELP = "Take a class for another, as van=car; may be repeated."
+Maps = Annotated[list[str] | None, typer.Option("--map", help=MAP_HELP)]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Also draw the curves and the report.")]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print JSON on standard output in place of text.", show_default=False)
@@ -99,15 +101,20 @@ def config_of(preset: str, changes: Path | None) -> "RunConfig":
     return with_changes(config, changes) if changes else config
 
 
-def read_data(dataset: Path, class_name: str = "car", maps: Sequence[str] = ()) -> "DataSet":
+def read_data(
+    dataset: Path, class_name: str = "car", maps: Sequence[str] | None = (), *, of_several: bool = False
+) -> "DataSet":
     """A data set of any layout; what its reader left out or doubts is told.
 
-    ``maps`` holds other names of the class, such as ``van=car``.
+    ``maps`` holds other names of the class, such as ``van=car``; ``of_several`` says that they are for
+    detections too, which may lack some (see ``rescore.formats.labels.ClassMap``).
     """
     from rescore.formats.labels import ClassMap
     from rescore.formats.open import read_dataset
 
-    return _told(read_dataset(dataset, class_name, ClassMap.of(class_name, maps)))
+    return _told(
+        read_dataset(dataset, class_name, ClassMap.of(class_name, maps or (), of_several=of_several))
+    )
 
 
 def imported_data(
@@ -142,15 +149,17 @@ def _told(data: "DataSet") -> "DataSet":
     return data
 
 
-def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
-    """A data set cut to one split, or all of it."""
+def read_split(
+    dataset: Path, split: str, class_name: str = "car", maps: Sequence[str] | None = None
+) -> "DataSet":
+    """A data set cut to one split, or all of it; ``maps`` are for its boxes and for detections."""
     from rescore.data.frames import SPLITS
 
     if split not in (*SPLITS, "all"):
         raise RescoreError(
             f"--split: expected {', '.join(SPLITS)} or all, got {split!r}; choose one of these"
         )
-    data = read_data(dataset, class_name)
+    data = read_data(dataset, class_name, maps, of_several=True)
     chosen = data if split == "all" else data.split(split)
     if not chosen.frames:
         raise RescoreError(f"{dataset}: expected frames of split {split!r}, got none; choose another --split")
@@ -158,22 +167,22 @@ def read_split(dataset: Path, split: str, class_name: str = "car") -> "DataSet":
 
 
 def detections_of(
-    path: Path, data: "DataSet", maps: Sequence[str] = (), *, every: bool = False
+    path: Path, data: "DataSet", maps: Sequence[str] | None = None, *, every: bool = False
 ) -> "DetectionFile":
     """The detections of a file or folder on the images of a data set; says what was left out.
 
-    ``maps`` as for ``read_data``; ``every`` keeps them all, else the best of each image are kept.
+    ``maps`` as for ``read_data``, by default those that the data set was read with; ``every`` keeps all
+    detections, else the best of each image are kept.
     """
     from rescore.formats.coco import MAX_CANDIDATES
     from rescore.formats.labels import ClassMap
     from rescore.formats.open import read_detections
 
     most = None if every else MAX_CANDIDATES
-    file = read_detections(path, data, most, ClassMap.of(data.category, maps))
+    classes = None if maps is None else ClassMap.of(data.category, maps)
+    file = read_detections(path, data, most, classes)
     for note in file.notes:
         say(f"note: {note}")
-    if file.n_other_class:
-        say(f"{path}: left out {file.n_other_class} detections of other classes")
     if file.n_beyond_max:
         say(
             f"{path}: left out {file.n_beyond_max} detections beyond the {MAX_CANDIDATES} best of their image"

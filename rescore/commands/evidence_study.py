@@ -12,6 +12,7 @@ from rescore.commands.base import (
     AsJson,
     Dataset,
     Jobs,
+    Maps,
     Seed,
     app,
     detections_of,
@@ -174,6 +175,7 @@ def study_places(
         ),
     ] = None,
     seed: Seed = 0,
+    maps: Maps = None,
     jobs: Jobs = ALL_PROCESSORS,
     as_json: AsJson = False,
 ) -> None:
@@ -193,7 +195,8 @@ def study_places(
     if out.suffix != ".json":
         raise RescoreError(f"--out: expected a name that ends in .json, got {out.name!r}; change it")
     used = Rescorer.default() if rescorer is None else Rescorer.from_file(rescorer)
-    data = read_data(dataset, "car" if used.class_model is None else used.class_model.class_name)
+    class_name = "car" if used.class_model is None else used.class_model.class_name
+    data = read_data(dataset, class_name, maps, of_several=True)
     file = detections_of(detections, data)
     given = "" if rescorer is None else f" --rescorer {rescorer}"
     command = f"rescore study-places {dataset} {detections} --out {out}{given} --seed {seed}"

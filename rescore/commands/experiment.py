@@ -10,6 +10,7 @@ import typer
 from rescore.commands.base import (
     ALL_PROCESSORS,
     DETECTION_FORMS,
+    MAP_HELP,
     REGISTRATION_HELP,
     AdaptShare,
     AsJson,
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from rescore.experiment.stages import Done
 
 STEREO_PANEL = "Camera and stereo matching"
+CLASSES_PANEL = "Names of classes"
 SECOND_PANEL = "Second boxes"
 
 
@@ -124,6 +126,9 @@ def apply(
         ),
     ] = None,
     split: Split = "test",
+    maps: Annotated[
+        list[str] | None, typer.Option("--map", help=MAP_HELP, rich_help_panel=CLASSES_PANEL)
+    ] = None,
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
@@ -144,7 +149,7 @@ def apply(
     from rescore.fusion.rescore_frame import Rescoring
 
     used = Named(model, predicted, tuned, w, registration, evidence_model).rescores(preset, config)
-    data = read_split(dataset, split, used.settings.class_name)
+    data = read_split(dataset, split, used.settings.class_name, maps)
     looked = with_stereo_for(with_camera(used.settings.rescore, camera), data, disparities)
     finding = Rescoring(looked, predict=evidence is not None or used.mode.predicts)
     source, table, detector = evidence_of(data, detections, used.source, finding, jobs, evidence)

@@ -11,6 +11,7 @@ from rescore.commands.base import (
     DETECTION_FORMS,
     AsJson,
     Dataset,
+    Maps,
     app,
     detections_of,
     file_target,
@@ -20,10 +21,6 @@ from rescore.commands.base import (
     read_data,
 )
 from rescore.speech import say
-
-Maps = Annotated[
-    list[str] | None, typer.Option("--map", help="Take a class for another, as van=car; may be repeated.")
-]
 
 
 def _boxes_target(out: Path) -> Path | None:

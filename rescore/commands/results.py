@@ -11,6 +11,7 @@ from rescore.commands.base import (
     DETECTION_FORMS,
     AsJson,
     Dataset,
+    Maps,
     Report,
     Split,
     app,
@@ -47,6 +48,7 @@ def evaluate(
     ] = None,
     report: Report = True,
     split: Split = "test",
+    maps: Maps = None,
     as_json: AsJson = False,
 ) -> None:
     """Match detections with the annotated cars: candidates.parquet, metrics.json, curves and report.
@@ -60,7 +62,7 @@ def evaluate(
     from rescore.results.run_config_file import write_run_config
     from rescore.results.run_folder import RunFolder
 
-    data = read_split(dataset, split)
+    data = read_split(dataset, split, maps=maps)
     files = [detections_of(path, data) for path in detections]
     tunings = {(t.detector, t.registration): t for t in (load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
@@ -176,10 +178,12 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
 
     from reports.run.tables import TERMINAL_CAPTION, terminal_comparison, terminal_table, tie_notes
     from reports.run.tables3d import TERMINAL_CAPTION_3D, terminal_boxes3d
+    from rescore.data.frames import none_counts
 
     console = Console()
     if not metrics.n_cars:
-        say("no car is annotated in these frames: nothing is counted as right or wrong")
+        why = none_counts(metrics.n_ignored) if metrics.n_ignored else "no car is annotated in these frames"
+        say(f"{why}: nothing is counted as right or wrong")
     else:
         console.print(terminal_table(metrics))
     for note in tie_notes(metrics):

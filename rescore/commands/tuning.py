@@ -16,6 +16,7 @@ from rescore.commands.base import (
     Dataset,
     EvidenceModelFile,
     Jobs,
+    Maps,
     Preset,
     RegistrationMode,
     Seed,
@@ -57,6 +58,7 @@ def fit_evidence(
     ] = None,
     preset: Preset = "paper",
     config: Changes = None,
+    maps: Maps = None,
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
     """Calibrate D of the modes guarded, metric and instance on the splits "train" and "calibration".
@@ -77,7 +79,7 @@ def fit_evidence(
 
     settings, left_out = config_of(preset, config), cues_of_groups(without or ())
     asked = source_of(model, predicted, LEARNED)
-    data = read_data(dataset, settings.class_name)
+    data = read_data(dataset, settings.class_name, maps, of_several=True)
     splits = Splits.of(data)
     fitting = splits.fitting_set.data
     rescoring = Rescoring(with_stereo_for(settings.rescore, fitting, None))
@@ -116,6 +118,7 @@ def tune(
     preset: Preset = "paper",
     config: Changes = None,
     seed: Seed = 0,
+    maps: Maps = None,
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
     """Choose the weight w of eq. 7 on the split "validation", and keep the curve it was chosen from.
@@ -136,7 +139,7 @@ def tune(
     if learned is not None:
         check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
-    data = read_data(dataset, settings.class_name)
+    data = read_data(dataset, settings.class_name, maps, of_several=True)
     validation = Splits.of(data).validation
     looked = with_stereo_for(settings.rescore, validation, None)
     finding = Rescoring(looked, predict=mode.predicts)

@@ -89,18 +89,37 @@ class DataSet:
     """Annotated objects by image id; every frame has an entry, empty where it holds no car."""
     notes: tuple[str, ...] = ()
     """What the reader left out, mapped or doubts, a line each, for the user to see."""
+    category_names: Mapping[int, str] = field(default_factory=dict)
+    """Name of each category number, where the layout numbers them."""
+    class_ids: frozenset[int] = frozenset()
+    """Numbers of the categories whose boxes are the truth, where there are others beside ``category_id``."""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    """Classes by the names of others, in lower case, that are taken for them
+    (``rescore.formats.labels.ClassMap``)."""
+
+    @property
+    def n_cars(self) -> int:
+        """Annotated objects that count."""
+        return sum(int((~t.ignore).sum()) for t in self.truth.values())
+
+    @property
+    def n_ignored(self) -> int:
+        """Annotated objects and regions that count neither for nor against."""
+        return sum(int(t.ignore.sum()) for t in self.truth.values())
 
     def split(self, name: str) -> "DataSet":
         """The frames of one split."""
         frames = tuple(f for f in self.frames if f.split == name)
-        return DataSet(
-            self.root,
-            self.category_id,
-            self.category,
-            frames,
-            {f.image_id: self.truth[f.image_id] for f in frames},
-            self.notes,
-        )
+        return replace(self, frames=frames, truth={f.image_id: self.truth[f.image_id] for f in frames})
+
+
+def none_counts(n_ignored: int) -> str:
+    """Why no object counts, where ``n_ignored`` are annotated and all ignored."""
+    boxes = "1 box is" if n_ignored == 1 else f"{n_ignored} boxes are"
+    return (
+        f"{boxes} annotated and none counts: all are ignored (iscrowd or ignore in COCO, difficult in VOC, "
+        "DontCare and neighbouring classes in KITTI)"
+    )
 
 
 class GroundSource(StrEnum):

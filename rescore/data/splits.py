@@ -1,7 +1,7 @@
 """The splits of a data set and its parts for fitting, as types that refuse to share images or car shapes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recon.errors import RescoreError
@@ -38,12 +38,10 @@ class Splits:
         """The only thing that a model of depth evidence can be fitted to."""
         data = self.train
         return FittingSet(
-            DataSet(
-                data.root,
-                data.category_id,
-                data.category,
-                (*self.train.frames, *self.calibration.frames),
-                {**self.train.truth, **self.calibration.truth},
+            replace(
+                data,
+                frames=(*self.train.frames, *self.calibration.frames),
+                truth={**self.train.truth, **self.calibration.truth},
             ),
             _from_splits=_KEY,
         )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
-from rescore.data.frames import SPLITS, DataSet, FrameRecord
+from rescore.data.frames import SPLITS, DataSet, FrameRecord, none_counts
 from rescore.data.pictures import picture_size, turned_by_exif
 from rescore.data.splits import Splits
 from rescore.doctor.findings import Finding, Level
@@ -44,7 +44,7 @@ def _examine(path: Path, read: Callable[[], DataSet], max_frames: int) -> list[F
         return [Finding(Level.ERROR, "data set", str(error))]
     except OSError as error:
         return [Finding(Level.ERROR, str(error.filename or path), error.strerror or "cannot be read")]
-    cars = sum(int((~t.ignore).sum()) for t in data.truth.values())
+    cars = data.n_cars
     counts = Counter(f.split for f in data.frames)
     said = ", ".join(f"{counts[s]} {s}" for s in SPLITS if counts[s])
     found = [
@@ -57,7 +57,7 @@ def _examine(path: Path, read: Callable[[], DataSet], max_frames: int) -> list[F
     told = [n for n in data.notes if not any(f.what in n for f in calibration)]
     found += [Finding(Level.WARNING, "reader", note) for note in told]
     if not cars:
-        found.append(Finding(Level.WARNING, str(path), f"no boxes of {data.category!r}", "check --class"))
+        found.append(_no_cars(data, str(path)))
     broken = _files(data.frames)
     advice = "boxes, depth and calibration must be of the stored pixels"
     turned = _grouped(Level.WARNING, advice, data.frames, _turned)
@@ -65,6 +65,12 @@ def _examine(path: Path, read: Callable[[], DataSet], max_frames: int) -> list[F
     whole = [f for f in data.frames if not _files([f])] if broken else list(data.frames)
     chosen = np.unique(np.linspace(0, len(whole) - 1, min(max_frames, len(whole))).astype(int))
     return found + examine_pairs(data, [whole[i] for i in chosen])
+
+
+def _no_cars(data: DataSet, where: str) -> Finding:
+    if data.n_ignored:
+        return Finding(Level.WARNING, where, none_counts(data.n_ignored), "unmark those that are to count")
+    return Finding(Level.WARNING, where, f"no boxes of {data.category!r}", "check --class")
 
 
 def _grouped(

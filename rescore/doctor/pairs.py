@@ -11,6 +11,7 @@ from recon.stereo.sgbm import SgbmConfig
 from rescore.data.depth_files import Quantity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
+from rescore.data.units import unit_doubt
 from rescore.doctor.findings import Finding, Level, graded
 from rescore.doctor.ground import examine_ground
 from rescore.evidence.settings import automatic_stereo
@@ -18,9 +19,6 @@ from rescore.evidence.settings import automatic_stereo
 MIN_MATCHES = 12
 CLEAR_TREND = 0.3
 """Rank correlation of disparity and row from which disparity rises or falls downwards."""
-
-FARTHEST_M = 100.0
-"""Depth in metres that something in a picture must be nearer than."""
 
 
 def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:
@@ -83,18 +81,9 @@ def _sides(record: FrameRecord, matches: PairMatches, where: str) -> list[Findin
 
 
 def _unit(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
-    """An error where all that is measured is too far away to be in the unit that it is taken for."""
-    known = frame.disparity_px[np.isfinite(frame.disparity_px)]
-    if not known.size:
-        return []
-    # a few wrong matches are near everywhere
-    nearest = float(np.percentile(known, 98))
-    text = ""
-    if frame.camera is not None and frame.camera.focal_baseline / nearest > FARTHEST_M:
-        depth = frame.camera.focal_baseline / nearest
-        text = f"all that is measured is farther than {FARTHEST_M:g} m (nearest {depth:.0f} m)"
-    elif nearest < 1 and (record.measurement is None or record.measurement.quantity is Quantity.DISPARITY):
-        text = f"disparity is below a pixel everywhere (largest {nearest:.2f} px)"
+    """An error where what is measured cannot be in the unit that it is taken for."""
+    quantity = Quantity.DISPARITY if record.measurement is None else record.measurement.quantity
+    text = unit_doubt(frame, quantity)
     if not text:
         return []
     said = "baseline" if record.measurement is None else f"baseline and {record.measurement.quantity}_factor"

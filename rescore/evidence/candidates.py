@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import FloatArray, IntArray
+from recon.arrays import FloatArray, IntArray, rows_by_value, rows_of, stacked
 from recon.errors import Failure, RescoreError
 from rescore.data.boxes3d import Boxes3D
 from rescore.evidence.align_depth import DepthAlignment
@@ -130,16 +130,14 @@ class CandidateTable:
     def take(self, rows: NDArray[Any]) -> "CandidateTable":
         """The rows of a mask or an index."""
         columns = {f.name: getattr(self, f.name) for f in fields(self)}
-        taken: dict[str, Any] = {name: None if c is None else c[rows] for name, c in columns.items()}
-        return replace(self, **taken)
+        taken: dict[str, Any] = {n: rows_of(c, rows) for n, c in columns.items() if isinstance(c, np.ndarray)}
+        boxes3d = None if self.boxes3d is None else self.boxes3d[rows]
+        return replace(self, **taken, boxes3d=boxes3d)
 
     def by_image(self, image_ids: Iterable[int]) -> dict[int, Candidates]:
         """The candidates of each image, empty where it has none."""
-        found = {}
-        for image_id in image_ids:
-            rows = np.flatnonzero(self.image_id == image_id)
-            found[image_id] = self.candidates(image_id, rows)
-        return found
+        rows, none = rows_by_value(self.image_id), np.zeros(0, np.int64)
+        return {i: self.candidates(i, rows.get(i, none)) for i in image_ids}
 
     def candidates(self, image_id: int, rows: NDArray[Any] | Sequence[int]) -> Candidates:
         """What a detector found in an image, which are the rows of a mask or an index."""
@@ -166,7 +164,7 @@ class CandidateTable:
         parts = [empty, *tables]
         arrays = [f.name for f in fields(CandidateTable) if f.name != "boxes3d"]
         return CandidateTable(
-            **{name: np.concatenate([getattr(t, name) for t in parts]) for name in arrays},
+            **{name: stacked([getattr(t, name) for t in parts]) for name in arrays},
             boxes3d=_joined_boxes3d(tables),
         )
 

@@ -5,12 +5,14 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
-from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import FailFast, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from recon.errors import RescoreError
 from recon.reading import utf8_of
 
 T = TypeVar("T")
+Rows = Annotated[list[T], FailFast()]
+"""A list of which the first item that differs is told: to note each takes memory without end."""
 Number = Annotated[int, Field(ge=-(2**63), lt=2**63)]
 """An id: what 64 bits hold, as arrays of them do."""
 Pixels = Annotated[FiniteFloat, Field(ge=-1e7, le=1e7)]
@@ -44,11 +46,17 @@ def read_checked(path: Path, shape: TypeAdapter[T], what: str) -> T:
         ) from error
 
 
-def first_difference(error: ValidationError) -> str:
-    """Where the first difference is, what should be there and what is, in one line."""
+def first_difference(error: ValidationError, n_before: int = 0) -> str:
+    """Where the first difference is, what should be there and what is, in one line.
+
+    ``n_before`` items of a list came before those that were checked.
+    """
     problems = error.errors(include_url=False)
     first = problems[0]
-    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in first["loc"]).lstrip(".")
+    path = [p + n_before if i == 0 and isinstance(p, int) else p for i, p in enumerate(first["loc"])]
+    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).lstrip(".")
+    if n_before and not place:
+        place = f"after item {n_before - 1}"
     seen = "" if first["type"] in {"json_invalid", "missing"} else f" ({_short(first['input'])})"
     more = f", and {len(problems) - 1} more" if len(problems) > 1 else ""
     text = first["msg"][:1].lower() + first["msg"][1:]

@@ -1,15 +1,18 @@
 """Detections as COCO results files. Data sets: ``rescore.formats.coco_dataset``."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Required, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, FiniteFloat, TypeAdapter, create_model
+from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat, TypeAdapter
+from typing_extensions import TypedDict
 
-from recon.arrays import FloatArray
+from recon.arrays import FloatArray, IntArray, constant, rows_of, stacked
 from recon.boxes import xywh_from_xyxy, xyxy_from_xywh
 from recon.errors import RescoreError
 from recon.files import atomic_path
@@ -18,7 +21,10 @@ from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS, Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
-from rescore.formats.checked_json import Box, Box3D, Box3DDeviations, Number, read_checked
+from rescore.files import refuse_unsafe_name
+from rescore.formats.checked_json import Box, Box3D, Box3DDeviations, Number, Rows
+from rescore.formats.json_lists import read_pieces
+from rescore.formats.labels import ClassMap, flat_note, has_size
 
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""
@@ -27,34 +33,41 @@ ROUNDING = 1e-6
 """What single precision may put a probability beyond 0 or 1."""
 
 
-class Detection(BaseModel):
+Text = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+"""A text without control characters, which could steer a terminal."""
+
+
+class Detection(TypedDict, total=False):
     """One detection, as files have it; ``bbox`` is left, top, width, height in pixel edges."""
 
-    image_id: Number
-    bbox: Box
-    score: FiniteFloat
-    category_id: Number | None = None
-    detector: str | None = None
-    detector_score: FiniteFloat | None = None
-    likelihood: FiniteFloat | None = None
-    status: str | None = None
-    reason_detail: str | None = None
-    w: FiniteFloat | None = None
-    registration: Registration | None = None
-    cues: dict[str, FiniteFloat] = {}
-    azimuth_deg: FiniteFloat | None = None
-    ground: str = ""
-    view_bin: str = ""
-    view_probability: FiniteFloat | None = None
-    second_view: str = ""
-    bbox3d: Box3D | None = None
-    bbox3d_sd: Box3DDeviations | None = None
+    image_id: Required[Number]
+    bbox: Required[Box]
+    score: Required[FiniteFloat]
+    category_id: Number | None
+    detector: str | None
+    detector_score: FiniteFloat | None
+    likelihood: FiniteFloat | None
+    status: Text | None
+    reason_detail: Text | None
+    w: FiniteFloat | None
+    registration: Registration | None
+    cues: dict[str, FiniteFloat]
+    azimuth_deg: FiniteFloat | None
+    ground: Text
+    view_bin: Text
+    view_probability: FiniteFloat | None
+    second_view: Text
+    bbox3d: Box3D | None
+    bbox3d_sd: Box3DDeviations | None
 
 
-_NUMBERS: dict[str, Any] = dict.fromkeys(NUMBERS, (FiniteFloat | None, None))
-_WithNumbers = create_model("_WithNumbers", __base__=Detection, **_NUMBERS)
+_WithNumbers = TypedDict(  # type: ignore[misc]
+    "_WithNumbers",
+    get_type_hints(Detection, include_extras=True) | dict.fromkeys(NUMBERS, FiniteFloat | None),
+    total=False,
+)
 """A detection with the numbers of the depth evidence, as COCO files have it."""
-_DETECTIONS = TypeAdapter[list[Detection]](list[_WithNumbers])  # type: ignore[valid-type]
+_DETECTIONS: TypeAdapter[list[Detection]] = TypeAdapter[Any](Rows[_WithNumbers])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +83,6 @@ class DetectionFile:
     """Weight of eq. 7 that made the posterior."""
     registration: Registration
     """Mode that made the posterior; ``PAPER`` where the file does not say."""
-    n_other_class: int
-    """Detections left out because their category is another."""
     n_beyond_max: int
     """Detections left out because their image has ``max_candidates`` better ones."""
     notes: tuple[str, ...] = ()
@@ -96,118 +107,256 @@ class DetectionFile:
         return {i: self.table.candidates(i, r) for i, r in rows.items()}
 
 
-def read_detections(path: Path, data: DataSet, max_candidates: int | None = MAX_CANDIDATES) -> DetectionFile:
+def read_detections(
+    path: Path,
+    data: DataSet,
+    max_candidates: int | None = MAX_CANDIDATES,
+    classes: ClassMap | None = None,
+) -> DetectionFile:
     """The detections of a COCO results file, best raw score first in each image (ties in the file's order).
 
     The raw score is ``detector_score`` where there is one (a rescored file), else ``score``. Where no
     likelihood is given, scores that all lie in [0, 1] are taken as likelihoods; other scores leave them NaN.
 
+    Detections without a category, of a category of the truth, and of one that ``classes`` maps to the class
+    are read; others, and boxes of no size, are left out, and ``notes`` of the result counts them.
+
     Raises:
         RescoreError: the file is missing, has another shape, names an unknown image, or holds no usable
         number.
     """
-    found = read_checked(path, _DETECTIONS, "detections as a list in COCO's results form")
-    return detection_file(path, found, data, max_candidates)
+    classes = classes or ClassMap(data.category, data.renamed, of_several=True)
+    pieces = read_pieces(path, _DETECTIONS, "detections as a list in COCO's results form")
+    names = Counter(dict.fromkeys(data.category_names.values(), 0))
+    file = detection_file(path, _counted(pieces, data, names), data, max_candidates, classes)
+    return replace(file, notes=(*file.notes, *classes.notes(path, names)))
+
+
+def _counted(
+    pieces: Iterable[list[Detection]], data: DataSet, names: Counter[str]
+) -> Iterator[list[Detection]]:
+    """The pieces as they are; as they pass, ``names`` counts the detections of each class."""
+    for piece in pieces:
+        ids = Counter(d.get("category_id") for d in piece)
+        names.update({_category_name(i, data): n for i, n in ids.items() if i is not None})
+        yield piece
 
 
 def detection_file(
-    path: Path, found: list[Detection], data: DataSet, max_candidates: int | None = MAX_CANDIDATES
+    path: Path,
+    pieces: Iterable[Sequence[Detection]],
+    data: DataSet,
+    max_candidates: int | None,
+    classes: ClassMap,
 ) -> DetectionFile:
     """Detections of any form, checked and ordered as ``read_detections`` does; ``path`` names them.
 
     Raises:
         RescoreError: as there.
     """
-    known = {f.image_id for f in data.frames}
-    for number, d in enumerate(found):
-        _check_detection(path, number, d, known)
-    ours = [d for d in found if d.category_id in (None, data.category_id)]
-    if found and not ours:
-        raise RescoreError(
-            f"{path}: expected detections of category_id {data.category_id} ({data.category!r}), got only "
-            f"{found[0].category_id}; map the classes"
-        )
-    kept = _best_of_each_image(ours, data, max_candidates)
-    rescored = bool(kept) and all(d.status for d, _ in kept)
-    weights = {d.w for d, _ in kept}
+    images, parts, n = np.array([f.image_id for f in data.frames], dtype=np.int64), [], 0
+    first: int | None = None
+    for piece in pieces:
+        first = piece[0].get("category_id") if not n and piece else first
+        part = _part(path, n, piece, images, data, classes)
+        # the best of all are among the best of each piece
+        parts.append(part.take(np.sort(_best_rows(part.table, images, max_candidates)[0])))
+        n += len(piece)
+    n_ours, n_flat = sum(p.n_ours for p in parts), sum(p.n_flat for p in parts)
+    if n and not n_ours:
+        raise _another_class(path, first, data)
+    joined = _Part.joined(parts)
+    rows, rank = _best_rows(joined.table, images, max_candidates)
+    kept = joined.take(rows)
+    rescored = len(rows) > 0 and bool((kept.table.status != NOT_RESCORED).all())
+    weights = np.unique(kept.w)
+    detector = kept.detector or path.stem
+    refuse_unsafe_name(path, "the name of a detector", detector)
     return DetectionFile(
-        detector=(kept[0][0].detector if kept else None) or path.stem,
-        table=_table(kept),
-        posterior=np.array([d.score for d, _ in kept]) if rescored else None,
-        w=weights.pop() if rescored and len(weights) == 1 else None,
-        registration=(kept[0][0].registration if kept else None) or Registration.PAPER,
-        n_other_class=len(found) - len(ours),
-        n_beyond_max=len(ours) - len(kept),
+        detector=detector,
+        table=replace(kept.table, rank=rank, likelihood=_likelihood(kept.table)),
+        posterior=kept.shown if rescored else None,
+        w=float(weights[0]) if rescored and len(weights) == 1 and np.isfinite(weights[0]) else None,
+        registration=kept.registration or Registration.PAPER,
+        n_beyond_max=n_ours - n_flat - len(rows),
+        notes=flat_note(path, n_flat),
     )
 
 
-def _check_detection(path: Path, number: int, d: Detection, known: set[int]) -> None:
-    if d.image_id not in known:
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Some detections of the class, in the order of the file."""
+
+    table: CandidateTable
+    shown: FloatArray
+    """The scores of the file, the posteriors where it was rescored, shape (n,)."""
+    w: FloatArray
+    """Shape (n,), NaN where unknown."""
+    detector: str | None
+    registration: Registration | None
+    n_ours: int
+    """Detections of the class, those of no size too."""
+    n_flat: int
+    """Detections of the class that have no size and are left out."""
+
+    def take(self, rows: IntArray) -> "_Part":
+        """The rows of an index, with all else as it is."""
+        return replace(self, table=self.table.take(rows), shown=self.shown[rows], w=rows_of(self.w, rows))
+
+    @staticmethod
+    def joined(parts: "Sequence[_Part]") -> "_Part":
+        return _Part(
+            CandidateTable.concatenate([p.table for p in parts]),
+            np.concatenate([np.zeros(0), *(p.shown for p in parts)]),
+            stacked([np.zeros(0), *(p.w for p in parts)]),
+            next((p.detector for p in parts if p.detector), None),
+            next((p.registration for p in parts if p.registration), None),
+            sum(p.n_ours for p in parts),
+            sum(p.n_flat for p in parts),
+        )
+
+
+def _part(
+    path: Path,
+    n_before: int,
+    found: Sequence[Detection],
+    images: IntArray,
+    data: DataSet,
+    classes: ClassMap,
+) -> _Part:
+    """The detections of the class among those of a file that come after ``n_before`` others.
+
+    Raises:
+        RescoreError: one can be none of this data set.
+    """
+    keys: set[str] = set().union(*found)
+    takes = {i: _takes(i, data, classes) for i in {d.get("category_id") for d in found}}
+    ours = np.array([takes[d.get("category_id")] for d in found], dtype=bool)
+    xywh_px = np.array([d["bbox"] for d in found], dtype=float).reshape(-1, 4)
+    known = np.isin(np.array([d["image_id"] for d in found], dtype=np.int64), images)
+    for i in range(len(found)) if keys & _CHECKED else np.flatnonzero(~known).tolist():
+        _check_detection(path, n_before + i, found[i], known=bool(known[i]))
+    sized = ours.copy()
+    for i in np.flatnonzero(ours & (xywh_px[:, 2:] < 1e-6).any(axis=1)).tolist():
+        sized[i] = has_size(path, f"detection {n_before + i}", xywh_px[i].tolist())
+    kept = [found[i] for i in np.flatnonzero(sized).tolist()]
+    return _Part(
+        table=_table(kept, keys),
+        shown=np.array([d["score"] for d in kept], dtype=float),
+        w=_column("w", kept, keys),
+        detector=next((name for d in kept if (name := d.get("detector"))), None),
+        registration=next((mode for d in kept if (mode := d.get("registration"))), None),
+        n_ours=int(ours.sum()),
+        n_flat=int(ours.sum()) - len(kept),
+    )
+
+
+def _takes(category_id: int | None, data: DataSet, classes: ClassMap) -> bool:
+    """Whether a detection of a category counts as one of the class."""
+    if category_id is None or category_id == data.category_id or category_id in data.class_ids:
+        return True
+    return classes.takes(_category_name(category_id, data))
+
+
+def _category_name(category_id: int | None, data: DataSet) -> str:
+    """The name of a category; its number where the data set does not name it."""
+    if category_id is None or category_id == data.category_id:
+        return data.category
+    return data.category_names.get(category_id, str(category_id))
+
+
+def _another_class(path: Path, category_id: int | None, data: DataSet) -> RescoreError:
+    name = _category_name(category_id, data)
+    told = "" if name.isdecimal() else f" ({name!r})"
+    return RescoreError(
+        f"{path}: expected detections of category_id {data.category_id} ({data.category!r}), got only "
+        f"{category_id}{told}; take it for the class with --map {name}={data.category}, or give detections "
+        "of the class"
+    )
+
+
+_CHECKED = {"bbox3d_sd", "likelihood"}
+"""Keys whose values ``_check_detection`` looks at."""
+
+
+def _check_detection(path: Path, number: int, d: Detection, *, known: bool) -> None:
+    """Raises RescoreError where a detection can be none of this data set; ``known``: is its image one?"""
+    if not known:
         raise RescoreError(
-            f"{path}: detection {number}: expected an image of the data set, got image_id {d.image_id}; "
+            f"{path}: detection {number}: expected an image of the data set, got image_id {d['image_id']}; "
             "use the detections of this data set and split"
         )
-    if not (d.bbox[2] > 0 and d.bbox[3] > 0):
-        raise RescoreError(
-            f"{path}: detection {number}: expected [x, y, w, h] with positive sizes, "
-            f"got {list(d.bbox)}; mend bbox"
-        )
-    if d.bbox3d_sd is not None and d.bbox3d is None:
+    if d.get("bbox3d_sd") is not None and d.get("bbox3d") is None:
         raise RescoreError(
             f"{path}: detection {number}: expected bbox3d beside bbox3d_sd, got none; write both or neither"
         )
-    if d.likelihood is not None and not -ROUNDING <= d.likelihood <= 1 + ROUNDING:
+    likelihood = d.get("likelihood")
+    if likelihood is not None and not -ROUNDING <= likelihood <= 1 + ROUNDING:
         raise RescoreError(
-            f"{path}: detection {number}: expected a likelihood in [0, 1], got {d.likelihood}; "
+            f"{path}: detection {number}: expected a likelihood in [0, 1], got {likelihood}; "
             "calibrate the scores"
         )
 
 
-def _raw_score(d: Detection) -> float:
-    return d.score if d.detector_score is None else d.detector_score
+def _best_rows(table: CandidateTable, images: IntArray, most: int | None) -> tuple[IntArray, IntArray]:
+    """Rows of the best raw scores of each image, images in their order, and the rank of each in its image."""
+    by_id = np.argsort(images, kind="stable")
+    image = by_id[np.searchsorted(images, table.image_id, sorter=by_id)] if len(table) else table.image_id
+    order = np.lexsort((np.arange(len(table)), -table.score, image))
+    rank = np.arange(len(order)) - np.searchsorted(image[order], image[order], side="left")
+    kept = rank < (len(order) if most is None else most)
+    return order[kept], rank[kept]
 
 
-def _best_of_each_image(
-    found: list[Detection], data: DataSet, max_candidates: int | None
-) -> list[tuple[Detection, int]]:
-    """Detections with their rank, images in the order of the data set."""
-    by_image: dict[int, list[Detection]] = {f.image_id: [] for f in data.frames}
-    for d in found:
-        by_image[d.image_id].append(d)
-    return [
-        (d, rank)
-        for detections in by_image.values()
-        for rank, d in enumerate(sorted(detections, key=lambda d: -_raw_score(d))[:max_candidates])
-    ]
+def _likelihood(table: CandidateTable) -> FloatArray:
+    """Likelihoods (n,) of a table: the scores themselves where it has none and they could be some."""
+    score = table.score
+    if np.isnan(table.likelihood).all() and ((score >= -ROUNDING) & (score <= 1 + ROUNDING)).all():
+        return np.clip(score, 0, 1)
+    return table.likelihood
 
 
-def _table(kept: list[tuple[Detection, int]]) -> CandidateTable:
-    def column(name: str) -> FloatArray:
-        values = [getattr(d, name, None) for d, _ in kept]
-        return np.array([np.nan if v is None else v for v in values], dtype=float)
+def _column(name: str, rows: Sequence[Detection], keys: set[str]) -> FloatArray:
+    """Numbers of the rows (n,), NaN where one has none; ``keys`` are those that some row has."""
+    if name not in keys:
+        return constant(np.nan, (len(rows),))
+    return np.array([np.nan if (v := d.get(name)) is None else v for d in rows], dtype=float)
 
-    score = np.array([_raw_score(d) for d, _ in kept], dtype=float)
-    likelihood = np.clip(column("likelihood"), 0, 1)
-    if np.isnan(likelihood).all() and ((score >= -ROUNDING) & (score <= 1 + ROUNDING)).all():
-        likelihood = np.clip(score, 0, 1)
+
+def _texts(name: str, rows: Sequence[Detection], keys: set[str]) -> NDArray[np.object_]:
+    """Texts of the rows (n,), empty where one has none."""
+    if name not in keys:
+        return constant("", (len(rows),), object)
+    return np.array([d.get(name) or "" for d in rows], dtype=object)
+
+
+def _table(rows: Sequence[Detection], keys: set[str]) -> CandidateTable:
+    """The rows in their order, of rank 0 all."""
+    n = len(rows)
+    score = np.array([d["score"] for d in rows], dtype=float)
+    raw = _column("detector_score", rows, keys)
+    cues = constant(np.nan, (n, len(CUES)))
+    if "cues" in keys:
+        told = [[d.get("cues", {}).get(name, np.nan) for name in CUES] for d in rows]
+        cues = np.array(told, dtype=float).reshape(-1, len(CUES))
     return CandidateTable(
-        image_id=np.array([d.image_id for d, _ in kept], dtype=np.int64),
-        rank=np.array([rank for _, rank in kept], dtype=np.int64),
-        xyxy_px=xyxy_from_xywh(np.array([d.bbox for d, _ in kept], dtype=float).reshape(-1, 4)),
-        score=score,
-        likelihood=likelihood,
-        **{name: column(name) for name in NUMBERS},
-        status=np.array([d.status or NOT_RESCORED for d, _ in kept], dtype=object),
-        reason_detail=np.array([d.reason_detail or "" for d, _ in kept], dtype=object),
-        cues=np.array([[d.cues.get(name, np.nan) for name in CUES] for d, _ in kept], dtype=float).reshape(
-            -1, len(CUES)
-        ),
-        azimuth_deg=column("azimuth_deg"),
-        ground=np.array([d.ground for d, _ in kept], dtype=object),
-        view_bin=np.array([d.view_bin for d, _ in kept], dtype=object),
-        view_probability=column("view_probability"),
-        second_view=np.array([d.second_view for d, _ in kept], dtype=object),
-        boxes3d=Boxes3D.of_rows([d.bbox3d for d, _ in kept], [d.bbox3d_sd for d, _ in kept]),
+        image_id=np.array([d["image_id"] for d in rows], dtype=np.int64),
+        rank=constant(0, (n,), np.int64),
+        xyxy_px=xyxy_from_xywh(np.array([d["bbox"] for d in rows], dtype=float).reshape(-1, 4)),
+        score=np.where(np.isnan(raw), score, raw),
+        likelihood=np.clip(_column("likelihood", rows, keys), 0, 1),
+        **{name: _column(name, rows, keys) for name in NUMBERS},
+        status=_texts("status", rows, keys),
+        reason_detail=_texts("reason_detail", rows, keys),
+        cues=cues,
+        azimuth_deg=_column("azimuth_deg", rows, keys),
+        ground=_texts("ground", rows, keys),
+        view_bin=_texts("view_bin", rows, keys),
+        view_probability=_column("view_probability", rows, keys),
+        second_view=_texts("second_view", rows, keys),
+        boxes3d=Boxes3D.of_rows([d.get("bbox3d") for d in rows], [d.get("bbox3d_sd") for d in rows])
+        if "bbox3d" in keys
+        else None,
     )
 
 

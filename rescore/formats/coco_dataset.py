@@ -14,8 +14,8 @@ from recon.errors import RescoreError
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
-from rescore.formats.checked_json import Box, Box3D, Number, read_checked
-from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
+from rescore.formats.checked_json import Box, Box3D, Number, Rows, read_checked
+from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, flat_note, has_size
 
 
 class _Camera(BaseModel):
@@ -76,9 +76,9 @@ class _Category(BaseModel):
 
 
 class _DataSet(BaseModel):
-    images: list[_Image]
-    annotations: list[_Annotation]
-    categories: list[_Category]
+    images: Rows[_Image]
+    annotations: Rows[_Annotation]
+    categories: Rows[_Category]
 
 
 _DATA_SET = TypeAdapter(_DataSet)
@@ -87,8 +87,9 @@ _DATA_SET = TypeAdapter(_DataSet)
 def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = None) -> DataSet:
     """The data set of a folder with ``annotations.json`` (or of that file itself); no picture is opened yet.
 
-    The class is the one named ``category``, or the only one of the file, and those that ``classes`` maps to
-    it. Annotations of other classes are left out and counted. An image without ``split`` is in split "test".
+    The class is every category named ``category``, in capitals or not, and those that ``classes`` maps to it;
+    where there is none, the only one of the file. Annotations of other classes, and boxes of no size, are
+    left out and counted. An image without ``split`` is in split "test".
 
     Raises:
         RescoreError: the file is missing, has another shape, or contradicts itself.
@@ -96,9 +97,10 @@ def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = N
     file = path / "annotations.json" if path.is_dir() or not path.suffix else path
     parsed = read_checked(file, _DATA_SET, "a data set in COCO's form")
     classes = classes or ClassMap(category)
-    chosen = _category(file, parsed.categories, classes)
+    name, class_ids = _class(file, parsed.categories, classes)
     names = {c.id: c.name for c in parsed.categories}
-    counts: Counter[str] = Counter()
+    counts = Counter(dict.fromkeys(names.values(), 0))
+    flat = 0
     _refuse_twice(file, "category id", [c.id for c in parsed.categories])
     _refuse_twice(file, "image id", [i.id for i in parsed.images])
     _refuse_twice(file, "annotation id", [a.id for a in parsed.annotations])
@@ -108,38 +110,47 @@ def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = N
             raise RescoreError(
                 f"{file}: annotation {a.id}: expected a listed image, got image_id {a.image_id}; mend it"
             )
-        if not (a.bbox[2] > 0 and a.bbox[3] > 0):
-            raise RescoreError(
-                f"{file}: annotation {a.id}: expected [x, y, w, h] with positive sizes, "
-                f"got {list(a.bbox)}; mend bbox"
-            )
         if a.category_id not in names:
             raise RescoreError(
                 f"{file}: annotation {a.id}: expected a listed category, got category_id {a.category_id}; "
                 "add it to categories"
             )
+        if not has_size(file, f"annotation {a.id}", a.bbox, counts=a.category_id in class_ids):
+            flat += 1
+            continue
         counts[names[a.category_id]] += 1
-        if a.category_id == chosen.id or classes.takes(names[a.category_id]):
+        if a.category_id in class_ids:
             cars[a.image_id].append(a)
     return DataSet(
         root=file.parent,
-        category_id=chosen.id,
-        category=chosen.name,
+        category_id=class_ids[0],
+        category=name,
         frames=tuple(_frame(file, image) for image in parsed.images),
         truth={image_id: _truth(annotations) for image_id, annotations in cars.items()},
-        notes=replace(classes, target=chosen.name).notes(file, counts),
+        notes=(*flat_note(file, flat), *replace(classes, target=name).notes(file, counts)),
+        category_names=names,
+        class_ids=frozenset(class_ids),
     )
 
 
-def _category(file: Path, categories: list[_Category], classes: ClassMap) -> _Category:
-    """The category of the class: by its own name, else the first that is mapped to it, else the only one."""
-    named = sorted((c for c in categories if classes.takes(c.name)), key=lambda c: c.name != classes.target)
-    if not named and len(categories) != 1:
-        names = sorted(c.name for c in categories)
+def _class(file: Path, categories: list[_Category], classes: ClassMap) -> tuple[str, list[int]]:
+    """The name of the class and the numbers of its categories, that of its own name first.
+
+    Where no category is the class, the only name is.
+    """
+    own = [c for c in categories if c.name.casefold() == classes.target.casefold()]
+    own.sort(key=lambda c: c.name != classes.target)
+    mapped = [c for c in categories if c not in own and classes.takes(c.name)]
+    taken = own + mapped
+    if not taken and len({c.name.casefold() for c in categories}) == 1:
+        return categories[0].name, [c.id for c in categories]
+    if not taken:
+        names = sorted({c.name for c in categories})
         raise RescoreError(
-            f"{file}: expected a category named {classes.target!r}, got {names}; add or rename it"
+            f"{file}: expected a category named {classes.target!r}, got {names}; add or rename it, "
+            f"choose another (--class), or take one for it (--map NAME={classes.target})"
         )
-    return (named or categories)[0]
+    return own[0].name if own else classes.target, [c.id for c in taken]
 
 
 def _refuse_twice(file: Path, what: str, ids: list[int]) -> None:

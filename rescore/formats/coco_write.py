@@ -33,7 +33,9 @@ def write_dataset(out: Path, data: DataSet, *, copy: bool) -> Path:
     names = frame_names(data)
     images = [_image(f, _Placing(out, names[f.image_id], copy)) for f in data.frames]
     annotations = [a for f in data.frames for a in _annotations(f.image_id, data.truth[f.image_id], data)]
-    categories = [{"id": data.category_id, "name": data.category}]
+    # numbers that other files may have for the class stay known
+    numbers = sorted({data.category_id, *data.class_ids})
+    categories = [{"id": number, "name": data.category} for number in numbers]
     write_json(file, {"images": images, "annotations": annotations, "categories": categories})
     return file
 

@@ -6,7 +6,7 @@ neither hits nor false alarms, as in KITTI's own evaluation.
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +21,15 @@ from rescore.data.pictures import pictures_in
 from rescore.evidence.candidates import CandidateTable
 from rescore.formats.calibration_files import read_calibration
 from rescore.formats.folders import Layout, Pictures, data_set, files_of_frames, splits_of
-from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, LabelRow, checked_box, number, read_lines
+from rescore.formats.labels import (
+    UNKNOWN_OCCLUSION,
+    ClassMap,
+    LabelRow,
+    checked_box,
+    number,
+    read_lines,
+    with_size,
+)
 
 DONT_CARE = "DontCare"
 NEIGHBOURS = {"car": ("van",), "pedestrian": ("person_sitting",)}
@@ -96,18 +104,15 @@ def _read_box3d(where: str, words: list[str]) -> BoxValues | None:
     return (x, y, z, length, width, height, turn)
 
 
-def read_labels(paths: Iterable[Path | None], classes: ClassMap) -> tuple[list[list[LabelRow]], Counter[str]]:
+def of_class(
+    rows: Sequence[Sequence[LabelRow]], classes: ClassMap
+) -> tuple[list[list[LabelRow]], Counter[str]]:
     """The boxes that matter for a class, of each file, and how many boxes each class has in all.
 
     Boxes of DontCare and of the class's neighbours are kept as ``ignore``.
     """
-    counts: Counter[str] = Counter()
-    kept: list[list[LabelRow]] = []
-    for path in paths:
-        rows = read_rows(path) if path else []
-        counts.update(r.name for r in rows)
-        kept.append([r for r in (_for_class(r, classes) for r in rows) if r])
-    return kept, counts
+    counts = Counter(r.name for own in rows for r in own)
+    return [[r for r in (_for_class(r, classes) for r in own) if r] for own in rows], counts
 
 
 def _for_class(row: LabelRow, classes: ClassMap) -> LabelRow | None:
@@ -158,8 +163,9 @@ def kitti_labels(
     if not folder.is_dir():
         return [[] for _ in layout.pictures], Counter(), (f"{folder}: no labels, so no frame has a car",)
     paths, notes = files_of_frames(folder, ".txt", layout)
-    rows, counts = read_labels(paths, classes)
-    return rows, counts, notes
+    read, flat = with_size(folder, [read_rows(path) if path else [] for path in paths])
+    rows, counts = of_class(read, classes)
+    return rows, counts, (*notes, *flat)
 
 
 def _class_notes(root: Path, classes: ClassMap, counts: Counter[str]) -> tuple[str, ...]:

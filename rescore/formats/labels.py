@@ -37,6 +37,12 @@ class LabelRow:
     """The 3D box; None where there is none."""
 
     @property
+    def has_size(self) -> bool:
+        """Whether width and height are above 0."""
+        x0, y0, x1, y1 = self.xyxy_px
+        return x1 > x0 and y1 > y0
+
+    @property
     def visibility(self) -> float:
         """Visible share: known where nothing occludes the object, since levels of occlusion are no shares."""
         return 1.0 - self.truncated if self.occluded == 0 else math.nan
@@ -50,9 +56,12 @@ class ClassMap:
     """The class of the data set."""
     renamed: Mapping[str, str] = field(default_factory=dict)
     """Names in the data set by names in the file."""
+    of_several: bool = False
+    """Whether the map is for labels and detections, so that one of them may lack a name: a note says so. Else
+    a name that does not occur is an error."""
 
     @staticmethod
-    def of(target: str, pairs: Sequence[str] = ()) -> "ClassMap":
+    def of(target: str, pairs: Sequence[str] = (), *, of_several: bool = False) -> "ClassMap":
         """A map from texts such as ``van=car``.
 
         Raises:
@@ -65,7 +74,7 @@ class ClassMap:
                 raise RescoreError(f"--map: expected OLD=NEW, as van=car, got {pair!r}; write it so")
             if renamed.setdefault(old.casefold(), new) != new:
                 raise RescoreError(f"--map: expected each class once, got {old!r} twice; keep one")
-        return ClassMap(target, renamed)
+        return ClassMap(target, renamed, of_several)
 
     def name(self, name: str) -> str:
         """The class that a class of a file is taken for."""
@@ -76,22 +85,26 @@ class ClassMap:
         return self.name(name).casefold() == self.target.casefold()
 
     def notes(self, where: object, counts: Counter[str]) -> tuple[str, ...]:
-        """What became of the boxes of each class, at most two lines.
+        """What became of the boxes of each class, at most three lines.
+
+        A class may be known and have no box: its count is 0.
 
         Raises:
             RescoreError: a class to map does not occur.
         """
         known = {name.casefold() for name in counts}
         strangers = sorted(set(self.renamed) - known)
+        lines = []
         if strangers and counts:
-            raise RescoreError(
-                f"{where}: --map names class {strangers[0]!r}, the labels have {_counted(counts)}; mend --map"
-            )
+            text = f"{where}: --map names class {strangers[0]!r}, the labels have {_counted(counts)}"
+            if not self.of_several:
+                raise RescoreError(f"{text}; mend --map")
+            lines.append(text)
+        counts = +counts
         mapped = Counter(
             {f"{n} as {self.name(n)}": c for n, c in counts.items() if n.casefold() in self.renamed}
         )
         left_out = Counter({n: c for n, c in counts.items() if not self.takes(n)})
-        lines = []
         if mapped:
             lines.append(f"{where}: took boxes of {_counted(mapped)}")
         if left_out:
@@ -100,7 +113,43 @@ class ClassMap:
 
 
 def _counted(counts: Counter[str]) -> str:
-    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items()))
+    # a category that only its number is known of
+    named = {f"of category {name}" if name.isdecimal() else name: n for name, n in counts.items()}
+    return ", ".join(f"{n} {name}" for name, n in sorted(named.items()))
+
+
+def flat_note(where: object, n: int) -> tuple[str, ...]:
+    """A line that counts boxes of no size, which every reader leaves out; none where there are none."""
+    return (f"{where}: left out {n} {'box' if n == 1 else 'boxes'} of width or height 0",) if n else ()
+
+
+def has_size(file: Path, what: str, xywh_px: Sequence[float], *, counts: bool = True) -> bool:
+    """Whether a box is one: some tools write boxes of width or height 0.
+
+    Args:
+        file: where the box is, for the message.
+        what: which one of it.
+        xywh_px: left, top, width, height.
+        counts: whether the box is of the class; others may be of any size.
+
+    Raises:
+        RescoreError: the box counts and has a negative size, as edges in place of sizes give it.
+    """
+    x, y, w, h = xywh_px
+    if counts and min(w, h) < 0:
+        raise RescoreError(
+            f"{file}: {what}: expected [x, y, w, h] with positive sizes, got {list(xywh_px)}; mend bbox"
+        )
+    # sums, since a size far below the place adds nothing to it
+    return x + w > x and y + h > y
+
+
+def with_size(
+    where: object, rows: Sequence[Sequence[LabelRow]]
+) -> tuple[list[list[LabelRow]], tuple[str, ...]]:
+    """The boxes that have a size, file by file, and a line that counts the others."""
+    kept = [[r for r in own if r.has_size] for own in rows]
+    return kept, flat_note(where, sum(map(len, rows)) - sum(map(len, kept)))
 
 
 def truth_of(rows: Sequence[LabelRow], first_id: int) -> Truth:
@@ -122,13 +171,13 @@ def truth_of(rows: Sequence[LabelRow], first_id: int) -> Truth:
 
 
 def checked_box(where: str, values: Sequence[float]) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom, of positive size.
+    """Left, top, right, bottom in this order; width and height may be 0.
 
     Raises:
         RescoreError: they are not; ``where`` names the place.
     """
     x0, y0, x1, y1 = values
-    if not (x1 > x0 and y1 > y0):
+    if not (x1 >= x0 and y1 >= y0):
         raise RescoreError(
             f"{where}: expected left < right and top < bottom, got {list(values)}; mend the box"
         )

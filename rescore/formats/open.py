@@ -20,7 +20,7 @@ from rescore.formats.box_files import is_kitti_text, read_yolo, yolo_classes
 from rescore.formats.checked_json import first_difference
 from rescore.formats.folders import box_files_in, calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
-from rescore.formats.labels import ClassMap, LabelRow
+from rescore.formats.labels import ClassMap, LabelRow, with_size
 from rescore.formats.pair_folders import is_plain, read_plain
 
 
@@ -71,6 +71,10 @@ def read_dataset(path: Path, class_name: str = "car", classes: ClassMap | None =
             contradictory.
     """
     classes = classes or ClassMap(class_name)
+    return replace(_read(path, classes), renamed=classes.renamed)
+
+
+def _read(path: Path, classes: ClassMap) -> DataSet:
     if not path.is_dir() and not is_bag(path):
         return _read_annotations(path, classes)
     # KITTI keeps its two halves in folders of these names, EuRoC its sensors
@@ -101,14 +105,15 @@ def read_detections(
 ) -> coco.DetectionFile:
     """Detections of a COCO results file, or of a folder of KITTI's or YOLO's text, a file a frame.
 
-    Frames without a file have no detections; ``notes`` of the result counts them.
+    Those of every category that the truth takes are read, and those that ``classes`` maps to the class, by
+    default as for the truth. Frames without a file have no detections; ``notes`` of the result counts them.
 
     Raises:
         RescoreError: something is missing or damaged, or names an unknown image.
     """
+    classes = classes or ClassMap(data.category, data.renamed, of_several=True)
     if not path.is_dir():
-        return coco.read_detections(path, data, max_candidates)
-    classes = classes or ClassMap(data.category)
+        return coco.read_detections(path, data, max_candidates, classes)
     names = {name: image_id for image_id, name in frame_names(data).items()}
     files = list(by_stem(box_files_in(path, ".txt")).values())
     if not files:
@@ -120,13 +125,14 @@ def read_detections(
             "of this data set and split"
         )
     read, told = _rows(path, files, names, data, classes)
+    read, flat = with_size(path, read)
     rows = {names[p.stem]: own for p, own in zip(files, read, strict=True)}
     counts = Counter(r.name for own in rows.values() for r in own)
     found = [d for image_id, own in rows.items() for d in _detections(path, image_id, own, classes, data)]
     missing = len(names) - len(files)
     notes = (f"{path}: {missing} of {len(names)} frames have no file, so no detections",) if missing else ()
-    file = coco.detection_file(path, found, data, max_candidates)
-    return replace(file, notes=(*notes, *told, *classes.notes(path, counts)))
+    file = coco.detection_file(path, [found], data, max_candidates, classes)
+    return replace(file, notes=(*notes, *told, *flat, *classes.notes(path, counts)))
 
 
 def _rows(

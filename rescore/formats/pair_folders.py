@@ -15,7 +15,7 @@ from rescore.formats.calibrations.in_folder import FolderCalibration, calibratio
 from rescore.formats.calibrations.raw_pair import RawPair
 from rescore.formats.folders import Layout, Pictures, box_files_in, data_set, files_of_frames, splits_of
 from rescore.formats.kitti import kitti_labels
-from rescore.formats.labels import ClassMap, LabelRow
+from rescore.formats.labels import ClassMap, LabelRow, with_size
 from rescore.formats.name_pairs import Side, paired
 
 PAIRS = (
@@ -284,5 +284,6 @@ def _each(
             rows.append(read_voc(path, *size))
         else:
             rows.append([replace(r, score=None) for r in read_yolo(path, *size, names)])
-    kept, counts = chosen(rows, classes)
-    return kept, (*notes, *missing, *classes.notes(folder, counts))
+    sized, flat = with_size(folder, rows)
+    kept, counts = chosen(sized, classes)
+    return kept, (*notes, *missing, *flat, *classes.notes(folder, counts))

@@ -6,7 +6,9 @@ from pathlib import Path
 from joblib import delayed
 
 from recon.class_model import ClassModel
+from rescore.data.depth_files import Quantity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
+from rescore.data.units import refuse_other_unit
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.files import evidence_path, write_evidence
 from rescore.evidence.fit_summaries import FitSummary, summarise_fits
@@ -66,6 +68,9 @@ def _rescore_record(
         return rescoring.fuse(CandidateTable.of_alignments(candidates, ()))
     with one_thread():
         frame = load_frame(record, rescoring.config.stereo)
+        measured = record.measurement
+        quantity = Quantity.DISPARITY if measured is None else measured.quantity
+        refuse_other_unit(f"image {record.image_id}", frame, quantity)
         assert source is not None, "every frame with candidates has a prediction"
         found = source if isinstance(source, ClassModel) else source.read(record.width_px, record.height_px)
         rescored = rescore_frame(frame, candidates, found, rescoring)

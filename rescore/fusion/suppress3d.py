@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from recon.arrays import FloatArray
+from recon.arrays import FloatArray, rows_by_value
 from recon.errors import Reason
 from rescore.cues.rivals import same_car
 from rescore.data.boxes3d import Boxes3D
@@ -29,8 +29,7 @@ def suppress_second_boxes(rescored: RescoredTable) -> RescoredTable:
     if table.boxes3d is None:
         return rescored
     status, detail = table.status.copy(), table.reason_detail.copy()
-    for image_id in np.unique(table.image_id):
-        rows = np.flatnonzero(table.image_id == image_id)
+    for rows in rows_by_value(table.image_id).values():
         one, boxes3d = table.take(rows), table.boxes3d[rows]
         for second, first in _second_boxes(one.xyxy_px, boxes3d, posterior[rows]).items():
             i = rows[second]

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from recon.errors import RescoreError
 from recon.reading import reading
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
-from rescore.files import read_json
+from rescore.files import read_json, refuse_unsafe_name
 from rescore.fusion.fuse import LearnedFusion
 from rescore.fusion.tune import OBJECTIVES, Tuning
 from rescore.fusion.weight_interval import WeightInterval, WeightUncertainty
@@ -42,6 +42,7 @@ def load_tuning(path: Path) -> Tuning:
     """
     value = read_json(path, "a tuned weight")
     with reading(path, "a tuned weight", "run `rescore tune` again"):
+        refuse_unsafe_name(path, "the name of a detector", str(value["detector"]))
         if value["objective_name"] not in OBJECTIVES:
             raise ValueError(f"by objective {value['objective_name']!r}")
         tuning = Tuning(

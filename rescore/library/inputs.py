@@ -10,7 +10,9 @@ from recon.arrays import Float32Array, UInt8Array
 from recon.camera import GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig, compute_disparity
+from rescore.data.depth_files import Quantity
 from rescore.data.frames import Frame
+from rescore.data.units import refuse_other_unit
 from rescore.detectors.platt import PlattScaling
 from rescore.evidence.candidates import Candidates
 from rescore.evidence.predicted_depth import kind_of
@@ -109,6 +111,9 @@ class StereoFrame:
         """The frame as rescoring takes it.
 
         A pair is matched over at least the disparities of ``stereo``, and of surfaces from ``nearest_m`` on.
+
+        Raises:
+            RescoreError: all that is measured cannot be in metres and pixels (``rescore.data.units``).
         """
         height, width = self.left_rgb.shape[:2]
         camera = None if self.camera is None else self.camera.stereo(width, height)
@@ -123,7 +128,9 @@ class StereoFrame:
         else:
             assert self.disparity_px is not None
             disparity = _measured(self.disparity_px)
-        return Frame(0, left, disparity, camera, self.ground).with_stereo_ground()
+        frame = Frame(0, left, disparity, camera, self.ground)
+        refuse_other_unit("frame", frame, Quantity.DISPARITY if self.depth_m is None else Quantity.DEPTH)
+        return frame.with_stereo_ground()
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,6 +70,10 @@ KINDS = {
 }
 
 
+MAX_DRAWN = 200_000_000
+"""Candidates in all resamples together, from which there are fewer of them."""
+
+
 @dataclass(frozen=True)
 class BootstrapConfig:
     """What is measured, and how finely."""
@@ -77,6 +81,12 @@ class BootstrapConfig:
     n_resamples: int = 2000
     confidence: float = 0.95
     levels: Levels = field(default_factory=Levels)
+
+    @staticmethod
+    def for_candidates(n: int) -> "BootstrapConfig":
+        """The settings for tables of n candidates: fewer resamples where there are so many that 2000 take
+        minutes and gigabytes; their intervals are narrow, and 200 still tell the ends."""
+        return BootstrapConfig(n_resamples=int(np.clip(MAX_DRAWN // max(n, 1), 200, 2000)))
 
     def __post_init__(self) -> None:
         if self.n_resamples < 100:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from recon.arrays import BoolArray, FloatArray, IntArray
 from rescore.metrics.bootstrap import KINDS, draw_images, interval
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.resampled import CELLS
 
 N_RESAMPLES = 500
 N_POINTS = 60
@@ -57,22 +58,49 @@ def curve_bands(match: MatchTable, cars_of_image: IntArray, seed: int) -> CurveB
         return None
     drawn = draw_images(n_images, N_RESAMPLES, np.random.default_rng(seed))
     weight = np.concatenate([np.ones((1, n_images), np.int32), drawn])
-    hits, false = _running(match, weight)
-    if not hits[0, -1] or not false[0, -1]:
+    whole = _Curves.of(match, cars_of_image, weight[:1])
+    if np.isnan(whole.kept).any():
         return None
-    cars, images = weight @ cars_of_image, weight.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rate, alarms = hits / cars[:, None], false / images[:, None]
-        kept = hits / hits[:, -1:], false / false[:, -1:]
-        precision = hits / (hits + false)
     shares = np.linspace(0, 1, N_POINTS)
-    levels = np.geomspace(0.5 / n_images, alarms[0, -1], N_POINTS)
-    recalls = np.linspace(1 / N_POINTS, rate[0, -1], N_POINTS)
-    return CurveBands(
-        _band(shares, _last_within(kept[1], kept[0], shares), n_images),
-        _band(levels, _last_within(alarms, rate, levels), n_images),
-        _band(recalls, _first_reaching(rate, precision, recalls), n_images),
-    )
+    levels = np.geomspace(0.5 / n_images, whole.alarms[0, -1], N_POINTS)
+    recalls = np.linspace(1 / N_POINTS, whole.rate[0, -1], N_POINTS)
+    step = max(1, CELLS // max(len(match.image), 1))
+    parts = []
+    for first in range(0, len(weight), step):
+        curves = _Curves.of(match, cars_of_image, weight[first : first + step])
+        parts.append(
+            (
+                _last_within(curves.kept[1], curves.kept[0], shares),
+                _last_within(curves.alarms, curves.rate, levels),
+                _first_reaching(curves.rate, curves.precision, recalls),
+            )
+        )
+    readings = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+    places = (shares, levels, recalls)
+    return CurveBands(*(_band(x, y, n_images) for x, y in zip(places, readings, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """The curves of some sets of weights, a row a set, (r, t)."""
+
+    kept: FloatArray
+    """Shares of the hits, and of the false positives, (2, r, t)."""
+    rate: FloatArray
+    alarms: FloatArray
+    precision: FloatArray
+
+    @staticmethod
+    def of(match: MatchTable, cars_of_image: IntArray, weight: NDArray[np.int32]) -> "_Curves":
+        hits, false = _running(match, weight)
+        cars, images = weight @ cars_of_image, weight.sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return _Curves(
+                np.stack([hits / hits[:, -1:], false / false[:, -1:]]),
+                hits / cars[:, None],
+                false / images[:, None],
+                hits / (hits + false),
+            )
 
 
 def _running(match: MatchTable, weight: NDArray[np.int32]) -> tuple[IntArray, IntArray]:

@@ -27,6 +27,8 @@ class Outcome(StrEnum):
 OUTCOMES = tuple(Outcome)
 """Outcome of each code in ``MatchTable.outcome``."""
 HIT, FALSE_ALARM, DUPLICATE, IGNORED = range(4)
+AT_A_TIME = 2**16
+"""Candidates whose pairs with all cars of their images are held at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +127,11 @@ def greedy_match(
     if len(image_id) and (not truth.n_images or (truth.image_id[image] != image_id).any()):
         raise ValueError("a candidate's image is not among the images of the truth")
 
-    candidate, car, overlap, of_own_area = _pairs(image, xyxy_px, truth)
+    candidate, car, overlap, of_own_area = _pairs(image, xyxy_px, truth, min_iou)
     outcome = np.full(len(image), FALSE_ALARM, np.int8)
     annotation = np.full(len(image), -1, np.int64)
 
-    on_region = truth.ignore[car] & (of_own_area >= 0.5)
-    on_car = ~truth.ignore[car] & (overlap >= min_iou)
+    on_region, on_car = truth.ignore[car], ~truth.ignore[car]
     best_car = _best_pair(candidate[on_car], car[on_car], overlap[on_car], len(image))
     outcome[best_car >= 0] = DUPLICATE
     annotation[best_car >= 0] = truth.annotation_id[best_car[best_car >= 0]]
@@ -193,12 +194,20 @@ def _best_pair(candidate: IntArray, car: IntArray, overlap: FloatArray, n: int) 
 
 
 def _pairs(
-    image: IntArray, xyxy_px: FloatArray, truth: TruthTable
+    image: IntArray, xyxy_px: FloatArray, truth: TruthTable, min_iou: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Every (candidate, car) of one image: indices, IoU, share of the candidate's area in the car's box."""
-    candidate, car = pairs_of_image(image, truth.car_image)
-    overlap, of_own_area = paired_overlap(xyxy_px[candidate], truth.xyxy_px[car])
-    return candidate, car, overlap, of_own_area
+    """Every (candidate, car) of one image that lie on each other: indices, IoU, share of the candidate's area
+    in the car's box. On an ignore region lies what it holds half of, on a car what overlaps it by
+    ``min_iou``."""
+    parts = []
+    for first in range(0, max(len(image), 1), AT_A_TIME):
+        candidate, car = pairs_of_image(image[first : first + AT_A_TIME], truth.car_image)
+        candidate += first
+        overlap, share = paired_overlap(xyxy_px[candidate], truth.xyxy_px[car])
+        on = np.flatnonzero(np.where(truth.ignore[car], share >= 0.5, overlap >= min_iou))
+        parts.append((candidate[on], car[on], overlap[on], share[on]))
+    candidate, car, overlap, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return candidate, car, overlap, share
 
 
 def pairs_of_image(image: IntArray, car_image: IntArray) -> tuple[IntArray, IntArray]:

@@ -13,19 +13,22 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from recon.arrays import FloatArray, IntArray
+from recon.arrays import FloatArray, IntArray, stacked
 from recon.errors import RescoreError
+from recon.files import atomic_path
 from recon.reading import reading
 from rescore.data.boxes3d import BOX_NAMES
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
-from rescore.files import write_table
 from rescore.formats.coco import DetectionFile
 from rescore.metrics.matching import OUTCOMES, MatchTable, ranking_of
 
 Columns = Mapping[str, NDArray[Any]]
 """A table as arrays of one length, by column name."""
+
+ROWS_AT_A_TIME = 2**17
+"""Rows that are written at a time."""
 
 ALONE = "detector"
 """The mode that ranks by the raw score of the detector alone."""
@@ -230,7 +233,7 @@ def _names(match: MatchTable) -> NDArray[np.object_]:
 def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
     """The columns of several detectors below each other; where only others have a mode, its stand-ins."""
     names = dict.fromkeys(name for p in parts for name in p)
-    return {name: np.concatenate([_column(p, name) for p in parts]) for name in names}
+    return {name: stacked([_column(p, name) for p in parts]) for name in names}
 
 
 def _column(part: Columns, name: str) -> NDArray[Any]:
@@ -258,7 +261,13 @@ def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
                 kinds.setdefault(name, kind)
     if set(columns) != set(kinds):
         raise ValueError(f"candidates: columns differ: {sorted(set(columns) ^ set(kinds))}")
-    write_table(path, {name: pa.array(columns[name], type=kind) for name, kind in kinds.items()})
+    schema = pa.schema(list(kinds.items()))
+    n = len(columns["image_id"])
+    with atomic_path(path) as beside, pq.ParquetWriter(beside, schema, compression="zstd") as writer:
+        # some rows at a time: columns that no candidate fills take no memory before
+        for i in range(0, max(n, 1), ROWS_AT_A_TIME):
+            part = {k: pa.array(columns[k][i : i + ROWS_AT_A_TIME], type=kind) for k, kind in kinds.items()}
+            writer.write_table(pa.table(part, schema=schema))
 
 
 def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)) -> dict[str, NDArray[Any]]:

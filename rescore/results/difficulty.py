@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from recon.arrays import FloatArray, IntArray
+from recon.arrays import FloatArray, IntArray, rows_by_value
 from rescore.data.frames import DataSet, Truth
 from rescore.data.rendered_kinds import kinds_of_candidates
 from rescore.detectors.base import Detections
@@ -44,11 +44,26 @@ def difficulty(
     Cars seen less than ``min_visibility`` are neither missed nor false alarms when found; cars of unknown
     visibility count as seen.
     """
-    seen = replace(data, truth={i: _hide(t, min_visibility) for i, t in data.truth.items()})
     found = {f.image_id: detections_by_image.get(f.image_id, _NONE) for f in data.frames}
     image_id = np.repeat(np.array(list(found), np.int64), [len(d) for d in found.values()])
     boxes = np.concatenate([np.empty((0, 4)), *(d.xyxy_px for d in found.values())])
     score = np.concatenate([np.empty(0), *(d.score for d in found.values())])
+    return difficulty_of_table(data, image_id, boxes, score, min_visibility)
+
+
+def difficulty_of_table(
+    data: DataSet, image_id: IntArray, boxes: FloatArray, score: FloatArray, min_visibility: float = 0.6
+) -> Difficulty:
+    """The difficulty as ``difficulty`` has it, for a detector's candidates in one table.
+
+    Args:
+        data: the frames.
+        image_id: image of each candidate, shape (n,).
+        boxes: shape (n, 4), pixel edges.
+        score: shape (n,).
+        min_visibility: share from which a car counts as seen.
+    """
+    seen = replace(data, truth={i: _hide(t, min_visibility) for i, t in data.truth.items()})
     truth = TruthTable.of(seen)
     match = greedy_match(image_id, boxes, score, truth)
     curve = recall_curve(match)
@@ -81,9 +96,9 @@ def _share_by_kind(
     wrong = (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
     counted = wrong & (match.ranking >= curve.threshold[reached[0]])
     kinds: Counter[str] = Counter()
+    boxes, rows_of_image = boxes[counted], rows_by_value(image_id[counted])
     for frame in data.frames:
-        here = counted & (image_id == frame.image_id)
-        if here.any():
-            kinds.update(kinds_of_candidates(frame, boxes[here]))
+        if frame.image_id in rows_of_image:
+            kinds.update(kinds_of_candidates(frame, boxes[rows_of_image[frame.image_id]]))
     total = kinds.total()
     return {kind: n / total for kind, n in sorted(kinds.items(), key=lambda item: (-item[1], item[0]))}

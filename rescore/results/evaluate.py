@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.arrays import rows_by_value
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.rendered_kinds import kinds_of_candidates
-from rescore.detectors.base import Detections
 from rescore.evidence.candidates import NOT_RESCORED, CandidateTable
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import DetectionFile
@@ -24,7 +24,7 @@ from rescore.metrics.matching import HIT, IGNORED, MatchTable, TruthTable, greed
 from rescore.metrics.reliability import reliability
 from rescore.results.candidate_file import ALONE, Columns, detector_columns, joined, write_candidates
 from rescore.results.comparisons import certainty
-from rescore.results.difficulty import difficulty
+from rescore.results.difficulty import difficulty_of_table
 from rescore.results.evaluate3d import TrueCars, boxes3d_rows
 from rescore.results.metrics_file import (
     BootstrapSettings,
@@ -85,13 +85,15 @@ def evaluate(
     firsts: list[DetectionFile] = []
     solid: list[Boxes3DRow] = []
     cars3d = TrueCars.of(data)
+    # one number for all detectors, which are resampled alike
+    drawn = BootstrapConfig.for_candidates(max(len(f.table) for f in files))
     for own in _by_detector(files):
         matched = {f.registration: _match(f, truth, min_iou) for f in own if f.posterior is not None}
         alone = _match_alone(own[0], truth, min_iou)
         kind = _kinds(data, own[0].table)
         parts.append(detector_columns(own, alone, matched, kind))
         by_mode = {ALONE: alone, **{str(m): t for m, t in matched.items()}}
-        sure = certainty(own[0].detector, by_mode, kind, truth.cars_of_image, seed)
+        sure = certainty(own[0].detector, by_mode, kind, truth.cars_of_image, seed, drawn)
         rows += _rows(own, alone, matched, sure.intervals)
         comparisons += sure.comparisons
         for file in own:
@@ -103,14 +105,13 @@ def evaluate(
     metrics = Metrics(
         n_images=truth.n_images,
         n_cars=truth.n_cars,
+        n_ignored=data.n_ignored,
         n_candidates=sum(len(f.table) for f in firsts),
         rows=tuple(rows),
         comparisons=tuple(comparisons),
         fusion=tuple(fusion),
         reliability=tuple(reliabilities),
-        bootstrap=BootstrapSettings(
-            n_resamples=BootstrapConfig().n_resamples, confidence=BootstrapConfig().confidence, seed=seed
-        ),
+        bootstrap=BootstrapSettings(n_resamples=drawn.n_resamples, confidence=drawn.confidence, seed=seed),
         stereo=_stereo(data),
         reasons={f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in firsts},
         tuning=_tuning(tunings),
@@ -125,7 +126,7 @@ def evaluate(
 
 def has_cars(data: DataSet) -> bool:
     """Whether any car is annotated that can be found."""
-    return any((~truth.ignore).any() for truth in data.truth.values())
+    return data.n_cars > 0
 
 
 def unjudged(data: DataSet) -> DataSet:
@@ -193,9 +194,10 @@ def _match(file: DetectionFile, truth: TruthTable, min_iou: float) -> MatchTable
 def _kinds(data: DataSet, table: CandidateTable) -> NDArray[np.object_]:
     """What mostly fills each candidate's box, frame by frame."""
     kinds = np.full(len(table), NOT_RESCORED, dtype=object)
+    rows_of_image = rows_by_value(table.image_id)
     for record in data.frames:
-        rows = np.flatnonzero(table.image_id == record.image_id)
-        if len(rows):
+        if record.image_id in rows_of_image:
+            rows = rows_of_image[record.image_id]
             kinds[rows] = kinds_of_candidates(record, table.xyxy_px[rows])
     return kinds
 
@@ -252,12 +254,7 @@ def _reliabilities(
 
 def _difficulty(data: DataSet, table: CandidateTable) -> DetectorDifficulty:
     """What the detector alone makes of the cars that are seen well (see ``rescore.results.difficulty``)."""
-    found = {
-        f.image_id: Detections(table.xyxy_px[rows], table.score[rows])
-        for f in data.frames
-        if len(rows := np.flatnonzero(table.image_id == f.image_id))
-    }
-    hard = difficulty(data, found)
+    hard = difficulty_of_table(data, table.image_id, table.xyxy_px, table.score)
     return DetectorDifficulty(
         n_cars=hard.n_cars,
         recall_ceiling=finite(hard.recall_ceiling),

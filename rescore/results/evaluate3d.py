@@ -85,6 +85,8 @@ class TrueCars:
     def of(data: DataSet) -> "TrueCars | None":
         """The objects of a data set; None where no car that counts has a 3D box."""
         truths = [data.truth[f.image_id] for f in data.frames]
+        if all(t.boxes3d is None for t in truths):
+            return None
         boxes3d = [Boxes3D.filled(t.boxes3d, len(t.ignore)) for t in truths]
         cars = TrueCars(
             table=TruthTable.of(data),

@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from recon.errors import RescoreError
-from rescore.files import read_json_object, write_json
+from rescore.files import read_json_object, refuse_unsafe_name, write_json
 from rescore.formats.checked_json import first_difference, read_checked
 from rescore.fusion.fuse import LearnedFusion
 from rescore.fusion.weight_interval import WeightInterval
@@ -381,6 +381,8 @@ class Metrics(MetricsPart):
 
     n_images: int
     n_cars: int
+    n_ignored: int = 0
+    """Annotated boxes and regions that count neither for nor against."""
     n_candidates: int
     rows: tuple[Row, ...]
     """One for each detector and mode, each detector alone first."""
@@ -419,7 +421,7 @@ class Metrics(MetricsPart):
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON values, keys in the order of the file."""
-        return self.model_dump(exclude=None if self.boxes3d else {"boxes3d"})
+        return self.model_dump(exclude={name for name in ("n_ignored", "boxes3d") if not getattr(self, name)})
 
 
 def write_metrics(path: Path, metrics: Metrics) -> None:
@@ -440,12 +442,15 @@ def read_metrics(path: Path) -> Metrics:
     if lacking:
         raise RescoreError(f"{path}: expected key {lacking[0]!r}, found none; run `rescore evaluate` again")
     try:
-        return Metrics.model_validate(value)
+        metrics = Metrics.model_validate(value)
     except ValidationError as error:
         raise RescoreError(
             f"{path}: expected the figures of a run, got {first_difference(error)}; "
             "run `rescore evaluate` again"
         ) from error
+    for detector in metrics.detectors:
+        refuse_unsafe_name(path, "the name of a detector", detector)
+    return metrics
 
 
 def read_stereo_statistics(path: Path) -> StereoStatistics:

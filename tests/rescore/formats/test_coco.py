@@ -145,7 +145,8 @@ def test_detections_are_ordered_and_cut(tmp_path: Path, data: DataSet) -> None:
     assert file.table.image_id.tolist() == [5, 5, 9]
     assert file.table.score.tolist() == [0.9, 0.5, 0.3]
     assert file.table.rank.tolist() == [0, 1, 0]
-    assert (file.n_beyond_max, file.n_other_class, file.detector, file.posterior) == (1, 1, "yolo", None)
+    assert (file.n_beyond_max, file.detector, file.posterior) == (1, "yolo", None)
+    assert file.notes == (f"{tmp_path / 'yolo.json'}: left out boxes of other classes: 1 dog",)
     # scores in [0, 1] serve as likelihoods
     assert file.candidates(data)[5].likelihood.tolist() == [0.9, 0.5]
 
@@ -158,7 +159,7 @@ def test_no_detections_is_legal(tmp_path: Path, data: DataSet) -> None:
 BAD_DETECTIONS: list[tuple[object, str]] = [
     ([detection(), detection(image_id=6)], "detection 1: expected an image of the data set, got image_id 6"),
     ([detection(score=float("nan"))], r"\[0\]\.score: input should be a finite number \(nan\)"),
-    ([detection(bbox=[1, 2, 0, 4])], "detection 0: expected .* with positive sizes"),
+    ([detection(bbox=[1, 2, -1, 4])], "detection 0: expected .* with positive sizes"),
     ([detection(bbox=[1, 2, float("inf"), 4])], r"\[0\]\.bbox\[2\]: input should be a finite number"),
     ([detection(likelihood=1.5)], r"detection 0: expected a likelihood in \[0, 1\], got 1\.5"),
     ([detection(category_id=4)], "expected detections of category_id 3 .'car'., got only 4"),
@@ -270,4 +271,4 @@ def test_reads_the_real_frames_as_they_come(kitti: Path) -> None:
     assert (len(data.frames), sum(len(t.annotation_id) for t in data.truth.values())) == (6, 15)
     assert all(f.camera is not None and f.ground is not None for f in data.frames)
     file = read_detections(kitti / "detections.json", data)
-    assert (len(file.table), file.n_other_class) == (21, 0)
+    assert (len(file.table), file.notes) == (21, ())

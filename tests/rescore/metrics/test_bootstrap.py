@@ -196,3 +196,10 @@ def test_two_tables_of_the_reports_size_take_under_two_seconds() -> None:
     start = time.process_time()
     bootstrap(pair, cars, [PAIR], rng, BootstrapConfig())
     assert time.process_time() - start < 2
+
+
+@pytest.mark.parametrize(
+    ("n", "resamples"), [(0, 2000), (3270, 2000), (100_000, 2000), (10**6, 200), (10**7, 200)]
+)
+def test_very_many_candidates_have_fewer_resamples(n: int, resamples: int) -> None:
+    assert BootstrapConfig.for_candidates(n).n_resamples == resamples

@@ -88,3 +88,17 @@ def test_nothing_to_draw_from_gives_no_band():
     match, cars = table()
     nothing = MatchTable(30, 0, match.image, match.ranking, np.full(180, FALSE_ALARM, np.int8), match.image)
     assert curve_bands(nothing, np.zeros(30, np.int64), seed=0) is None
+
+
+def test_resamples_some_at_a_time_give_the_same_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    match, cars = table(40)
+    whole = curve_bands(match, cars, seed=0)
+    monkeypatch.setattr("rescore.metrics.curve_bands.CELLS", 7 * len(match.image))
+    parts = curve_bands(match, cars, seed=0)
+    assert whole is not None
+    assert parts is not None
+    for name in ("candidate", "cars", "precision"):
+        for end in ("x", "low", "high"):
+            np.testing.assert_array_equal(
+                getattr(getattr(parts, name), end), getattr(getattr(whole, name), end), err_msg=name
+            )

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recon.boxes import iou_matrix
-from rescore.metrics.matching import OUTCOMES, TruthTable, greedy_match, ranking_of
+from rescore.metrics import matching
+from rescore.metrics.matching import DUPLICATE, HIT, OUTCOMES, TruthTable, greedy_match, ranking_of
 
 CAR = [0.0, 0.0, 10.0, 10.0]
 
@@ -123,3 +124,28 @@ def test_ranking_breaks_ties_by_detector_score() -> None:
     ranking = ranking_of(np.array([0.5, 1.0, 1.0, 0.5, 1.0]), np.array([9.0, 2.0, 3.0, 9.0, 2.0]))
     assert ranking.tolist() == [0, 1, 2, 0, 1]
     assert ranking_of(np.zeros(0), np.zeros(0)).shape == (0,)
+
+
+def test_pairs_some_at_a_time_match_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    ids = np.arange(6)
+    truth = TruthTable(
+        ids,
+        np.repeat(ids, 3),
+        np.arange(18),
+        boxes_at(rng.uniform(0, 30, (18, 2))),
+        rng.random(18) < 0.3,
+    )
+    image, boxes, score = rng.integers(0, 6, 200), boxes_at(rng.uniform(0, 30, (200, 2))), rng.random(200)
+    for min_iou in (0.0, 0.3):
+        whole = greedy_match(image, boxes, score, truth, min_iou)
+        monkeypatch.setattr(matching, "AT_A_TIME", 7)
+        parts = greedy_match(image, boxes, score, truth, min_iou)
+        monkeypatch.undo()
+        assert set(whole.outcome.tolist()) >= {HIT, DUPLICATE}
+        np.testing.assert_array_equal(parts.outcome, whole.outcome)
+        np.testing.assert_array_equal(parts.annotation_id, whole.annotation_id)
+
+
+def boxes_at(corner: np.ndarray) -> np.ndarray:
+    return np.concatenate([corner, corner + 15], axis=1)

@@ -14,7 +14,7 @@ from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.evidence.registration import Registration
 from rescore.files import write_json
 from rescore.formats.coco import DetectionFile
-from rescore.formats.kitti import read_labels
+from rescore.formats.kitti import of_class, read_rows
 from rescore.formats.labels import ClassMap, truth_of
 from rescore.formats.open import read_detections
 from rescore.metrics.matching import TruthTable, greedy_match, ranking_of
@@ -48,7 +48,7 @@ def judged(sets: dict[str, Any], folder: Path, names: tuple[str, ...]) -> Boxes3
         for stem in stems:
             lines = [x for x in sets[kind][stem] if kind == "results" or x.startswith(names)]
             (folder / kind / f"{stem}.txt").write_text("".join(f"{x}\n" for x in lines))
-    rows, _ = read_labels([folder / "labels" / f"{stem}.txt" for stem in stems], ClassMap("car"))
+    rows, _ = of_class([read_rows(folder / "labels" / f"{stem}.txt") for stem in stems], ClassMap("car"))
     truth = {i: truth_of(own, 100 * i) for i, own in enumerate(rows)}
     frames = tuple(frame(i, f"{stem}.png") for i, stem in enumerate(stems))
     data = DataSet(folder, 1, "car", frames, truth)
