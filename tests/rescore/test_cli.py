@@ -360,7 +360,7 @@ def test_what_fails_leaves_a_run_folder_as_it_was(rescore: Command, tiny_run: Pa
         rescore("evaluate", data, detections, detections, "--out", run)
     )
     (tmp_path / "file").write_text("x")
-    assert "check the path" in wrong(
+    assert "choose another place" in wrong(
         rescore("reproduce", "--preset", "tiny", "--out", tmp_path / "file" / "run")
     )
     (tmp_path / "changes.json").write_text('{"detectors": []}')

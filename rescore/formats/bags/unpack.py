@@ -227,4 +227,4 @@ def _detections(
         if classes.takes(row.name) and row.score is not None:
             x0, y0, x1, y1 = row.xyxy_px
             kept.append(coco.Detection(image_id=image_id, bbox=(x0, y0, x1 - x0, y1 - y0), score=row.score))
-    return coco.detection_file(path, kept, data, None), (*told, *classes.notes(path, counts))
+    return coco.detection_file(path, [kept], data, None, classes), (*told, *classes.notes(path, counts))
