@@ -21,13 +21,15 @@ LOCK = ".lock"
 def locked(folder: Path) -> Iterator[None]:
     """Inside, no other process gets past the same call for this folder, which is made if need be.
 
+    A folder that was made here and in which nothing was left is removed again.
+
     The system gives the lock back when the process ends, in whatever way.
 
     Raises:
         RescoreError: another process has it; the message names that process. Or the folder cannot be made.
     """
     refuse_as_folder(folder)
-    path = folder / LOCK
+    path, was_there = folder / LOCK, folder.exists()
     with _told_where_it_cannot_write(folder):
         folder.mkdir(parents=True, exist_ok=True)
         file = _opened(path)
@@ -42,6 +44,8 @@ def locked(folder: Path) -> Iterator[None]:
         # while it is held: after that, it may be another's
         with suppress(OSError):
             path.unlink()
+            if not was_there:
+                folder.rmdir()
         file.close()
 
 
