@@ -70,6 +70,15 @@ _WithNumbers = TypedDict(  # type: ignore[misc]
 _DETECTIONS: TypeAdapter[list[Detection]] = TypeAdapter[Any](Rows[_WithNumbers])
 
 
+def checked_detections(rows: list[Detection]) -> list[Detection]:
+    """Detections that another reader made, checked as those of files are.
+
+    Raises:
+        ValidationError: a number out of range.
+    """
+    return _DETECTIONS.validate_python(rows)
+
+
 @dataclass(frozen=True, eq=False)
 class DetectionFile:
     """The detections of one detector on the images of a data set, rescored or not."""

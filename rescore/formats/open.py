@@ -158,7 +158,7 @@ def _detections(
         )
     boxes: FloatArray = xywh_from_xyxy(np.array([r.xyxy_px for r in kept], dtype=float).reshape(-1, 4))
     try:
-        return _as_coco(image_id, kept, boxes, data)
+        return coco.checked_detections(_as_coco(image_id, kept, boxes, data))
     except ValidationError as error:
         raise RescoreError(
             f"{path}: image {image_id}: expected detections, got {first_difference(error)}; mend the file"

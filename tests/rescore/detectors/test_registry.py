@@ -102,7 +102,7 @@ def test_a_toy_takes_part_in_the_experiment(
     tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # two frames are too few for the scaling of so weak a detector
-    monkeypatch.setattr("rescore.detectors.detect.calibrate_detector", lambda *_: PlattScaling(-1.0, 0.0))
+    monkeypatch.setattr("rescore.detectors.detect.fit_platt", lambda *_: PlattScaling(-1.0, 0.0))
     shutil.copytree(tiny_run / "data", tmp_path / "run" / "data")
     (tmp_path / "changes.json").write_text('{"detectors": ["toy"], "toy": {"smallest_px": 60}}')
     config = with_changes(run_preset("tiny"), tmp_path / "changes.json")

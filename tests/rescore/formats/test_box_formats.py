@@ -434,5 +434,5 @@ def test_a_box_of_a_text_file_that_is_out_of_range_is_one_line(tmp_path: Path) -
     own.kitti_folder(tmp_path)
     car = own.KITTI_CAR.replace("10.0 20.0", "-1e308 20.0")
     own.write_text(tmp_path / "found" / "000003.txt", f"{car} 0.7\n")
-    with pytest.raises(RescoreError, match=r"found: image \d+: expected detections, got bbox"):
+    with pytest.raises(RescoreError, match=r"found: image \d+: expected detections, got \[0\]\.bbox"):
         read_detections(tmp_path / "found", read_dataset(tmp_path))
