@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from reports.palette import detector_name
 from reports.run.reductions import reduction_text
 from reports.run.tables import number, percent
+from rescore.data.frames import none_counts
 from rescore.results.metrics_file import Metrics, ModeComparison, Row
 
 HEADLINE_RECALL = "0.7"
@@ -37,7 +38,8 @@ class Tile:
 def headline(metrics: Metrics) -> str:
     """The result in one sentence, with intervals of 95 %."""
     if not metrics.n_cars:
-        return "No car is annotated in these images, so that nothing can be said of what was found."
+        why = none_counts(metrics.n_ignored) if metrics.n_ignored else "No car is annotated in these images"
+        return f"{why}; so nothing can be said of what was found."
     clauses, subject = [], ""
     for detector in metrics.detectors:
         mode = _ends(metrics, detector)[1].mode

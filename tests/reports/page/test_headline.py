@@ -100,6 +100,11 @@ def test_nothing_is_claimed_without_annotated_cars():
     assert "nothing can be said" in headline(metrics(row("detector", None), n_cars=0))
 
 
+def test_cars_that_are_all_ignored_are_told() -> None:
+    nothing = metrics(row(ALONE, None), n_cars=0).model_copy(update={"n_ignored": 3})
+    assert headline(nothing).startswith("3 boxes are annotated and none counts: all are ignored (")
+
+
 def test_few_images_get_a_warning():
     assert few_images(metrics(n_images=30)) is None
     # without annotated cars there are no figures, and no intervals
