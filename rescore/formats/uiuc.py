@@ -17,7 +17,7 @@ CAR_WIDTH_PX, CAR_HEIGHT_PX = 100, 40
 """Size of the window of every car."""
 CARS_PATTERN, STREET_PATTERN = "TrainImages/pos-*.pgm", "TrainImages/neg-*.pgm"
 
-_ROW = re.compile(r"(\d+)\s*:((?:\s*\(\s*-?\d+\s*,\s*-?\d+\s*\))*)\s*")
+_ROW = re.compile(r"(\d{1,9})\s*:((?:\s*\(\s*-?\d{1,9}\s*,\s*-?\d{1,9}\s*\))*)\s*")
 _PLACE = re.compile(r"\(\s*(-?\d+)\s*,\s*(-?\d+)\s*\)")
 
 

@@ -32,7 +32,14 @@ def test_rows_hold_row_and_column_of_each_car(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "line"),
-    [("0: (1,2)\n1: (3,4\n", 2), ("0: (1,2)\n\n0: (3,4)\n", 3), ("0 (1,2)\n", 1), ("0: (1,2) x\n", 1)],
+    [
+        ("0: (1,2)\n1: (3,4\n", 2),
+        ("0: (1,2)\n\n0: (3,4)\n", 3),
+        ("0 (1,2)\n", 1),
+        ("0: (1,2) x\n", 1),
+        # int itself refuses so many digits
+        (f"{'1' * 5000}: (1,2)\n", 1),
+    ],
 )
 def test_a_row_of_another_form_is_named(tmp_path, text, line):
     with pytest.raises(RescoreError, match=f"trueLocations.txt, line {line}: expected"):
