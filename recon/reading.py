@@ -148,8 +148,8 @@ def _refuse_size(file: IO[bytes], size: int) -> None:
     file.seek(0)
 
 
-def refuse_large_picture(path: Path, data: bytes) -> tuple[int, int]:
-    """Width and height that the head of a picture claims; ``data`` is the file ``path``, or its beginning.
+def refuse_large_picture(path: Path, data: bytes | IO[bytes]) -> tuple[int, int]:
+    """Width and height that the head of a picture claims; ``data`` is the file ``path``, open or read.
 
     Raises:
         RescoreError: more than ``MAX_PIXELS``.
@@ -158,7 +158,7 @@ def refuse_large_picture(path: Path, data: bytes) -> tuple[int, int]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(data)) as picture:
+            with Image.open(io.BytesIO(data) if isinstance(data, bytes) else data) as picture:
                 width, height = picture.size
     except UnidentifiedImageError as error:
         raise ValueError("its head is that of no picture") from error

@@ -333,12 +333,6 @@ def weight_text(tuned: TunedWeight) -> str:
     return f"{tuned.w:g}" + ("" if u is None else f" ({u.low:.2f} to {u.high:.2f})")
 
 
-def in_interval(tuned: TunedWeight) -> list[bool]:
-    """Mask of the w of the grid that lie in the interval of the chosen one; none where it is not known."""
-    u = tuned.uncertainty
-    return [u is not None and u.low <= w <= u.high for w in tuned.w_grid]
-
-
 def difference(figure: Estimate) -> str:
     """A signed difference with its interval; a dash where it is undefined."""
     if figure.interval is None:

@@ -17,8 +17,6 @@ from recon.stereo.sgbm import read_png16
 
 SUFFIXES = (".png", ".pfm", ".npy", ".exr")
 """The forms that ``read_map`` reads."""
-KITTI_DEPTH_FACTOR = 256.0
-"""Value of KITTI's depth PNGs for one metre."""
 TUM_DEPTH_FACTOR = 5000.0
 """Value of the TUM RGB-D depth PNGs for one metre."""
 

@@ -96,8 +96,8 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check the folder")
-    with reading(path, "a picture", "write it again as PNG"):
-        return refuse_large_picture(path, path.read_bytes())
+    with reading(path, "a picture", "write it again as PNG"), path.open("rb") as file:
+        return refuse_large_picture(path, file)
 
 
 def turned_by_exif(path: Path) -> str:

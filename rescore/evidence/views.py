@@ -87,10 +87,6 @@ class Views:
     """Why each candidate of ``NO_BIN`` has no bin, by its place."""
 
 
-NO_VIEWS = Views(np.zeros(0, np.int64), np.zeros(0), {})
-"""The views of a frame without candidates."""
-
-
 def views_of(
     rgb: UInt8Array,
     candidates: Candidates,
