@@ -31,7 +31,6 @@ def locked(folder: Path) -> Iterator[None]:
     refuse_as_folder(folder)
     path, was_there = folder / LOCK, folder.exists()
     with _told_where_it_cannot_write(folder):
-        folder.mkdir(parents=True, exist_ok=True)
         file = _opened(path)
     try:
         with _told_where_it_cannot_write(folder):
@@ -63,7 +62,12 @@ def _told_where_it_cannot_write(folder: Path) -> Iterator[None]:
 def _opened(path: Path) -> IO[bytes]:
     """The lock file, held by this process; what is written to it is there at once."""
     while True:
-        file = path.open("a+b", buffering=0)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            file = path.open("a+b", buffering=0)
+        except FileNotFoundError:
+            # who held it before has just removed the folder
+            continue
         if not _hold(file):
             owner = _owner(file)
             file.close()
