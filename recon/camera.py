@@ -98,6 +98,14 @@ class StereoCamera:
 
 
 @dataclass(frozen=True)
+class DepthCamera:
+    """A camera that measures depth without a pair, or whose pair is unknown."""
+
+    left: PinholeCamera
+    """Of the picture that depth is registered to."""
+
+
+@dataclass(frozen=True)
 class GroundPlane:
     """The ground Qg of eq. 5 as height and angles of the camera: ``up . X + height_m = 0`` in its frame."""
 

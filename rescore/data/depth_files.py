@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from recon.arrays import Float32Array
-from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.reading import MAX_PIXELS, array_of, reading
 from recon.stereo.sgbm import read_png16
@@ -47,25 +46,14 @@ class MeasuredFile:
             )
 
 
-def read_measured(
-    file: MeasuredFile, width_px: int, height_px: int, camera: StereoCamera | None
-) -> Float32Array:
-    """Disparity in pixels, shape (h, w); NaN where the file holds 0, less, NaN or infinity.
-
-    Depth is turned to the disparity that ``camera`` would measure.
+def read_measured(file: MeasuredFile, width_px: int, height_px: int) -> Float32Array:
+    """Disparity in pixels or depth in metres, shape (h, w); NaN where the file holds 0, less, NaN or infinity.
 
     Raises:
-        RescoreError: no such file, damaged, another type or size; or depth without a camera.
+        RescoreError: no such file, damaged, or another type or size.
     """
     value = read_map(file.path, file.quantity.value, file.factor, width_px, height_px)
-    value = np.where(np.isfinite(value) & (value > 0), value, np.float32(np.nan))
-    if file.quantity is Quantity.DISPARITY:
-        return value
-    if camera is None:
-        raise RescoreError(
-            f"{file.path}: expected a calibration to use depth in metres, got none; give the frame a camera"
-        )
-    return camera.disparity_px(value)
+    return np.where(np.isfinite(value) & (value > 0), value, np.float32(np.nan))
 
 
 def has_whole_numbers(path: Path) -> bool:

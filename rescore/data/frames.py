@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
-from recon.camera import GroundedStereo, GroundPlane, StereoCamera
+from recon.camera import DepthCamera, GroundedStereo, GroundPlane, StereoCamera
 from recon.errors import RescoreError
+from recon.stereo.depth_noise import equivalent_pair
 from recon.stereo.ground import GroundEstimate, estimate_ground
 from recon.stereo.sgbm import PNG_SCALE, SgbmConfig, compute_disparity
 from rescore.data.boxes3d import Boxes3D
@@ -31,7 +32,8 @@ class FrameRecord:
     split: str
     width_px: int
     height_px: int
-    camera: StereoCamera | None
+    camera: StereoCamera | DepthCamera | None
+    """The pair, or the camera alone where depth is measured and no baseline is stated."""
     ground: GroundPlane | None
     """Ground plane as the data set states it; None where it states none."""
     instance_path: Path | None = None
@@ -50,6 +52,11 @@ class FrameRecord:
         if self.disparity_path is not None:
             return MeasuredFile(self.disparity_path, Quantity.DISPARITY, PNG_SCALE)
         return self.measured
+
+    @property
+    def pair(self) -> StereoCamera | None:
+        """The pair, where its baseline is stated."""
+        return self.camera if isinstance(self.camera, StereoCamera) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +151,7 @@ class Frame:
     disparity_px: Float32Array
     """Measured, shape (h, w); NaN where there is no measurement."""
     camera: StereoCamera | None
+    """The pair; for depth without a stated baseline the one that ``recon.stereo.depth_noise`` finds in it."""
     ground: GroundPlane | None
     """The stated ground plane, else the one of ``ground_estimate`` where it is trusted; None where neither is
     there."""
@@ -183,11 +191,18 @@ def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:
     The ground plane is that of the record, else that of the disparity where it can be trusted.
     """
     left = read_rgb(record.left_path, record.width_px, record.height_px)
-    file = record.measurement
+    file, camera = record.measurement, record.pair
     if file is not None:
-        disparity = read_measured(file, record.width_px, record.height_px, record.camera)
+        disparity = read_measured(file, record.width_px, record.height_px)
         if file.quantity is Quantity.DISPARITY:
             disparity = disparity + np.float32(record.disparity_offset_px)
+        elif record.camera is None:
+            raise RescoreError(
+                f"{file.path}: expected a calibration to use depth in metres, got none; give the frame a "
+                "camera"
+            )
+        else:
+            disparity, camera = disparity_of_depth(disparity, record.camera)
     elif record.right_path is not None:
         right = read_rgb(record.right_path, record.width_px, record.height_px)
         disparity = _pair_disparity(left, right, stereo, record.disparity_offset_px)
@@ -196,7 +211,18 @@ def load_frame(record: FrameRecord, stereo: SgbmConfig) -> Frame:
             f"image {record.image_id}: expected right_file_name or disparity_file_name, got neither; "
             "rescoring needs measured depth"
         )
-    return Frame(record.image_id, left, disparity, record.camera, record.ground).with_stereo_ground()
+    return Frame(record.image_id, left, disparity, camera, record.ground).with_stereo_ground()
+
+
+def disparity_of_depth(
+    depth_m: Float32Array, camera: StereoCamera | DepthCamera
+) -> tuple[Float32Array, StereoCamera]:
+    """Measured depth (h, w) in metres as the disparity of a pair, (h, w) in pixels, and that pair.
+
+    It is the stated pair; where none is stated, the one whose disparity would be as noisy as a matcher's.
+    """
+    pair = camera if isinstance(camera, StereoCamera) else equivalent_pair(depth_m, camera.left)
+    return pair.disparity_px(depth_m), pair
 
 
 def _pair_disparity(

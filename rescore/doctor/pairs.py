@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import spearmanr
 
+from recon.camera import DepthCamera
 from recon.errors import RescoreError
 from recon.stereo.features import PairMatches, match_pair
 from recon.stereo.sgbm import SgbmConfig
@@ -35,7 +36,8 @@ def _frame(record: FrameRecord, stereo: SgbmConfig) -> list[Finding]:
     except RescoreError as error:
         return [Finding(Level.ERROR, where, str(error))]
     density = _density(record, frame, stereo, where)
-    return [*matched, density, *_unit(record, frame, where), *examine_ground(frame, where)]
+    unit = [*_baseline(record, frame, where), *_unit(record, frame, where)]
+    return [*matched, density, *unit, *examine_ground(frame, where)]
 
 
 def _matched(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
@@ -78,6 +80,14 @@ def _sides(record: FrameRecord, matches: PairMatches, where: str) -> list[Findin
     far = float(np.percentile(disparity, 5))
     text += f", far things by {-far:.1f} px"
     return [Finding(Level.WARNING, where, text, "check principal points and rectification")]
+
+
+def _baseline(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
+    """The baseline that stands in for one that is not stated."""
+    if not isinstance(record.camera, DepthCamera) or frame.camera is None:
+        return []
+    text = f"depth without a baseline: as fine as that of a pair with {frame.camera.baseline_m:.2f} m"
+    return [Finding(Level.OK, where, text, "state baseline_m where a pair measured it")]
 
 
 def _unit(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:

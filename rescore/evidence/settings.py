@@ -61,7 +61,7 @@ class RescoreConfig:
 def automatic_stereo(data: DataSet, nearest_m: float = RescoreConfig.nearest_m) -> SgbmConfig:
     """Settings of the stereo matcher for the frames of a data set without a disparity file."""
     width = max((f.width_px for f in data.frames), default=640)
-    return stereo_for(width, [(f.camera, f.disparity_offset_px) for f in data.frames if f.camera], nearest_m)
+    return stereo_for(width, [(f.pair, f.disparity_offset_px) for f in data.frames if f.pair], nearest_m)
 
 
 def stereo_for(

@@ -9,15 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from recon.arrays import FloatArray
-from recon.camera import PinholeCamera, StereoCamera
+from recon.camera import DepthCamera, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.formats.calibrations.numbers import Values, matrix_of, number_of
 from rescore.formats.calibrations.raw_pair import RawPair
 from rescore.formats.calibrations.values import ONE_CAMERA, calibration_values
-
-DEPTH_CAMERA_BASELINE_M = 0.1
-"""Baseline for cameras that measure depth without a pair: depth is turned to the disparity of a pair, as all
-that follows reads it, and this chooses the pair. The depth itself does not depend on it."""
 
 
 @dataclass(frozen=True)
@@ -36,23 +32,30 @@ class Calibration:
     """Width and height of the pictures as the file says; None where it does not say."""
     height_px: int | None = None
 
-    def camera(self, where: Path, width_px: int, height_px: int, *, measures_depth: bool) -> StereoCamera:
-        """The camera for pictures of a size.
+    def camera(self, where: Path, width_px: int, height_px: int) -> StereoCamera:
+        """The pair for pictures of a size.
 
         Raises:
-            RescoreError: the calibration is of another size, has no baseline that a pair needs, or no
-                camera is like that.
+            RescoreError: the calibration is of another size, has no baseline, or no camera is like that.
+        """
+        camera = self.depth_camera(where, width_px, height_px)
+        if isinstance(camera, StereoCamera):
+            return camera
+        raise RescoreError(
+            f"{where}: expected a calibrated pair (P1 and P2, Q, or a baseline), got one camera; add the "
+            "line 'baseline_m: ...' with metres"
+        )
+
+    def depth_camera(self, where: Path, width_px: int, height_px: int) -> StereoCamera | DepthCamera:
+        """The camera for pictures of a size with measured depth, which may be one without a baseline.
+
+        Raises:
+            RescoreError: the calibration is of another size, or no camera is like that.
         """
         refuse_other_size(where, (self.width_px, self.height_px), (width_px, height_px))
-        if self.baseline_m is None and not measures_depth:
-            raise RescoreError(
-                f"{where}: expected a calibrated pair (P1 and P2, Q, or a baseline), got one camera; add the "
-                "line 'baseline_m: ...' with metres"
-            )
-        baseline = DEPTH_CAMERA_BASELINE_M if self.baseline_m is None else self.baseline_m
         try:
             left = PinholeCamera(self.fx_px, self.fy_px, self.cx_px, self.cy_px, width_px, height_px)
-            return StereoCamera(left, baseline)
+            return DepthCamera(left) if self.baseline_m is None else StereoCamera(left, self.baseline_m)
         except RescoreError as error:
             raise RescoreError(f"{where}: {error}") from error
 
@@ -281,7 +284,7 @@ class Doubt:
     """Whether depth must be wrong if it is as it looks."""
 
 
-def doubts(camera: StereoCamera) -> list[Doubt]:
+def doubts(camera: StereoCamera | DepthCamera) -> list[Doubt]:
     """What of a calibration is unlikely."""
     left, found = camera.left, []
     if not 0.3 <= left.fx_px / left.width_px <= 4:
@@ -297,7 +300,7 @@ def doubts(camera: StereoCamera) -> list[Doubt]:
             f"{left.width_px} x {left.height_px} pixels"
         )
         found.append(Doubt(f"{text}; check that the calibration is of this picture size", False))
-    if not 0.02 <= camera.baseline_m <= 2:
+    if isinstance(camera, StereoCamera) and not 0.02 <= camera.baseline_m <= 2:
         text = f"baseline of {camera.baseline_m:g} m is outside 0.02 to 2 m"
         found.append(Doubt(f"{text}; {_unit(camera.baseline_m)}", True))
     return found

@@ -9,7 +9,7 @@ from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
 
 from recon.arrays import FloatArray
 from recon.boxes import xyxy_from_xywh
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
@@ -23,7 +23,7 @@ class _Camera(BaseModel):
     fy: FiniteFloat
     cx: FiniteFloat
     cy: FiniteFloat
-    baseline_m: FiniteFloat
+    baseline_m: FiniteFloat | None = None
     height_m: FiniteFloat | None = None
     pitch_rad: FiniteFloat | None = None
     roll_rad: FiniteFloat | None = None
@@ -168,17 +168,23 @@ def _frame(file: Path, image: _Image) -> FrameRecord:
     def place(name: str | None) -> Path | None:
         return file.parent / name if name else None
 
-    camera, ground = None, None
+    camera: StereoCamera | DepthCamera | None = None
+    ground = None
     if image.camera is not None:
         c = image.camera
         try:
             left = PinholeCamera(c.fx, c.fy, c.cx, c.cy, image.width, image.height)
-            camera = StereoCamera(left, c.baseline_m)
+            camera = DepthCamera(left) if c.baseline_m is None else StereoCamera(left, c.baseline_m)
             if c.height_m is not None:
                 ground = GroundPlane(c.height_m, c.pitch_rad or 0.0, c.roll_rad or 0.0)
         except RescoreError as error:
             raise RescoreError(f"{file}: image {image.id}: {error}") from error
     m = image.measured
+    if isinstance(camera, DepthCamera) and (m is None or m.quantity is not Quantity.DEPTH):
+        raise RescoreError(
+            f"{file}: image {image.id}: expected baseline_m in the camera of a pair, got none; add the metres "
+            "from left to right (measured depth alone can do without)"
+        )
     return FrameRecord(
         image_id=image.id,
         left_path=file.parent / image.file_name,

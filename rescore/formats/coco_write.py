@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from recon.boxes import xywh_from_xyxy
+from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.files import copy_file
 from rescore.data.boxes3d import Boxes3D
@@ -83,13 +84,9 @@ def _camera(frame: FrameRecord) -> dict[str, float] | None:
     if frame.camera is None:
         return None
     c = frame.camera.left
-    camera = {
-        "fx": c.fx_px,
-        "fy": c.fy_px,
-        "cx": c.cx_px,
-        "cy": c.cy_px,
-        "baseline_m": frame.camera.baseline_m,
-    }
+    camera = {"fx": c.fx_px, "fy": c.fy_px, "cx": c.cx_px, "cy": c.cy_px}
+    if isinstance(frame.camera, StereoCamera):
+        camera["baseline_m"] = frame.camera.baseline_m
     if frame.ground is not None:
         camera |= {"height_m": frame.ground.height_m, "pitch_rad": frame.ground.pitch_rad}
         camera |= {"roll_rad": frame.ground.roll_rad} if frame.ground.roll_rad else {}

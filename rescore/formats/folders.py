@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-from recon.camera import StereoCamera
+from recon.camera import DepthCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
@@ -30,14 +30,13 @@ class Pictures:
     calibration_path: Path | None
     """Path of the calibration file, named in errors."""
 
-    def camera(self, width_px: int, height_px: int) -> StereoCamera | None:
+    def camera(self, width_px: int, height_px: int) -> StereoCamera | DepthCamera | None:
         """The camera for pictures of a size, None where there is no calibration."""
         if self.calibration is None or self.calibration_path is None:
             return None
-        measures_depth = self.measured is not None and self.measured.quantity is Quantity.DEPTH
-        return self.calibration.camera(
-            self.calibration_path, width_px, height_px, measures_depth=measures_depth
-        )
+        if self.measured is not None and self.measured.quantity is Quantity.DEPTH:
+            return self.calibration.depth_camera(self.calibration_path, width_px, height_px)
+        return self.calibration.camera(self.calibration_path, width_px, height_px)
 
 
 @dataclass(frozen=True)

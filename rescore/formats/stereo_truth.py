@@ -65,7 +65,7 @@ class TrueScene:
         camera = None
         if self.calibration is not None:
             calibration = read_calibration(self.calibration)
-            camera = calibration.camera(self.calibration, width, height, measures_depth=False)
+            camera = calibration.camera(self.calibration, width, height)
         return TruePair(
             name=self.name,
             left_rgb=read_rgb(self.left, width, height),
@@ -149,7 +149,7 @@ def _first(folder: Path, stems: tuple[str, ...], suffixes: tuple[str, ...]) -> P
 
 def _disparity(path: Path, width: int, height: int) -> Float32Array:
     factor = PNG_SCALE if path.suffix.lower() == ".png" else 1.0
-    return read_measured(MeasuredFile(path, Quantity.DISPARITY, factor), width, height, None)
+    return read_measured(MeasuredFile(path, Quantity.DISPARITY, factor), width, height)
 
 
 def _map(path: Path, shape: tuple[int, ...]) -> IntArray:

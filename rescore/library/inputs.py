@@ -7,17 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import Float32Array, UInt8Array
-from recon.camera import GroundPlane, PinholeCamera, StereoCamera
+from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.data.depth_files import Quantity
-from rescore.data.frames import Frame
+from rescore.data.frames import Frame, disparity_of_depth
 from rescore.data.units import refuse_other_unit
 from rescore.detectors.platt import PlattScaling
 from rescore.evidence.candidates import Candidates
 from rescore.evidence.predicted_depth import kind_of
 from rescore.evidence.settings import stereo_for
-from rescore.formats.calibration_files import DEPTH_CAMERA_BASELINE_M
 
 Float = NDArray[np.floating]
 Number = NDArray[np.floating] | NDArray[np.integer]
@@ -36,7 +35,8 @@ class Camera:
     cx: float
     cy: float
     baseline_m: float | None = None
-    """Metres from left to right; None for a camera that measures depth without a pair."""
+    """Metres from left to right; None for a camera that measures depth without a pair: it then counts as the
+    pair that would measure as finely (``Rescored.baseline_m``)."""
 
     def __post_init__(self) -> None:
         given = [self.fx, self.fy, self.cx, self.cy] + [self.baseline_m] * (self.baseline_m is not None)
@@ -46,10 +46,10 @@ class Camera:
                 "check the calibration (pixels and metres)"
             )
 
-    def stereo(self, width_px: int, height_px: int) -> StereoCamera:
-        """The pair for pictures of a size."""
+    def of_size(self, width_px: int, height_px: int) -> StereoCamera | DepthCamera:
+        """The camera for pictures of a size: the pair, where its baseline is known."""
         left = PinholeCamera(self.fx, self.fy, self.cx, self.cy, width_px, height_px)
-        return StereoCamera(left, self.baseline_m or DEPTH_CAMERA_BASELINE_M)
+        return DepthCamera(left) if self.baseline_m is None else StereoCamera(left, self.baseline_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,19 +116,20 @@ class StereoFrame:
             RescoreError: all that is measured cannot be in metres and pixels (``rescore.data.units``).
         """
         height, width = self.left_rgb.shape[:2]
-        camera = None if self.camera is None else self.camera.stereo(width, height)
+        camera = None if self.camera is None else self.camera.of_size(width, height)
+        pair = camera if isinstance(camera, StereoCamera) else None
         left = np.ascontiguousarray(self.left_rgb)
         if self.right_rgb is not None:
-            advised = stereo_for(width, [(camera, 0.0)] if camera else [], nearest_m).num_disparities
+            advised = stereo_for(width, [(pair, 0.0)] if pair else [], nearest_m).num_disparities
             matcher = replace(stereo, num_disparities=max(stereo.num_disparities, advised))
             disparity = compute_disparity(left, np.ascontiguousarray(self.right_rgb), matcher)
         elif self.depth_m is not None:
             assert camera is not None
-            disparity = camera.disparity_px(_measured(self.depth_m))
+            disparity, pair = disparity_of_depth(_measured(self.depth_m), camera)
         else:
             assert self.disparity_px is not None
             disparity = _measured(self.disparity_px)
-        frame = Frame(0, left, disparity, camera, self.ground)
+        frame = Frame(0, left, disparity, pair, self.ground)
         refuse_other_unit("frame", frame, Quantity.DISPARITY if self.depth_m is None else Quantity.DEPTH)
         return frame.with_stereo_ground()
 

@@ -66,6 +66,9 @@ class Rescored:
     metres, with standard deviations; NaN rows where nothing is measured. None where no instance was fitted:
     that takes a class model with a shape space, a calibrated camera and a ground plane, stated or measured;
     and mode "instance" or "paper", ``suppress``, or ``view_bin`` "fit"."""
+    baseline_m: float | None
+    """Metres from left to right: as stated, or for ``depth_m`` without a stated baseline that of the pair which
+    would measure as finely (``recon.stereo.depth_noise``); None without a camera."""
     instances: tuple[Predicted, ...] | None
     """The 3D instance in each box, or the depth that another system predicts there, or why there is none;
     None where they were not asked for."""
@@ -212,6 +215,7 @@ class Rescorer:
             view_probability=table.view_probability,
             second_view=tuple(str(v) for v in table.second_view),
             boxes3d=table.boxes3d,
+            baseline_m=None if loaded.camera is None else loaded.camera.baseline_m,
             instances=rescored.instances if instances else None,
         )
 
