@@ -47,7 +47,7 @@ class MeasuredFile:
 
 
 def read_measured(file: MeasuredFile, width_px: int, height_px: int) -> Float32Array:
-    """Disparity in pixels or depth in metres, shape (h, w); NaN where the file holds 0, less, NaN or infinity.
+    """Disparity in pixels or depth in metres, shape (h, w); NaN where a file has 0, less, NaN or infinity.
 
     Raises:
         RescoreError: no such file, damaged, or another type or size.

@@ -182,8 +182,8 @@ def _frame(file: Path, image: _Image) -> FrameRecord:
     m = image.measured
     if isinstance(camera, DepthCamera) and (m is None or m.quantity is not Quantity.DEPTH):
         raise RescoreError(
-            f"{file}: image {image.id}: expected baseline_m in the camera of a pair, got none; add the metres "
-            "from left to right (measured depth alone can do without)"
+            f"{file}: image {image.id}: expected baseline_m in the camera of a pair, got none; add the "
+            "metres from left to right, which measured depth alone can do without"
         )
     return FrameRecord(
         image_id=image.id,

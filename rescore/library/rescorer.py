@@ -67,8 +67,8 @@ class Rescored:
     that takes a class model with a shape space, a calibrated camera and a ground plane, stated or measured;
     and mode "instance" or "paper", ``suppress``, or ``view_bin`` "fit"."""
     baseline_m: float | None
-    """Metres from left to right: as stated, or for ``depth_m`` without a stated baseline that of the pair which
-    would measure as finely (``recon.stereo.depth_noise``); None without a camera."""
+    """Metres from left to right: as stated, or for ``depth_m`` without a stated baseline that of the pair
+    which would measure as finely (``recon.stereo.depth_noise``); None without a camera."""
     instances: tuple[Predicted, ...] | None
     """The 3D instance in each box, or the depth that another system predicts there, or why there is none;
     None where they were not asked for."""

@@ -11,21 +11,26 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
+from recon.stereo.depth_noise import MATCHER_NOISE_PX
 from rescore.data.depth_files import MeasuredFile, Quantity, read_measured
 from rescore.data.frames import DataSet, load_frame
+from rescore.doctor import examine_dataset
 from rescore.formats.calibration_files import read_calibration
+from rescore.formats.coco_write import write_dataset
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
+from rescore.library.inputs import Camera, StereoFrame
 from tests.rescore import own_data as own
 
 
 def check_cameras(data: DataSet) -> None:
     """All frames have the camera of tests/rescore/own_data.py."""
     for frame in data.frames:
-        assert frame.camera is not None
-        c = frame.camera.left
-        got = (c.fx_px, c.fy_px, c.cx_px, c.cy_px, frame.camera.baseline_m, c.width_px, c.height_px)
+        assert frame.pair is not None
+        c = frame.pair.left
+        got = (c.fx_px, c.fy_px, c.cx_px, c.cy_px, frame.pair.baseline_m, c.width_px, c.height_px)
         assert got == pytest.approx((own.FX, own.FX, 48, 32, own.BASELINE_M, own.WIDTH, own.HEIGHT))
 
 
@@ -179,6 +184,28 @@ def test_measured_depth_in_place_of_a_right_picture(
     np.testing.assert_allclose(frame.camera.depth_m(frame.disparity_px), own.DEPTH_M, atol=tolerance)
 
 
+def test_depth_without_a_baseline_is_that_of_a_pair_as_fine(tmp_path: Path) -> None:
+    """One baseline in folders, in their annotations and in the library, and the doctor says it."""
+    depth = np.broadcast_to(np.linspace(20.0, 4.0, own.HEIGHT)[:, None], (own.HEIGHT, own.WIDTH))
+    disparity = 40 / depth + np.random.default_rng(0).normal(0, MATCHER_NOISE_PX / 1.26, depth.shape)
+    depth = (40 / disparity).astype(np.float32)
+    np.save(own.depth_folder(tmp_path / "in", ".npy") / "depth" / "1.npy", depth)
+    folder = read_dataset(tmp_path / "in")
+    frame = load_frame(folder.frames[0], own.STEREO)
+    assert frame.camera is not None
+    assert frame.camera.baseline_m == pytest.approx(0.5, rel=0.1)
+    write_dataset(tmp_path / "out", folder, copy=True)
+    again = load_frame(read_dataset(tmp_path / "out").frames[0], own.STEREO)
+    assert again.camera == frame.camera
+    np.testing.assert_array_equal(again.disparity_px, frame.disparity_px)
+    given = StereoFrame(frame.left_rgb, depth_m=depth, camera=Camera(80, 80, 48, 32))
+    assert given.loaded(own.STEREO, 2.0).camera == StereoCamera(
+        PinholeCamera(80, 80, 48, 32, own.WIDTH, own.HEIGHT), frame.camera.baseline_m
+    )
+    said = [str(f) for f in examine_dataset(tmp_path / "in", "car", 1)]
+    assert any(f"as fine as that of a pair with {frame.camera.baseline_m:.2f} m" in line for line in said)
+
+
 def test_depth_pictures_need_their_unit(tmp_path: Path) -> None:
     with pytest.raises(RescoreError, match=r"expected to be told the value of one metre.*depth_factor: 5000"):
         read_dataset(own.depth_folder(tmp_path, ".png"))
@@ -204,7 +231,7 @@ def test_exr_where_opencv_reads_it(tmp_path: Path) -> None:
         "import sys, cv2, numpy as np; from pathlib import Path\n"
         "from rescore.data.depth_files import *\n"
         "p = Path(sys.argv[1]); cv2.imwrite(str(p), np.full((4, 6), 2.5, np.float32))\n"
-        "print(read_measured(MeasuredFile(p, Quantity.DISPARITY), 6, 4, None)[0, 0])"
+        "print(read_measured(MeasuredFile(p, Quantity.DISPARITY), 6, 4)[0, 0])"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path / "d.exr")],
@@ -216,7 +243,7 @@ def test_exr_where_opencv_reads_it(tmp_path: Path) -> None:
     assert done.stdout == "2.5\n", done.stderr
     if "OPENCV_IO_ENABLE_OPENEXR" not in os.environ:
         with pytest.raises(RescoreError, match="set OPENCV_IO_ENABLE_OPENEXR=1 or write PFM"):
-            read_measured(MeasuredFile(tmp_path / "d.exr", Quantity.DISPARITY), 6, 4, None)
+            read_measured(MeasuredFile(tmp_path / "d.exr", Quantity.DISPARITY), 6, 4)
 
 
 def test_disparity_goes_before_the_right_picture(tmp_path: Path) -> None:

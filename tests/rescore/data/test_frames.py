@@ -177,8 +177,8 @@ def test_a_measured_picture_that_claims_too_many_pixels_is_refused_from_its_head
     head = b"\x76\x2f\x31\x01\x02\0\0\0dataWindow\0box2i\0" + (16).to_bytes(4, "little") + corners
     (tmp_path / "a.exr").write_bytes(head)
     with pytest.raises(RescoreError, match=r"a\.exr: expected at most 100 million pixels, got 30000 x 20000"):
-        read_measured(MeasuredFile(tmp_path / "a.exr", Quantity.DISPARITY), 40, 20, None)
+        read_measured(MeasuredFile(tmp_path / "a.exr", Quantity.DISPARITY), 40, 20)
     # a PNG is compared with the picture that it belongs to
     cv2.imwrite(str(tmp_path / "disparity.png"), np.zeros((30, 40), np.uint16))
     with pytest.raises(RescoreError, match="expected 40 x 20 pixels, got 40 x 30"):
-        read_measured(MeasuredFile(tmp_path / "disparity.png", Quantity.DISPARITY, 256), 40, 20, None)
+        read_measured(MeasuredFile(tmp_path / "disparity.png", Quantity.DISPARITY, 256), 40, 20)

@@ -109,7 +109,7 @@ def test_without_a_stated_ground_the_measured_depth_gives_it() -> None:
     true = GroundPlane(1.1, np.radians(8))
     camera = Camera(150, 150, 79.5, 59.5)
     v, u = np.mgrid[:120, :160].astype(float)
-    depth = true.intersect(camera.stereo(160, 120).left.rays(np.stack([u, v], axis=-1)))[..., 2]
+    depth = true.intersect(camera.of_size(160, 120).left.rays(np.stack([u, v], axis=-1)))[..., 2]
     rgb = np.zeros((120, 160, 3), np.uint8)
     seen = StereoFrame(rgb, depth_m=depth, camera=camera).loaded(SgbmConfig(), 2.0)
     assert seen.ground_source is GroundSource.STEREO

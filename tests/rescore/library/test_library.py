@@ -172,6 +172,12 @@ def test_depth_a_pair_and_azimuths(tiny_run: Path, data: DataSet, first: Given) 
         depth = camera.fx * camera.baseline_m / frame.disparity_px.astype(float)
     by_depth = rescorer.rescore(replace(frame, disparity_px=None, depth_m=depth), first.boxes)
     np.testing.assert_allclose(by_depth.posterior, first.posterior, rtol=0.02)
+    assert by_depth.baseline_m == camera.baseline_m
+    alone = replace(camera, baseline_m=None)
+    unstated = rescorer.rescore(replace(frame, disparity_px=None, depth_m=depth, camera=alone), first.boxes)
+    assert unstated.baseline_m is not None
+    assert 0.5 < unstated.baseline_m / camera.baseline_m < 2
+    assert np.abs(unstated.posterior - first.posterior).mean() < 0.05
     right_path = data.frames[0].right_path
     assert right_path is not None
     right = read_rgb(right_path, data.frames[0].width_px, data.frames[0].height_px)
