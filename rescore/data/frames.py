@@ -107,12 +107,16 @@ class DataSet:
     @property
     def n_cars(self) -> int:
         """Annotated objects that count."""
-        return sum(int((~t.ignore).sum()) for t in self.truth.values())
+        return len(self._ignored) - self.n_ignored
 
     @property
     def n_ignored(self) -> int:
         """Annotated objects and regions that count neither for nor against."""
-        return sum(int(t.ignore.sum()) for t in self.truth.values())
+        return int(self._ignored.sum())
+
+    @property
+    def _ignored(self) -> BoolArray:
+        return np.concatenate([np.zeros(0, np.bool_), *(t.ignore for t in self.truth.values())])
 
     def split(self, name: str) -> "DataSet":
         """The frames of one split."""

@@ -1,12 +1,12 @@
 """What a box shows on rendered scenes, by their pictures of instance numbers: for the analysis of errors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import FloatArray
+from recon.arrays import FloatArray, IntArray, rows_by_value
 from recon.errors import RescoreError
 from rescore.data.frames import FrameRecord
 from rescore.data.pictures import decode_picture
@@ -75,3 +75,20 @@ def kinds_of_candidates(record: FrameRecord, xyxy_px: FloatArray) -> list[str]:
     if instances is None:
         return [UNKNOWN] * len(xyxy_px)
     return kinds_in_boxes(instances, record.instance_kinds, xyxy_px)
+
+
+def kinds_of_table(
+    frames: Sequence[FrameRecord], image_id: IntArray, xyxy_px: FloatArray
+) -> NDArray[np.object_]:
+    """The kind that fills most of each box (n, 4) of the images (n,) of some frames, shape (n,).
+
+    "" where the data set does not say.
+    """
+    kinds = np.full(len(image_id), UNKNOWN, dtype=object)
+    rendered = [f for f in frames if f.instance_path is not None]
+    rows_of_image = rows_by_value(image_id) if rendered else {}
+    for record in rendered:
+        if record.image_id in rows_of_image:
+            rows = rows_of_image[record.image_id]
+            kinds[rows] = kinds_of_candidates(record, xyxy_px[rows])
+    return kinds

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, compress
 from pathlib import Path
 from typing import Annotated, Any, Required, get_type_hints
 
@@ -146,7 +147,7 @@ def _counted(
 ) -> Iterator[list[Detection]]:
     """The pieces as they are; as they pass, ``names`` counts the detections of each class."""
     for piece in pieces:
-        ids = Counter(d.get("category_id") for d in piece)
+        ids = Counter([d.get("category_id") for d in piece])
         names.update({_category_name(i, data): n for i, n in ids.items() if i is not None})
         yield piece
 
@@ -239,25 +240,33 @@ def _part(
         RescoreError: one can be none of this data set.
     """
     keys: set[str] = set().union(*found)
-    takes = {i: _takes(i, data, classes) for i in {d.get("category_id") for d in found}}
-    ours = np.array([takes[d.get("category_id")] for d in found], dtype=bool)
-    xywh_px = np.array([d["bbox"] for d in found], dtype=float).reshape(-1, 4)
-    known = np.isin(np.array([d["image_id"] for d in found], dtype=np.int64), images)
+    category = [d.get("category_id") for d in found]
+    takes = {i: _takes(i, data, classes) for i in set(category)}
+    ours = np.fromiter(map(takes.__getitem__, category), bool, len(found))
+    xywh_px = np.fromiter(chain.from_iterable(d["bbox"] for d in found), float, 4 * len(found)).reshape(-1, 4)
+    image_id = np.fromiter((d["image_id"] for d in found), np.int64, len(found))
+    known = np.isin(image_id, images)
     for i in range(len(found)) if keys & _CHECKED else np.flatnonzero(~known).tolist():
         _check_detection(path, n_before + i, found[i], known=bool(known[i]))
     sized = ours.copy()
     for i in np.flatnonzero(ours & (xywh_px[:, 2:] < 1e-6).any(axis=1)).tolist():
         sized[i] = has_size(path, f"detection {n_before + i}", xywh_px[i].tolist())
-    kept = [found[i] for i in np.flatnonzero(sized).tolist()]
+    kept = list(compress(found, sized.tolist()))
+    shown = np.fromiter((d["score"] for d in kept), float, len(kept))
     return _Part(
-        table=_table(kept, keys),
-        shown=np.array([d["score"] for d in kept], dtype=float),
+        table=_table(kept, keys, image_id[sized], xywh_px[sized], shown),
+        shown=shown,
         w=_column("w", kept, keys),
-        detector=next((name for d in kept if (name := d.get("detector"))), None),
-        registration=next((mode for d in kept if (mode := d.get("registration"))), None),
+        detector=_first(kept, "detector", keys),
+        registration=_first(kept, "registration", keys),
         n_ours=int(ours.sum()),
         n_flat=int(ours.sum()) - len(kept),
     )
+
+
+def _first(rows: Sequence[Detection], name: str, keys: set[str]) -> Any:
+    """The first value of a key that is not empty; None where there is none."""
+    return next((value for d in rows if (value := d.get(name))), None) if name in keys else None
 
 
 def _takes(category_id: int | None, data: DataSet, classes: ClassMap) -> bool:
@@ -339,20 +348,21 @@ def _texts(name: str, rows: Sequence[Detection], keys: set[str]) -> NDArray[np.o
     return np.array([d.get(name) or "" for d in rows], dtype=object)
 
 
-def _table(rows: Sequence[Detection], keys: set[str]) -> CandidateTable:
-    """The rows in their order, of rank 0 all."""
+def _table(
+    rows: Sequence[Detection], keys: set[str], image_id: IntArray, xywh_px: FloatArray, shown: FloatArray
+) -> CandidateTable:
+    """The rows in their order, of rank 0 all; columns that are made already come beside them."""
     n = len(rows)
-    score = np.array([d["score"] for d in rows], dtype=float)
     raw = _column("detector_score", rows, keys)
     cues = constant(np.nan, (n, len(CUES)))
     if "cues" in keys:
         told = [[d.get("cues", {}).get(name, np.nan) for name in CUES] for d in rows]
         cues = np.array(told, dtype=float).reshape(-1, len(CUES))
     return CandidateTable(
-        image_id=np.array([d["image_id"] for d in rows], dtype=np.int64),
+        image_id=image_id,
         rank=constant(0, (n,), np.int64),
-        xyxy_px=xyxy_from_xywh(np.array([d["bbox"] for d in rows], dtype=float).reshape(-1, 4)),
-        score=np.where(np.isnan(raw), score, raw),
+        xyxy_px=xyxy_from_xywh(xywh_px),
+        score=np.where(np.isnan(raw), shown, raw),
         likelihood=np.clip(_column("likelihood", rows, keys), 0, 1),
         **{name: _column(name, rows, keys) for name in NUMBERS},
         status=_texts("status", rows, keys),

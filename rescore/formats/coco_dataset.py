@@ -1,11 +1,14 @@
 """Our own data sets: ``annotations.json`` in COCO's form, with what COCO has no place for beside it."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, FiniteFloat, PositiveInt, TypeAdapter
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field, FiniteFloat, PositiveInt, TypeAdapter
 
 from recon.arrays import FloatArray
 from recon.boxes import xyxy_from_xywh
@@ -50,7 +53,8 @@ class _Image(BaseModel):
     disparity_file_name: str | None = None
     measured: _Measured | None = None
     instance_file_name: str | None = None
-    instances: list[_Instance] = []
+    # a list of each image is no copy of one
+    instances: list[_Instance] = Field(default_factory=list)
     split: str = "test"
     camera: _Camera | None = None
 
@@ -105,6 +109,7 @@ def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = N
     _refuse_twice(file, "image id", [i.id for i in parsed.images])
     _refuse_twice(file, "annotation id", [a.id for a in parsed.annotations])
     cars: dict[int, list[_Annotation]] = {image.id: [] for image in parsed.images}
+    root = file.parent
     for a in parsed.annotations:
         if a.image_id not in cars:
             raise RescoreError(
@@ -122,11 +127,11 @@ def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = N
         if a.category_id in class_ids:
             cars[a.image_id].append(a)
     return DataSet(
-        root=file.parent,
+        root=root,
         category_id=class_ids[0],
         category=name,
-        frames=tuple(_frame(file, image) for image in parsed.images),
-        truth={image_id: _truth(annotations) for image_id, annotations in cars.items()},
+        frames=tuple(_frame(file, root, image) for image in parsed.images),
+        truth=_truths(cars),
         notes=(*flat_note(file, flat), *replace(classes, target=name).notes(file, counts)),
         category_names=names,
         class_ids=frozenset(class_ids),
@@ -159,14 +164,14 @@ def _refuse_twice(file: Path, what: str, ids: list[int]) -> None:
         raise RescoreError(f"{file}: expected each {what} once, got {twice[0]} twice; number them anew")
 
 
-def _frame(file: Path, image: _Image) -> FrameRecord:
+def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
     if image.split not in SPLITS:
         raise RescoreError(
             f"{file}: image {image.id}: expected split {', '.join(SPLITS)}, got {image.split!r}; mend it"
         )
 
     def place(name: str | None) -> Path | None:
-        return file.parent / name if name else None
+        return root / name if name else None
 
     camera: StereoCamera | DepthCamera | None = None
     ground = None
@@ -187,7 +192,7 @@ def _frame(file: Path, image: _Image) -> FrameRecord:
         )
     return FrameRecord(
         image_id=image.id,
-        left_path=file.parent / image.file_name,
+        left_path=root / image.file_name,
         right_path=place(image.right_file_name),
         disparity_path=place(image.disparity_file_name),
         split=image.split,
@@ -197,9 +202,35 @@ def _frame(file: Path, image: _Image) -> FrameRecord:
         ground=ground,
         instance_path=place(image.instance_file_name),
         instance_kinds={i.id: i.kind for i in image.instances},
-        measured=MeasuredFile(file.parent / m.file_name, m.quantity, m.factor) if m else None,
+        measured=MeasuredFile(root / m.file_name, m.quantity, m.factor) if m else None,
         disparity_offset_px=image.camera.disparity_offset_px if image.camera else 0.0,
     )
+
+
+def _truths(cars: dict[int, list[_Annotation]]) -> dict[int, Truth]:
+    """The annotated objects of every image, cut from those of all: to make arrays is slow, to cut is not."""
+    whole, found, end = _truth([a for own in cars.values() for a in own]), {}, 0
+    for image_id, own in cars.items():
+        start, end = end, end + len(own)
+        found[image_id] = Truth(
+            annotation_id=whole.annotation_id[start:end],
+            xyxy_px=whole.xyxy_px[start:end],
+            ignore=whole.ignore[start:end],
+            visibility=whole.visibility[start:end],
+            shape_id=whole.shape_id[start:end],
+            azimuth_deg=_told(whole.azimuth_deg, [a.azimuth_deg for a in own], start),
+            truncated=_told(whole.truncated, [a.truncated for a in own], start),
+            occluded=_told(whole.occluded, [a.occluded for a in own], start),
+            boxes3d=None if whole.boxes3d is None else Boxes3D.of_rows([a.bbox3d for a in own]),
+        )
+    return found
+
+
+def _told(column: NDArray[Any] | None, own: Sequence[float | None], start: int) -> NDArray[Any] | None:
+    """The part of a column that an image has, from a row on; None where no object of the image has one."""
+    if column is None or all(v is None for v in own):
+        return None
+    return column[start : start + len(own)]
 
 
 def _truth(annotations: list[_Annotation]) -> Truth:

@@ -170,10 +170,10 @@ def bootstrap(
     _check(tables, cars_of_image, pairs)
     n_images = len(cars_of_image)
     # the images as they are come first, then the resamples
-    weight = np.concatenate(
-        [np.ones((1, n_images), np.int32), draw_images(n_images, config.n_resamples, rng)]
-    )
-    rows = {name: weighted_figures(m, cars_of_image, weight, config.levels) for name, m in tables.items()}
+    weight = draw_images(n_images, config.n_resamples, rng, as_they_are=True)
+    # one table may have several names
+    figures = {id(m): weighted_figures(m, cars_of_image, weight, config.levels) for m in _once(tables)}
+    rows = {name: figures[id(m)] for name, m in tables.items()}
     ends = _Ends(config, n_images)
     return Bootstrap(
         {name: ends.figures(r) for name, r in rows.items()},
@@ -181,9 +181,23 @@ def bootstrap(
     )
 
 
-def draw_images(n_images: int, n_resamples: int, rng: np.random.Generator) -> Weights:
-    """How often each image is drawn in each resample, shape (n_resamples, n_images); rows sum to n_images."""
-    return rng.multinomial(n_images, np.full(n_images, 1 / n_images), size=n_resamples).astype(np.int32)
+def _once(tables: Mapping[str, MatchTable]) -> list[MatchTable]:
+    return list({id(m): m for m in tables.values()}.values())
+
+
+def draw_images(
+    n_images: int, n_resamples: int, rng: np.random.Generator, *, as_they_are: bool = False
+) -> Weights:
+    """How often each image is drawn in each resample, shape (n_resamples, n_images); rows sum to n_images.
+
+    With ``as_they_are`` a first row has each image once.
+    """
+    weight = np.ones((as_they_are + n_resamples, n_images), np.int32)
+    share = np.full(n_images, 1 / n_images)
+    # a row at a time: numpy draws numbers of twice the size
+    for row in weight[int(as_they_are) :]:
+        row[:] = rng.multinomial(n_images, share)
+    return weight
 
 
 def interval(figure: FloatArray, kind: Kind, confidence: float, n_images: int) -> Interval:

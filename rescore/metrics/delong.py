@@ -12,7 +12,7 @@ candidates, the better ranked one is the hit. Only the images must be the same.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, rankdata
+from scipy.special import ndtr
 
 from recon.arrays import BoolArray, FloatArray, IntArray
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
@@ -74,9 +74,9 @@ def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clu
             f"area test: expected hits and false positives in at least two images each, got {with_hits} and "
             f"{with_false}"
         )
-    rank = rankdata(ranking)
-    beaten = (rank[is_hit] - rankdata(ranking[is_hit])) / len(of_false)
-    beaten_by = 1 - (rank[~is_hit] - rankdata(ranking[~is_hit])) / len(of_hits)
+    rank = _ranks(ranking)
+    beaten = (rank[is_hit] - _ranks(ranking[is_hit])) / len(of_false)
+    beaten_by = 1 - (rank[~is_hit] - _ranks(ranking[~is_hit])) / len(of_hits)
     area = float(beaten.mean())
     return _Placements(
         area,
@@ -87,6 +87,12 @@ def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clu
         with_hits,
         with_false,
     )
+
+
+def _ranks(value: FloatArray) -> FloatArray:
+    """Ranks of the values (n,) from 1, equal ones the mean of theirs."""
+    _, of_level, count = np.unique(value, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - (count - 1) / 2)[of_level])
 
 
 def _sums(cluster: IntArray, value: FloatArray, n_clusters: int) -> FloatArray:
@@ -100,7 +106,7 @@ def _test(a: _Placements, b: _Placements) -> AreaTest:
     # equal rankings leave a variance of rounding errors, which may be negative
     spread = np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1], 1e-20))
     z = float(difference / spread)
-    return AreaTest(np.array([a.area, b.area]), covariance, difference, z, float(2 * norm.sf(abs(z))))
+    return AreaTest(np.array([a.area, b.area]), covariance, difference, z, float(2 * ndtr(-abs(z))))
 
 
 def _covariance(a: _Placements, b: _Placements) -> float:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.errors import RescoreError
@@ -88,6 +88,6 @@ def clopper_pearson(
 ) -> tuple[FloatArray, FloatArray]:
     """Ends of the exact binomial interval of a share, each of shape (b,)."""
     tail = (1 - confidence) / 2
-    low = beta.ppf(tail, hits, count - hits + 1)
-    high = beta.ppf(1 - tail, hits + 1, count - hits)
+    low = betaincinv(hits, count - hits + 1, tail)
+    high = betaincinv(hits + 1, count - hits, 1 - tail)
     return np.where(hits == 0, 0.0, low), np.where(hits == count, 1.0, high)

@@ -137,5 +137,7 @@ class _Standing:
 def _running(weight: Weights, image: IntArray) -> Weights:
     """Running sums of the weights of rows (n,) of the given images, from 0, shape (r, n + 1)."""
     total = np.zeros((len(weight), len(image) + 1), np.int32)
-    np.cumsum(weight[:, image], axis=1, out=total[:, 1:])
+    for row, own in zip(total, weight, strict=True):
+        np.take(own, image, out=row[1:], mode="clip")
+        np.cumsum(row[1:], out=row[1:])
     return total

@@ -75,14 +75,19 @@ def certainty(
 def on_pictures(match: MatchTable, kind: Kinds) -> BoolArray:
     """Whether each candidate (n,) is a false alarm on a picture of a car; hits and duplicates are on cars,
     whatever hides it."""
-    shows_one = np.isin(kind.astype(str), sorted(PICTURE_KINDS))
+    shows_one = np.zeros(len(kind), np.bool_)
+    # as texts, a million kinds would take long to compare
+    for picture in PICTURE_KINDS.intersection(kind.tolist()):
+        shows_one |= kind == picture
     return np.asarray((match.outcome == FALSE_ALARM) & shows_one)
 
 
 def without_pictures(match: MatchTable, kind: Kinds) -> MatchTable:
-    """The match table without the false alarms on pictures of cars; the outcomes of other rows do not
-    change."""
+    """The match table without the false alarms on pictures of cars, the same one where there are none; the
+    outcomes of other rows do not change."""
     keep = ~on_pictures(match, kind)
+    if keep.all():
+        return match
     columns = {name: getattr(match, name)[keep] for name in ("image", "ranking", "outcome", "annotation_id")}
     return replace(match, **columns)
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from recon.arrays import FloatArray, IntArray, rows_by_value
-from rescore.data.frames import DataSet, Truth
-from rescore.data.rendered_kinds import kinds_of_candidates
+from recon.arrays import FloatArray, IntArray
+from rescore.data.frames import DataSet
+from rescore.data.rendered_kinds import kinds_of_table
 from rescore.detectors.base import Detections
 from rescore.metrics.curves import fppi_at_recall, recall_ceiling, recall_curve
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, MatchTable, TruthTable, greedy_match
@@ -63,8 +63,10 @@ def difficulty_of_table(
         score: shape (n,).
         min_visibility: share from which a car counts as seen.
     """
-    seen = replace(data, truth={i: _hide(t, min_visibility) for i, t in data.truth.items()})
-    truth = TruthTable.of(seen)
+    truth = TruthTable.of(data)
+    visibility = np.concatenate([np.zeros(0), *(data.truth[f.image_id].visibility for f in data.frames)])
+    # a comparison with NaN is false: unknown visibility counts as seen
+    truth = replace(truth, ignore=truth.ignore | (visibility < min_visibility))
     match = greedy_match(image_id, boxes, score, truth)
     curve = recall_curve(match)
     cars = truth.annotation_id[~truth.ignore]
@@ -73,17 +75,12 @@ def difficulty_of_table(
         truth.n_cars,
         recall_ceiling(curve),
         fppi_at_recall(curve, CAR_LEVEL),
-        _share_by_kind(seen, image_id, boxes, match),
+        _share_by_kind(data, image_id, boxes, match),
         tuple(int(a) for a in cars[~np.isin(cars, match.annotation_id)]),
     )
 
 
 _NONE = Detections(np.empty((0, 4)), np.empty(0))
-
-
-def _hide(truth: Truth, min_visibility: float) -> Truth:
-    # a comparison with NaN is false: unknown visibility counts as seen
-    return replace(truth, ignore=truth.ignore | (truth.visibility < min_visibility))
 
 
 def _share_by_kind(
@@ -95,10 +92,6 @@ def _share_by_kind(
         return {}
     wrong = (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
     counted = wrong & (match.ranking >= curve.threshold[reached[0]])
-    kinds: Counter[str] = Counter()
-    boxes, rows_of_image = boxes[counted], rows_by_value(image_id[counted])
-    for frame in data.frames:
-        if frame.image_id in rows_of_image:
-            kinds.update(kinds_of_candidates(frame, boxes[rows_of_image[frame.image_id]]))
+    kinds = Counter(kinds_of_table(data.frames, image_id[counted], boxes[counted]).tolist())
     total = kinds.total()
     return {kind: n / total for kind, n in sorted(kinds.items(), key=lambda item: (-item[1], item[0]))}

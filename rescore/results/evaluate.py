@@ -6,13 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.arrays import rows_by_value
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
-from rescore.data.rendered_kinds import kinds_of_candidates
-from rescore.evidence.candidates import NOT_RESCORED, CandidateTable
+from rescore.data.rendered_kinds import kinds_of_table
+from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import DetectionFile
 from rescore.fusion.fuse import posteriors
@@ -90,7 +88,7 @@ def evaluate(
     for own in _by_detector(files):
         matched = {f.registration: _match(f, truth, min_iou) for f in own if f.posterior is not None}
         alone = _match_alone(own[0], truth, min_iou)
-        kind = _kinds(data, own[0].table)
+        kind = kinds_of_table(data.frames, own[0].table.image_id, own[0].table.xyxy_px)
         parts.append(detector_columns(own, alone, matched, kind))
         by_mode = {ALONE: alone, **{str(m): t for m, t in matched.items()}}
         sure = certainty(own[0].detector, by_mode, kind, truth.cars_of_image, seed, drawn)
@@ -189,17 +187,6 @@ def _match(file: DetectionFile, truth: TruthTable, min_iou: float) -> MatchTable
     t = file.table
     assert file.posterior is not None
     return greedy_match(t.image_id, t.xyxy_px, ranking_of(file.posterior, t.score), truth, min_iou)
-
-
-def _kinds(data: DataSet, table: CandidateTable) -> NDArray[np.object_]:
-    """What mostly fills each candidate's box, frame by frame."""
-    kinds = np.full(len(table), NOT_RESCORED, dtype=object)
-    rows_of_image = rows_by_value(table.image_id)
-    for record in data.frames:
-        if record.image_id in rows_of_image:
-            rows = rows_of_image[record.image_id]
-            kinds[rows] = kinds_of_candidates(record, table.xyxy_px[rows])
-    return kinds
 
 
 def _rows(
