@@ -243,8 +243,9 @@ def _part(
     category = [d.get("category_id") for d in found]
     takes = {i: _takes(i, data, classes) for i in set(category)}
     ours = np.fromiter(map(takes.__getitem__, category), bool, len(found))
-    xywh_px = np.fromiter(chain.from_iterable(d["bbox"] for d in found), float, 4 * len(found)).reshape(-1, 4)
-    image_id = np.fromiter((d["image_id"] for d in found), np.int64, len(found))
+    xywh_px = np.fromiter(chain.from_iterable([d["bbox"] for d in found]), float, 4 * len(found))
+    xywh_px = xywh_px.reshape(-1, 4)
+    image_id = np.array([d["image_id"] for d in found], dtype=np.int64)
     known = np.isin(image_id, images)
     for i in range(len(found)) if keys & _CHECKED else np.flatnonzero(~known).tolist():
         _check_detection(path, n_before + i, found[i], known=bool(known[i]))
@@ -252,7 +253,7 @@ def _part(
     for i in np.flatnonzero(ours & (xywh_px[:, 2:] < 1e-6).any(axis=1)).tolist():
         sized[i] = has_size(path, f"detection {n_before + i}", xywh_px[i].tolist())
     kept = list(compress(found, sized.tolist()))
-    shown = np.fromiter((d["score"] for d in kept), float, len(kept))
+    shown = np.array([d["score"] for d in kept], dtype=float)
     return _Part(
         table=_table(kept, keys, image_id[sized], xywh_px[sized], shown),
         shown=shown,

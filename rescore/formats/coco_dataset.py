@@ -218,17 +218,19 @@ def _truths(cars: dict[int, list[_Annotation]]) -> dict[int, Truth]:
             ignore=whole.ignore[start:end],
             visibility=whole.visibility[start:end],
             shape_id=whole.shape_id[start:end],
-            azimuth_deg=_told(whole.azimuth_deg, [a.azimuth_deg for a in own], start),
-            truncated=_told(whole.truncated, [a.truncated for a in own], start),
-            occluded=_told(whole.occluded, [a.occluded for a in own], start),
+            azimuth_deg=_told(whole.azimuth_deg, own, "azimuth_deg", start),
+            truncated=_told(whole.truncated, own, "truncated", start),
+            occluded=_told(whole.occluded, own, "occluded", start),
             boxes3d=None if whole.boxes3d is None else Boxes3D.of_rows([a.bbox3d for a in own]),
         )
     return found
 
 
-def _told(column: NDArray[Any] | None, own: Sequence[float | None], start: int) -> NDArray[Any] | None:
+def _told(
+    column: NDArray[Any] | None, own: Sequence[_Annotation], name: str, start: int
+) -> NDArray[Any] | None:
     """The part of a column that an image has, from a row on; None where no object of the image has one."""
-    if column is None or all(v is None for v in own):
+    if column is None or all(getattr(a, name) is None for a in own):
         return None
     return column[start : start + len(own)]
 
