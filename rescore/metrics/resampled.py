@@ -128,10 +128,11 @@ class _Standing:
         rate_from_none = np.concatenate([none_yet, rate], axis=1)
         fppi_to_never = np.concatenate([fppi, np.full((len(fppi), 1), np.inf)], axis=1)
         for level in levels.fppi:
-            yield rate_from_none[rows, (fppi <= level).sum(axis=1)]
+            yield rate_from_none[rows, [np.searchsorted(row, level, side="right") for row in fppi]]
         for level in levels.recalls:
             # the same allowance for rounding as in rescore.metrics; no car: the rate is NaN and never reached
-            yield fppi_to_never[rows, (~(rate >= level - 1e-12)).sum(axis=1)]
+            reached = [np.searchsorted(row, level - 1e-12) for row in rate]
+            yield fppi_to_never[rows, np.where(cars > 0, reached, rate.shape[1])]
 
 
 def _running(weight: Weights, image: IntArray) -> Weights:
