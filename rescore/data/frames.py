@@ -21,7 +21,7 @@ SPLITS = ("train", "calibration", "validation", "test")
 """train: detectors and class model; calibration: Platt scaling; validation: w; test: the curves."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrameRecord:
     """One frame of a data set on disk."""
 
@@ -59,7 +59,7 @@ class FrameRecord:
         return self.camera if isinstance(self.camera, StereoCamera) else None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Truth:
     """The annotated objects of one image."""
 

@@ -176,8 +176,11 @@ def detection_file(
     if n and not n_ours:
         raise _another_class(path, first, data)
     joined = _Part.joined(parts)
+    # as large as what is joined
+    parts.clear()
     rows, rank = _best_rows(joined.table, images, max_candidates)
     kept = joined.take(rows)
+    del joined
     rescored = len(rows) > 0 and bool((kept.table.status != NOT_RESCORED).all())
     weights = np.unique(kept.w)
     detector = kept.detector or path.stem

@@ -215,7 +215,11 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
 def _truths(cars: dict[int, list[_Annotation]]) -> dict[int, Truth]:
     """The annotated objects of every image, cut from those of all: to make arrays is slow, to cut is not."""
     whole, found, end = _truth([a for own in cars.values() for a in own]), {}, 0
+    none = _truth([])
     for image_id, own in cars.items():
+        if not own:
+            found[image_id] = none
+            continue
         start, end = end, end + len(own)
         found[image_id] = Truth(
             annotation_id=whole.annotation_id[start:end],

@@ -27,7 +27,7 @@ from rescore.metrics.matching import OUTCOMES, MatchTable, ranking_of
 Columns = Mapping[str, NDArray[Any]]
 """A table as arrays of one length, by column name."""
 
-ROWS_AT_A_TIME = 2**17
+ROWS_AT_A_TIME = 2**15
 """Rows that are written at a time."""
 
 ALONE = "detector"
