@@ -102,7 +102,7 @@ class DepthCamera:
     """A camera that measures depth without a pair, or whose pair is unknown."""
 
     left: PinholeCamera
-    """Of the picture that depth is registered to."""
+    """Camera of the picture that depth is registered to."""
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,11 @@ from recon.camera import DepthCamera
 from recon.errors import RescoreError
 from recon.stereo.features import PairMatches, match_pair
 from recon.stereo.sgbm import SgbmConfig
+from rescore.cues.surroundings import SurroundingsConfig
 from rescore.data.depth_files import Quantity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
-from rescore.data.units import unit_doubt
+from rescore.data.units import Things, size_doubt, unit_doubt
 from rescore.doctor.findings import Finding, Level, graded
 from rescore.doctor.ground import examine_ground
 from rescore.evidence.settings import automatic_stereo
@@ -25,10 +26,18 @@ CLEAR_TREND = 0.3
 def examine_pairs(data: DataSet, frames: Sequence[FrameRecord]) -> list[Finding]:
     """Rectification, sides, disparity and ground of some frames; a file that cannot be read is a finding."""
     stereo = automatic_stereo(data)
-    return [finding for frame in frames for finding in _frame(frame, stereo)]
+    return [finding for frame in frames for finding in _frame(frame, stereo, _cars(data, frame))]
 
 
-def _frame(record: FrameRecord, stereo: SgbmConfig) -> list[Finding]:
+def _cars(data: DataSet, record: FrameRecord) -> Things | None:
+    """The annotated cars, to judge their size; None for another class, whose size is not known here."""
+    if data.category.casefold() != "car":
+        return None
+    truth = data.truth[record.image_id]
+    return Things(truth.xyxy_px[~truth.ignore], SurroundingsConfig().size_m[2])
+
+
+def _frame(record: FrameRecord, stereo: SgbmConfig, cars: Things | None) -> list[Finding]:
     where = f"image {record.image_id}"
     try:
         frame = load_frame(record, stereo)
@@ -36,7 +45,7 @@ def _frame(record: FrameRecord, stereo: SgbmConfig) -> list[Finding]:
     except RescoreError as error:
         return [Finding(Level.ERROR, where, str(error))]
     density = _density(record, frame, stereo, where)
-    unit = [*_baseline(record, frame, where), *_unit(record, frame, where)]
+    unit = [*_baseline(record, frame, where), *_unit(record, frame, cars, where)]
     return [*matched, density, *unit, *examine_ground(frame, where)]
 
 
@@ -90,10 +99,12 @@ def _baseline(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
     return [Finding(Level.OK, where, text, "state baseline_m where a pair measured it")]
 
 
-def _unit(record: FrameRecord, frame: Frame, where: str) -> list[Finding]:
+def _unit(record: FrameRecord, frame: Frame, cars: Things | None, where: str) -> list[Finding]:
     """An error where what is measured cannot be in the unit that it is taken for."""
     quantity = Quantity.DISPARITY if record.measurement is None else record.measurement.quantity
     text = unit_doubt(frame, quantity)
+    if not text and cars is not None:
+        text = size_doubt(frame, quantity, cars)
     if not text:
         return []
     said = "baseline" if record.measurement is None else f"baseline and {record.measurement.quantity}_factor"

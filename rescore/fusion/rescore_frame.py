@@ -6,11 +6,14 @@ Everything that rescores calls ``rescore_frame``: the library, the commands, the
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
 from recon.localization.disparity_fit import BoxFit
 from rescore.data.frames import Frame
+from rescore.data.units import Things
 from rescore.evidence.align_depth import DepthAlignment, align_instances, measured_depth
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.cues import CueInput, frame_cues
@@ -129,6 +132,14 @@ def rescore_frame(
     evidence = replace(CandidateTable.of_alignments(placed, outcomes, cues, frame.ground_source), **told)
     rescored = rescoring.fuse(evidence)  # eq. 7
     return RescoredFrame(rescored, instances.views, instances.found, alignments, fits)
+
+
+def things_of(candidates: Candidates, source: DepthSource) -> Things | None:
+    """The confident candidates, to judge their size; None where the source does not say how tall one is."""
+    if not isinstance(source, ClassModel) or source.shape_space is None:
+        return None
+    height_m = float(np.exp(source.shape_space.log_size[2]))
+    return Things.confident(candidates.xyxy_px, candidates.likelihood, height_m)
 
 
 def _fitted(

@@ -8,13 +8,13 @@ from joblib import delayed
 from recon.class_model import ClassModel
 from rescore.data.depth_files import Quantity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
-from rescore.data.units import refuse_other_unit
+from rescore.data.units import refuse_other_size, refuse_other_unit
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
 from rescore.evidence.files import evidence_path, write_evidence
 from rescore.evidence.fit_summaries import FitSummary, summarise_fits
 from rescore.evidence.instances import DepthSource
 from rescore.evidence.predicted_depth_files import PredictedFile, Predictions
-from rescore.fusion.rescore_frame import RescoredFrame, Rescoring, rescore_frame
+from rescore.fusion.rescore_frame import RescoredFrame, Rescoring, rescore_frame, things_of
 from rescore.parallel import in_order, one_thread, track
 
 
@@ -70,9 +70,12 @@ def _rescore_record(
         frame = load_frame(record, rescoring.config.stereo)
         measured = record.measurement
         quantity = Quantity.DISPARITY if measured is None else measured.quantity
-        refuse_other_unit(f"image {record.image_id}", frame, quantity)
+        where = f"image {record.image_id}"
+        refuse_other_unit(where, frame, quantity)
         assert source is not None, "every frame with candidates has a prediction"
         found = source if isinstance(source, ClassModel) else source.read(record.width_px, record.height_px)
+        if (things := things_of(candidates, found)) is not None:
+            refuse_other_size(where, frame, quantity, things)
         rescored = rescore_frame(frame, candidates, found, rescoring)
     if file is not None:
         write_evidence(file, rescored.instances, _summaries(rescored, frame, found, rescoring))

@@ -107,6 +107,11 @@ class StereoFrame:
                 f"ground: expected finite height and angles, got {ground}; leave unknown ground out"
             )
 
+    @property
+    def quantity(self) -> Quantity:
+        """What was measured; of a pair, its disparity."""
+        return Quantity.DISPARITY if self.depth_m is None else Quantity.DEPTH
+
     def loaded(self, stereo: SgbmConfig, nearest_m: float) -> Frame:
         """The frame as rescoring takes it.
 
@@ -130,7 +135,7 @@ class StereoFrame:
             assert self.disparity_px is not None
             disparity = _measured(self.disparity_px)
         frame = Frame(0, left, disparity, pair, self.ground)
-        refuse_other_unit("frame", frame, Quantity.DISPARITY if self.depth_m is None else Quantity.DEPTH)
+        refuse_other_unit("frame", frame, self.quantity)
         return frame.with_stereo_ground()
 
 

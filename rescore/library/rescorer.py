@@ -13,6 +13,7 @@ from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from rescore.data.boxes3d import Boxes3D
+from rescore.data.units import refuse_other_size
 from rescore.detectors.platt import PlattScaling
 from rescore.evidence.cues import cue_names
 from rescore.evidence.files import Predicted
@@ -20,7 +21,7 @@ from rescore.evidence.model import EvidenceModel
 from rescore.evidence.predicted_depth import PredictedDepth, another_system, check_mode
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.evidence.settings import RescoreConfig
-from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame, things_of
 from rescore.library.bundles import default_bundle
 from rescore.library.inputs import Boxes, StereoFrame
 from rescore.library.rescorer_files import Parts, parts_of_file, parts_of_run
@@ -194,6 +195,8 @@ class Rescorer:
         candidates = boxes.candidates(self.scaling)
         loaded = frame.loaded(self.config.stereo, self.config.nearest_m)
         source = self._source(predicted)
+        if (things := things_of(candidates, source)) is not None:
+            refuse_other_size("frame", loaded, frame.quantity, things)
         rescoring = replace(self._rescoring, predict=instances or self.mode.predicts)
         rescored = rescore_frame(loaded, candidates, source, rescoring)
         table, model = rescored.candidates, self.evidence_model
