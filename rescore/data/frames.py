@@ -107,7 +107,7 @@ class DataSet:
     @property
     def n_cars(self) -> int:
         """Annotated objects that count."""
-        return len(self._ignored) - self.n_ignored
+        return int((~self._ignored).sum())
 
     @property
     def n_ignored(self) -> int:

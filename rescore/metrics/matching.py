@@ -27,6 +27,8 @@ class Outcome(StrEnum):
 OUTCOMES = tuple(Outcome)
 """Outcome of each code in ``MatchTable.outcome``."""
 HIT, FALSE_ALARM, DUPLICATE, IGNORED = range(4)
+MIN_IOU = 0.5
+"""Overlap from which a candidate has found a car, where nothing else is asked for."""
 AT_A_TIME = 2**16
 """Candidates whose pairs with all cars of their images are held at once."""
 
@@ -109,7 +111,7 @@ def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
 
 
 def greedy_match(
-    image_id: IntArray, xyxy_px: FloatArray, ranking: FloatArray, truth: TruthTable, min_iou: float = 0.5
+    image_id: IntArray, xyxy_px: FloatArray, ranking: FloatArray, truth: TruthTable, min_iou: float = MIN_IOU
 ) -> MatchTable:
     """The match table of candidates (n,) against the cars of the same images.
 

@@ -10,7 +10,7 @@ from recon.arrays import FloatArray, IntArray
 from rescore.data.frames import DataSet
 from rescore.data.rendered_kinds import kinds_of_table
 from rescore.detectors.base import Detections
-from rescore.metrics.curves import fppi_at_recall, recall_ceiling, recall_curve
+from rescore.metrics.curves import Curve, fppi_at_recall, recall_ceiling, recall_curve
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, MatchTable, TruthTable, greedy_match
 
 CAR_LEVEL = 0.7
@@ -52,7 +52,12 @@ def difficulty(
 
 
 def difficulty_of_table(
-    data: DataSet, image_id: IntArray, boxes: FloatArray, score: FloatArray, min_visibility: float = 0.6
+    data: DataSet,
+    image_id: IntArray,
+    boxes: FloatArray,
+    score: FloatArray,
+    min_visibility: float = 0.6,
+    alone: MatchTable | None = None,
 ) -> Difficulty:
     """The difficulty as ``difficulty`` has it, for a detector's candidates in one table.
 
@@ -62,12 +67,15 @@ def difficulty_of_table(
         boxes: shape (n, 4), pixel edges.
         score: shape (n,).
         min_visibility: share from which a car counts as seen.
+        alone: the match table of these scores against all cars, at the usual overlap; it serves where every
+            car is seen. None where there is none.
     """
     truth = TruthTable.of(data)
     visibility = np.concatenate([np.zeros(0), *(data.truth[f.image_id].visibility for f in data.frames)])
     # a comparison with NaN is false: unknown visibility counts as seen
-    truth = replace(truth, ignore=truth.ignore | (visibility < min_visibility))
-    match = greedy_match(image_id, boxes, score, truth)
+    hidden = ~truth.ignore & (visibility < min_visibility)
+    truth = replace(truth, ignore=truth.ignore | hidden)
+    match = greedy_match(image_id, boxes, score, truth) if alone is None or hidden.any() else alone
     curve = recall_curve(match)
     cars = truth.annotation_id[~truth.ignore]
     return Difficulty(
@@ -75,7 +83,7 @@ def difficulty_of_table(
         truth.n_cars,
         recall_ceiling(curve),
         fppi_at_recall(curve, CAR_LEVEL),
-        _share_by_kind(data, image_id, boxes, match),
+        _share_by_kind(data, image_id, boxes, match, curve),
         tuple(int(a) for a in cars[~np.isin(cars, match.annotation_id)]),
     )
 
@@ -84,9 +92,8 @@ _NONE = Detections(np.empty((0, 4)), np.empty(0))
 
 
 def _share_by_kind(
-    data: DataSet, image_id: IntArray, boxes: FloatArray, match: MatchTable
+    data: DataSet, image_id: IntArray, boxes: FloatArray, match: MatchTable, curve: Curve
 ) -> dict[str, float]:
-    curve = recall_curve(match)
     reached = np.flatnonzero(curve.y >= CAR_LEVEL - 1e-12)
     if not len(reached):
         return {}

@@ -18,7 +18,7 @@ from rescore.fusion.tune import Tuning
 from rescore.fusion.weight_interval import WeightInterval
 from rescore.metrics.bootstrap import BootstrapConfig
 from rescore.metrics.curves import summarise, ties
-from rescore.metrics.matching import HIT, IGNORED, MatchTable, TruthTable, greedy_match, ranking_of
+from rescore.metrics.matching import HIT, IGNORED, MIN_IOU, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics.reliability import reliability
 from rescore.results.candidate_file import ALONE, Columns, detector_columns, joined, write_candidates
 from rescore.results.comparisons import certainty
@@ -53,7 +53,7 @@ def evaluate(
     run_dir: Path,
     *,
     tunings: Mapping[tuple[str, Registration], Tuning] | None = None,
-    min_iou: float = 0.5,
+    min_iou: float = MIN_IOU,
     seed: int = 0,
 ) -> Metrics:
     """Write ``candidates.parquet`` and ``metrics.json`` of detections into a run folder; returns the metrics.
@@ -82,6 +82,8 @@ def evaluate(
     reliabilities: list[ReliabilityRow] = []
     firsts: list[DetectionFile] = []
     solid: list[Boxes3DRow] = []
+    hard: dict[str, DetectorDifficulty] = {}
+    usual = min_iou == MIN_IOU and has_cars(data)
     cars3d = TrueCars.of(data)
     # one number for all detectors, which are resampled alike
     drawn = BootstrapConfig.for_candidates(max(len(f.table) for f in files))
@@ -98,6 +100,7 @@ def evaluate(
             fusion += _fusion(file, alone, truth, min_iou, tunings)
         reliabilities += _reliabilities(own, alone, matched)
         firsts.append(own[0])
+        hard[own[0].detector] = _difficulty(data, own[0].table, alone if usual else None)
         if cars3d is not None:
             solid += boxes3d_rows(cars3d, own, by_mode)
     metrics = Metrics(
@@ -113,7 +116,7 @@ def evaluate(
         stereo=_stereo(data),
         reasons={f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in firsts},
         tuning=_tuning(tunings),
-        difficulty={f.detector: _difficulty(data, f.table) for f in firsts},
+        difficulty=hard,
         boxes3d=tuple(solid),
     )
     folder = RunFolder(run_dir)
@@ -239,9 +242,9 @@ def _reliabilities(
     return found
 
 
-def _difficulty(data: DataSet, table: CandidateTable) -> DetectorDifficulty:
+def _difficulty(data: DataSet, table: CandidateTable, alone: MatchTable | None) -> DetectorDifficulty:
     """What the detector alone makes of the cars that are seen well (see ``rescore.results.difficulty``)."""
-    hard = difficulty_of_table(data, table.image_id, table.xyxy_px, table.score)
+    hard = difficulty_of_table(data, table.image_id, table.xyxy_px, table.score, alone=alone)
     return DetectorDifficulty(
         n_cars=hard.n_cars,
         recall_ceiling=finite(hard.recall_ceiling),

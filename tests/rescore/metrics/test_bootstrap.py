@@ -1,4 +1,5 @@
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from rescore.metrics.bootstrap import (
 )
 from rescore.metrics.curves import RECALL_LEVELS, summarise
 from rescore.metrics.matching import FALSE_ALARM, HIT, MatchTable
-from rescore.metrics.resampled import Levels
+from rescore.metrics.resampled import Levels, weighted_figures
 from tests.rescore.interval_coverage import PAIR, named, names, plain_figures
 from tests.rescore.simulated_matches import simulate
 
@@ -203,3 +204,26 @@ def test_two_tables_of_the_reports_size_take_under_two_seconds() -> None:
 )
 def test_very_many_candidates_have_fewer_resamples(n: int, resamples: int) -> None:
     assert BootstrapConfig.for_candidates(n).n_resamples == resamples
+
+
+def test_draws_row_by_row_are_those_of_one_call() -> None:
+    whole = np.random.default_rng(3).multinomial(9, np.full(9, 1 / 9), size=200)
+    np.testing.assert_array_equal(draw_images(9, 200, np.random.default_rng(3)), whole)
+    with_first = draw_images(9, 200, np.random.default_rng(3), as_they_are=True)
+    np.testing.assert_array_equal(with_first, np.concatenate([np.ones((1, 9)), whole]))
+
+
+def test_a_table_of_two_names_is_weighted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = simulate(30, np.random.default_rng(0))
+    weighed: list[MatchTable] = []
+
+    def counted(match: MatchTable, *rest: Any) -> np.ndarray:
+        weighed.append(match)
+        return weighted_figures(match, *rest)
+
+    monkeypatch.setattr("rescore.metrics.bootstrap.weighted_figures", counted)
+    tables = {"a": made.before, "b": made.after, "c": made.before}
+    found = bootstrap(tables, made.cars_of_image, [("a", "b"), ("c", "b")], np.random.default_rng(0), QUICK)
+    assert weighed == [made.before, made.after]
+    assert found.tables["a"] == found.tables["c"]
+    assert found.comparisons["a", "b"] == found.comparisons["c", "b"]

@@ -4,7 +4,8 @@ import pytest
 
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections
-from rescore.results.difficulty import difficulty
+from rescore.metrics.matching import TruthTable, greedy_match, ranking_of
+from rescore.results.difficulty import difficulty, difficulty_of_table
 
 KINDS = {1: "ground", 2: "hedge", 3: "poster", 4: "car"}
 CAR = [10.0, 10, 50, 30]
@@ -79,3 +80,15 @@ def test_a_second_box_on_a_car_is_false(tmp_path):
     result = difficulty(twice, {0: found((near, 6.0), (CAR, 5.0)), 1: found((CAR, 4.0))})
     assert result.fppi_at_70 == pytest.approx(1 / 3)
     assert dict(result.share_by_kind) == {"car": 1.0}
+
+
+@pytest.mark.parametrize("visibility", [[1.0, 0.9, 0.8], [1.0, 0.3, 0.9]])
+def test_matches_of_all_cars_serve_where_every_car_is_seen(tmp_path, visibility):
+    data = dataset(tmp_path, visibility)
+    image_id = np.array([0, 0, 1, 1, 2, 3])
+    boxes = np.array([CAR, HEDGE, CAR, POSTER, CAR, HEDGE], float)
+    score = np.array([9.0, 8.0, 7.0, 6.0, 5.0, 4.0])
+    alone = greedy_match(image_id, boxes, ranking_of(score, score), TruthTable.of(data))
+    once = difficulty_of_table(data, image_id, boxes, score, alone=alone)
+    assert once == difficulty_of_table(data, image_id, boxes, score)
+    assert once.n_cars == sum(v >= 0.6 for v in visibility)
