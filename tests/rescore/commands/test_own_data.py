@@ -206,6 +206,13 @@ def test_depth_without_a_baseline_is_that_of_a_pair_as_fine(tmp_path: Path) -> N
     assert any(f"as fine as that of a pair with {frame.camera.baseline_m:.2f} m" in line for line in said)
 
 
+def test_a_pair_needs_its_baseline(tmp_path: Path) -> None:
+    value = own.annotations()
+    del value["images"][0]["camera"]["baseline_m"]
+    with pytest.raises(RescoreError, match=r"image 1: expected baseline_m in the camera of a pair, got none"):
+        read_dataset(own.own_folder(tmp_path, value))
+
+
 def test_depth_pictures_need_their_unit(tmp_path: Path) -> None:
     with pytest.raises(RescoreError, match=r"expected to be told the value of one metre.*depth_factor: 5000"):
         read_dataset(own.depth_folder(tmp_path, ".png"))
