@@ -76,11 +76,6 @@ class DepthViews:
         return np.asarray(ends * self.step_m)
 
     @cached_property
-    def relief_inset_m(self) -> Float32Array:
-        """Both beside each other, shape (shapes, distances, headings, rows, columns, 2)."""
-        return np.stack([self.relief_m, self.inset_m], axis=-1)
-
-    @cached_property
     def border_m(self) -> FloatArray:
         """Distances at which the next maps begin to be the nearest, shape (distances - 1,)."""
         return np.asarray(np.sqrt(self.distance_m[1:] * self.distance_m[:-1]))

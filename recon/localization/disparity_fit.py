@@ -174,7 +174,7 @@ class DisparityFit:
         sizes = [len(g) for g in grids]
         grid, owner = Poses.concatenate(grids), np.repeat(np.arange(n), sizes)
         silhouettes, ratio = boxes.likelihood.scan(grid, owner, c.search.step)
-        ratio = ratio * c.search.step**2 + _between(boxes.looks[owner], grid.place[:, 2])
+        ratio = ratio + _between(boxes.looks[owner], grid.place[:, 2])
         density = self._box_density(silhouettes, boxes.xyxy_px[owner])
         overlap = paired_overlap(silhouettes, boxes.xyxy_px[owner])[0]
         parts = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
@@ -256,7 +256,8 @@ class DisparityFit:
 
     def _score(self, poses: Poses, boxes: "_Boxes", targets: "_Targets", *, fine: bool) -> FloatArray:
         """Log posterior of poses (m,) up to a constant, each fitted to a target of its own."""
-        silhouettes, ratio = boxes.likelihood.scan(poses, targets.box, fine=fine)
+        step = 1 if fine else self.config.search.step
+        silhouettes, ratio = boxes.likelihood.scan(poses, targets.box, step, fine=fine)
         coefficients = np.array([np.square(s).sum() for s in self.config.views.coefficients])
         prior = (poses.place[:, 3] / self.config.search.scale_sd) ** 2 + coefficients[poses.shape]
         density = self._box_density(silhouettes, boxes.xyxy_px[targets.box])

@@ -1,6 +1,11 @@
-"""What poses of instances say of the samples of their boxes, a sample at a time (see ``poses``)."""
+"""What poses of instances say of the samples of their boxes: the loops of ``poses``.
 
-from math import ceil, cos, exp, floor, log, pi, sin, sqrt
+A pose is looked up in the maps of the class (``depth_views``), which lie in the upright plane through the
+middle of the instance: each ray of a sample meets that plane somewhere, and the map says there how far behind
+or before it the surface lies. A row of samples at a time, in steps that a processor does several at once.
+"""
+
+from math import ceil, cos, exp, floor, log, pi, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,41 +15,52 @@ from recon.compiled import compiled, within
 
 
 class Maps(NamedTuple):
-    """``DepthViews`` as arrays."""
+    """``DepthViews`` as flat arrays."""
 
-    relief_inset_m: Float32Array
-    """Relief, NaN beside the silhouette, and inset, shape (shapes, distances, headings, rows, columns, 2)."""
+    relief_m: Float32Array
+    inset_m: Float32Array
     extent_m: FloatArray
     border_m: FloatArray
     """Distances at which the next maps begin to be the nearest, shape (distances - 1,)."""
-    step_m: float
+    distances: int
+    headings: int
+    rows: int
+    columns: int
     ground_row: int
+    step_m: float
 
 
 class Samples(NamedTuple):
-    """``BoxSamples`` of boxes (b,) as arrays."""
+    """``BoxSamples`` of boxes (b,) as flat arrays (b * rows * columns,)."""
 
-    uv_px: FloatArray
-    """Pixels of the corners of the grids, first and last, shape (b, 2, 2)."""
-    ray: Float32Array
+    right: Float32Array
+    """Viewing rays in the ground frame: to the right, away from the camera and upwards."""
+    away: Float32Array
+    up: Float32Array
     disparity_px: Float32Array
     log_background: Float32Array
+    rows: int
+    columns: int
+    corners_px: FloatArray
+    """Pixels of the first and of the last sample, shape (b, 4)."""
     weight: FloatArray
+    """Number of independent measurements that a sample counts as, shape (b,)."""
 
 
 class Rig(NamedTuple):
-    """``GroundedStereo`` as arrays and numbers."""
+    """``GroundedStereo`` as numbers."""
 
     cam_from_ground: FloatArray
     """Shape (4, 4)."""
-    focal_px: FloatArray
-    """Shape (2,)."""
-    centre_px: FloatArray
-    """Principal point, shape (2,)."""
-    size_px: FloatArray
-    """Width and height of the picture, shape (2,)."""
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: float
+    height_px: float
     focal_baseline: float
     height_m: float
+    """Of the camera above the ground."""
 
 
 class Noise(NamedTuple):
@@ -54,167 +70,181 @@ class Noise(NamedTuple):
     bleeding_px: float
     shape_m: float
     peak: float
-    """Density of a residual of 0, by the surface alone."""
+    """Density of a residual of 0, by the surface alone, where the spread is 1 px."""
     before: float
-    """Density of what is nearer than the surface."""
+    """Density of something nearer than the surface."""
     behind: float
-    log_before: float
-    log_behind: float
 
 
+class _Plane(NamedTuple):
+    """A pose as its plane's maps see it, in single precision."""
+
+    sine: np.float32
+    """Of the bearing."""
+    cosine: np.float32
+    distance_m: np.float32
+    scale: np.float32
+    distance: np.float32
+    """In samples of the map."""
+    ground: np.float32
+    """Row of the map at the height of the camera."""
+    focal_baseline: np.float32
+    slack: np.float32
+    """Standard deviation of the surface as a share of the distance."""
+    per_margin: np.float32
+    """Weight that a sample gains with each metre from the edge of the silhouette."""
+    weight: np.float32
+    """Of a sample that lies well within."""
+    low: int
+    """First sample of the map of the nearest heading, or of the next lower one."""
+    high: int
+    """First sample of the map of the next higher heading."""
+    share: np.float32
+    """Of that map."""
+
+
+class _Row(NamedTuple):
+    """What a pose says of one row of samples: the fields of ``Explained``, and two steps on the way."""
+
+    forward: Float32Array
+    cell: IntArray
+    predicted_px: Float32Array
+    spread_px: Float32Array
+    residual: Float32Array
+    weight: Float32Array
+
+
+_F = np.float32
 _NEAREST_M = 0.3
 """Points nearer to the camera than this are not projected."""
-_MARGIN_SHARE = 0.08
-"""A silhouette may reach beyond its box in the picture by this share of the box, as seen by a camera that
-leans."""
+_MARGIN_SHARE, _MARGIN_PX = 0.08, 1.0
+"""A silhouette may reach beyond its box in the picture by this, as seen by a camera that leans."""
+_NOTHING = 20.0
+"""Half the square of a residual beyond which the surface adds nothing to the density: some millionths."""
 
 
 @within
-def _nearest_distance(maps: Any, distance_m: float) -> int:
-    i = 0
-    while i < len(maps.border_m) and maps.border_m[i] < distance_m:
-        i += 1
-    return i
+def _map_of(shape: int, distance_m: float, turn: int, maps: Any) -> int:
+    """Number of the map of a shape, of the nearest distance and of a heading."""
+    at = 0
+    while at < len(maps.border_m) and maps.border_m[at] < distance_m:
+        at += 1
+    return (shape * maps.distances + at) * maps.headings + turn % maps.headings
+
+
+@within
+def _projected(axis: int, x: float, y: float, z: float, rig: Any) -> tuple[float, float]:
+    """Pixel edge, along one axis of the picture, of a point of the ground frame, and its depth."""
+    pose = rig.cam_from_ground
+    depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+    at = pose[axis, 0] * x + pose[axis, 1] * y + pose[axis, 2] * z + pose[axis, 3]
+    focal, centre, size = rig.fx_px, rig.cx_px, rig.width_px
+    if axis == 1:
+        focal, centre, size = rig.fy_px, rig.cy_px, rig.height_px
+    return min(max(focal * at / depth + centre + 0.5, 0.0), size), depth
 
 
 @within
 def _silhouette(place: Any, shape: int, maps: Any, rig: Any, box: Any) -> bool:
     """Write the box around a silhouette to ``box``; False where it reaches behind the camera."""
-    distance, bearing, heading, scale = place[0], place[1], place[2], exp(place[3])
-    headings = maps.relief_inset_m.shape[2]
-    turn = int(np.rint(heading * (headings / (2 * pi)))) % headings
-    extent = maps.extent_m[shape, _nearest_distance(maps, distance / scale), turn]
-    left, right, foot, top = extent[0] * scale, extent[1] * scale, extent[2] * scale, extent[3] * scale
-    middle_across, middle_up = (left + right) / 2, (foot + top) / 2
-    s, c = sin(bearing), cos(bearing)
-    pose = rig.cam_from_ground
-    box[0], box[1], box[2], box[3] = 0.0, 0.0, rig.size_px[0], rig.size_px[1]
-    ends = (box[0], box[1], box[2], box[3])
-    for side in range(4):
-        across = (left, middle_across, right, middle_across)[side]
-        up = (middle_up, top, middle_up, foot)[side]
-        x, y = distance * s + across * c, distance * c - across * s
-        depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * up + pose[2, 3]
-        if not depth > _NEAREST_M:
-            box[0], box[1], box[2], box[3] = ends
-            return False
-        axis = side % 2
-        at = pose[axis, 0] * x + pose[axis, 1] * y + pose[axis, 2] * up + pose[axis, 3]
-        edge = rig.focal_px[axis] * at / depth + rig.centre_px[axis] + 0.5
-        box[side] = min(max(edge, 0.0), rig.size_px[axis])
-    return True
+    distance, bearing, scale = place[0], place[1], exp(place[3])
+    turn = int(np.rint(place[2] * (maps.headings / (2 * pi))))
+    first = 4 * _map_of(shape, distance / scale, turn, maps)
+    left, right = maps.extent_m[first] * scale, maps.extent_m[first + 1] * scale
+    foot, top = maps.extent_m[first + 2] * scale, maps.extent_m[first + 3] * scale
+    s, c, middle, up = sin(bearing), cos(bearing), (left + right) / 2, (foot + top) / 2
+    x, y = distance * s, distance * c
+    box[0], depth = _projected(0, x + left * c, y - left * s, up, rig)
+    box[2], other = _projected(0, x + right * c, y - right * s, up, rig)
+    nearest = min(depth, other)
+    box[1], depth = _projected(1, x + middle * c, y - middle * s, top, rig)
+    box[3], other = _projected(1, x + middle * c, y - middle * s, foot, rig)
+    if min(nearest, min(depth, other)) > _NEAREST_M:
+        return True
+    box[0], box[1], box[2], box[3] = 0.0, 0.0, rig.width_px, rig.height_px
+    return False
 
 
 @within
-def _cell(value: float, middle: int, count: int) -> int:
-    """The sample of a map nearest to a place; its border, which is empty, for what lies beside it."""
-    return int(min(max(np.rint(value) + middle, 0.0), count - 1.0))
-
-
-class _Pose(NamedTuple):
-    """What all samples of a pose share."""
-
-    distance_m: float
-    scale: float
-    sine: float
-    """Of the bearing."""
-    cosine: float
-    share: float
-    """Of the map of the next higher heading; below 0 where the nearest one alone is looked at."""
-    per_m: float
-    """Samples of the map in a metre of the instance's plane."""
-    ground_row: int
-    margin_m: float
-    """Inset from which on a sample counts in full."""
-    weight: float
-    """Of such a sample."""
-    height_m: float
-    """Of the camera above the ground."""
-    focal_baseline: float
+def _reached(low: float, high: float, first: float, last: float, count: int) -> tuple[int, int]:
+    """Range of the samples, evenly spaced from ``first`` to ``last``, that a silhouette can reach."""
+    step, margin = (last - first) / (count - 1), _MARGIN_SHARE * (high - low) + _MARGIN_PX
+    begin, end = floor((low - margin - first) / step), ceil((high + margin - first) / step) + 1
+    return min(max(0, int(begin)), count), max(0, min(count, int(end)))
 
 
 @within
-def _turned(place: Any, shape: int, maps: Any, rig: Any, noise: Any, weight: float, fine: bool) -> Any:
-    """A pose and its two maps."""
-    distance, bearing, heading, scale = place[0], place[1], place[2], exp(place[3])
-    headings = maps.relief_inset_m.shape[2]
-    at, turn = _nearest_distance(maps, distance / scale), heading * (headings / (2 * pi))
+def _plane(
+    place: Any, shape: int, maps: Any, rig: Any, noise: Any, weight: float, fine: bool
+) -> Any:
+    distance, bearing, scale = place[0], place[1], exp(place[3])
+    turn = place[2] * (maps.headings / (2 * pi))
     low = int(floor(turn)) if fine else int(np.rint(turn))
-    pose = _Pose(
-        distance,
-        scale,
-        sin(bearing),
-        cos(bearing),
-        turn - low if fine else -1.0,
-        1 / (scale * maps.step_m),
-        maps.ground_row,
-        max(noise.bleeding_px * distance / rig.focal_px[0], 1e-3),
-        weight,
-        rig.height_m,
-        rig.focal_baseline,
+    unit, size = 1 / (scale * maps.step_m), maps.rows * maps.columns
+    margin = max(noise.bleeding_px * distance / rig.fx_px, 1e-3)
+    return _Plane(
+        _F(sin(bearing)),
+        _F(cos(bearing)),
+        _F(distance),
+        _F(scale),
+        _F(distance * unit),
+        _F(rig.height_m * unit + maps.ground_row + 0.5),
+        _F(rig.focal_baseline),
+        _F(noise.shape_m / distance),
+        _F(scale / margin),
+        _F(weight),
+        size * _map_of(shape, distance / scale, low, maps),
+        size * _map_of(shape, distance / scale, low + 1, maps),
+        _F(turn - low),
     )
-    own = maps.relief_inset_m[shape, at]
-    return pose, own[low % headings], own[(low + 1) % headings]
 
 
 @within
-def _sample(
-    x: float,
-    y: float,
-    z: float,
-    seen_px: float,
-    log_background: float,
-    pose: Any,
-    low: Any,
-    high: Any,
-    noise: Any,
-) -> tuple[float, float, float, float, float]:
-    """Log ratio, prediction, spread, residual and weight of one sample, as ``Explained`` has them.
-
-    Args:
-        x: Viewing ray in the ground frame: to the right,
-        y: away from the camera,
-        z: and upwards.
-        seen_px: Measured disparity.
-        log_background: Its log density where no object stands.
-        pose: The pose.
-        low: Map of the nearest heading, or of the next lower one.
-        high: Map of the next higher heading.
-        noise: Of disparity and surface.
-    """
-    forward = x * pose.sine + y * pose.cosine
-    if not forward > 0:
-        return 0.0, np.nan, np.nan, np.nan, 0.0
-    depth = pose.distance_m / forward
-    row = _cell((depth * z + pose.height_m) * pose.per_m, pose.ground_row, low.shape[0])
-    column = _cell(depth * (x * pose.cosine - y * pose.sine) * pose.per_m, low.shape[1] // 2, low.shape[1])
-    relief, inset = float(low[row, column, 0]), float(low[row, column, 1])
-    if pose.share >= 0:
-        other, other_inset = float(high[row, column, 0]), float(high[row, column, 1])
-        mixed = (1 - pose.share) * relief + pose.share * other
-        nearer = relief if pose.share < 0.5 else other
-        relief = nearer if np.isnan(mixed) else mixed
-        inset = (1 - pose.share) * inset + pose.share * other_inset
-    if np.isnan(relief):
-        return 0.0, np.nan, np.nan, np.nan, 0.0
-    predicted = pose.focal_baseline * forward / (pose.distance_m + relief * pose.scale)
-    slack = predicted * noise.shape_m / pose.distance_m
-    spread = sqrt(noise.sd_px * noise.sd_px + slack * slack)
-    weight = min(max(inset * pose.scale / pose.margin_m, 0.0), 1.0) * pose.weight
-    residual = (seen_px - predicted) / spread
-    if np.isnan(residual):
-        return 0.0, predicted, spread, residual, weight
-    half = 0.5 * residual * residual
-    if half < _NOTHING:
-        other = noise.before if residual > 0 else noise.behind
-        log_density = log(noise.peak * exp(-half) / spread + other)
+def _explain_row(
+    begin: int, count: int, samples: Any, plane: Any, maps: Any, noise: Any, fine: bool, row: Any
+) -> None:
+    """Write what a pose says of ``count`` samples from ``begin`` on."""
+    zero, one, half = _F(0), _F(1), _F(0.5)
+    middle, last_row, last_column = _F(maps.columns // 2 + 0.5), _F(maps.rows - 1), _F(maps.columns - 1)
+    for j in range(count):
+        x, y, z = samples.right[begin + j], samples.away[begin + j], samples.up[begin + j]
+        # what lies behind the camera is cut off at the border of the map, which is empty
+        forward = max(x * plane.sine + y * plane.cosine, _F(1e-6))
+        depth = plane.distance / forward
+        up = min(max(depth * z + plane.ground, zero), last_row)
+        across = min(max(depth * (x * plane.cosine - y * plane.sine) + middle, zero), last_column)
+        row.forward[j] = forward
+        row.cell[j] = np.int32(up) * np.int32(maps.columns) + np.int32(across)
+    if fine:
+        share, rest = plane.share, one - plane.share
+        for j in range(count):
+            low, high = plane.low + row.cell[j], plane.high + row.cell[j]
+            relief, other = maps.relief_m[low], maps.relief_m[high]
+            mixed = rest * relief + share * other
+            nearer = relief if share < half else other
+            row.predicted_px[j] = nearer if np.isnan(mixed) else mixed
+            row.weight[j] = rest * maps.inset_m[low] + share * maps.inset_m[high]
     else:
-        log_density = noise.log_before if residual > 0 else noise.log_behind
-    return (log_density - log_background) * weight, predicted, spread, residual, weight
+        for j in range(count):
+            row.predicted_px[j] = maps.relief_m[plane.low + row.cell[j]]
+            row.weight[j] = maps.inset_m[plane.low + row.cell[j]]
+    variance = _F(noise.sd_px * noise.sd_px)
+    for j in range(count):
+        predicted = plane.focal_baseline * row.forward[j]
+        predicted /= plane.distance_m + row.predicted_px[j] * plane.scale
+        spread = np.sqrt(variance + predicted * predicted * plane.slack * plane.slack)
+        row.predicted_px[j], row.spread_px[j] = predicted, spread
+        row.residual[j] = (samples.disparity_px[begin + j] - predicted) / spread
+        row.weight[j] = min(row.weight[j] * plane.per_margin, one) * plane.weight
 
 
-_NOTHING = 20.0
-"""Half the square of a residual beyond which the surface adds nothing to the density: some millionths."""
+@within
+def _log_density(residual: float, spread_px: float, noise: Any, logs: tuple[float, float]) -> float:
+    """Log density of a measurement; ``logs`` are those of ``before`` and ``behind``."""
+    half = 0.5 * residual * residual
+    if half >= _NOTHING:
+        return logs[0] if residual > 0 else logs[1]
+    return log(noise.peak * exp(-half) / spread_px + (noise.before if residual > 0 else noise.behind))
 
 
 @compiled
@@ -226,7 +256,6 @@ def scan(
     samples: Any,
     rig: Any,
     noise: Any,
-    step: int,
     fine: bool,
     boxes: FloatArray,
     ratio: FloatArray,
@@ -241,35 +270,29 @@ def scan(
         samples: Of the boxes.
         rig: Where they are seen from.
         noise: Of disparity and surface.
-        step: Only every ``step``-th row and column is looked at.
         fine: Whether to go between the headings of the maps.
         boxes: Written to.
         ratio: Written to.
     """
-    rays, disparity_px, log_background = samples.ray, samples.disparity_px, samples.log_background
-    rows, columns = disparity_px.shape[1:]
+    space, cell = np.empty((5, samples.columns), np.float32), np.empty(samples.columns, np.int32)
+    row = _Row(space[0], cell, space[1], space[2], space[3], space[4])
+    logs = (log(noise.before), log(noise.behind))
     for i in range(len(place)):
-        box, b = boxes[i], owner[i]
-        before_camera = _silhouette(place[i], shape[i], maps, rig, box)
-        first, last = samples.uv_px[b, 0], samples.uv_px[b, 1]
-        r0, r1, c0, c1 = 0, rows, 0, columns
-        if before_camera:
-            # samples that the silhouette cannot reach are left out
-            du, dv = (last[0] - first[0]) / (columns - 1), (last[1] - first[1]) / (rows - 1)
-            across, up = _MARGIN_SHARE * (box[2] - box[0]) + 2, _MARGIN_SHARE * (box[3] - box[1]) + 2
-            c0 = max(0, int(floor((box[0] - across - first[0]) / du)) - 1)
-            c1 = min(columns, int(ceil((box[2] + across - first[0]) / du)) + 2)
-            r0 = max(0, int(floor((box[1] - up - first[1]) / dv)) - 1)
-            r1 = min(rows, int(ceil((box[3] + up - first[1]) / dv)) + 2)
-        pose, low, high = _turned(place[i], shape[i], maps, rig, noise, samples.weight[b], fine)
+        b, box = owner[i], boxes[i]
+        r0, r1, c0, c1 = 0, samples.rows, 0, samples.columns
+        if _silhouette(place[i], shape[i], maps, rig, box):
+            u0, v0, u1, v1 = samples.corners_px[b]
+            c0, c1 = _reached(box[0], box[2], u0, u1, samples.columns)
+            r0, r1 = _reached(box[1], box[3], v0, v1, samples.rows)
+        plane = _plane(place[i], shape[i], maps, rig, noise, samples.weight[b], fine)
         total = 0.0
-        for r in range(-(-r0 // step) * step, r1, step):
-            for c in range(-(-c0 // step) * step, c1, step):
-                seen = disparity_px[b, r, c]
-                if not np.isnan(seen):
-                    x, y, z = rays[b, r, c, 0], rays[b, r, c, 1], rays[b, r, c, 2]
-                    background = log_background[b, r, c]
-                    total += _sample(x, y, z, seen, background, pose, low, high, noise)[0]
+        for r in range(r0, r1):
+            begin = (b * samples.rows + r) * samples.columns + c0
+            _explain_row(begin, c1 - c0, samples, plane, maps, noise, fine, row)
+            for j in range(c1 - c0):
+                if not np.isnan(row.residual[j]):
+                    density = _log_density(row.residual[j], row.spread_px[j], noise, logs)
+                    total += (density - samples.log_background[begin + j]) * row.weight[j]
         ratio[i] = total
 
 
@@ -282,15 +305,18 @@ def look(
     samples: Any,
     rig: Any,
     noise: Any,
-    fine: bool,
     found: Float32Array,
 ) -> None:
     """Write what one pose says of each sample of box b, the fields of ``Explained`` (5, rows, columns)."""
-    pose, low, high = _turned(place, shape, maps, rig, noise, samples.weight[b], fine)
-    for r in range(found.shape[1]):
-        for c in range(found.shape[2]):
-            x, y, z = samples.ray[b, r, c, 0], samples.ray[b, r, c, 1], samples.ray[b, r, c, 2]
-            seen, background = samples.disparity_px[b, r, c], samples.log_background[b, r, c]
-            values = _sample(x, y, z, seen, background, pose, low, high, noise)
-            for k in range(5):
-                found[k, r, c] = values[k]
+    forward, cell = np.empty(samples.columns, np.float32), np.empty(samples.columns, np.int32)
+    logs = (log(noise.before), log(noise.behind))
+    plane = _plane(place, shape, maps, rig, noise, samples.weight[b], True)
+    for r in range(samples.rows):
+        row = _Row(forward, cell, found[1, r], found[2, r], found[3, r], found[4, r])
+        begin = (b * samples.rows + r) * samples.columns
+        _explain_row(begin, samples.columns, samples, plane, maps, noise, True, row)
+        for j in range(samples.columns):
+            found[0, r, j] = 0.0
+            if not np.isnan(row.residual[j]):
+                density = _log_density(row.residual[j], row.spread_px[j], noise, logs)
+                found[0, r, j] = (density - samples.log_background[begin + j]) * row.weight[j]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -102,36 +103,27 @@ class PoseLikelihood:
 
         rig = samples[0].seen_from
         left = rig.stereo.left
-        self._loops = loops
+        self._loops, self._samples = loops, {1: _flat(samples, 1)}
+        self._boxes = samples
         self._maps = loops.Maps(
-            views.relief_inset_m, views.extent_m, views.border_m, views.step_m, views.ground_row
+            views.relief_m.ravel(),
+            views.inset_m.ravel(),
+            views.extent_m.ravel(),
+            views.border_m,
+            *views.relief_m.shape[1:],
+            views.ground_row,
+            views.step_m,
         )
-        self._samples = loops.Samples(
-            np.stack([s.uv_px[[0, -1], [0, -1]] for s in samples]),
-            np.stack([s.ray for s in samples]),
-            np.stack([s.disparity_px for s in samples]),
-            np.stack([s.log_background for s in samples]),
-            np.array([s.weight for s in samples]),
-        )
-        self._rig = loops.Rig(
-            cam_from_ground(rig.ground),
-            np.array([left.fx_px, left.fy_px], float),
-            np.array([left.cx_px, left.cy_px], float),
-            np.array([left.width_px, left.height_px], float),
-            float(rig.stereo.focal_baseline),
-            float(rig.ground.height_m),
-        )
-        before, behind = surface.before / noise.largest_px, surface.behind / noise.largest_px
-        peak = (1 - surface.before) / np.sqrt(2 * np.pi)
+        camera = (left.fx_px, left.fy_px, left.cx_px, left.cy_px, left.width_px, left.height_px)
+        lengths = (rig.stereo.focal_baseline, rig.ground.height_m)
+        self._rig = loops.Rig(cam_from_ground(rig.ground), *(float(v) for v in (*camera, *lengths)))
         self._noise = loops.Noise(
             noise.sd_px,
             noise.bleeding_px,
             surface.shape_m,
-            float(peak),
-            before,
-            behind,
-            float(np.log(before)),
-            float(np.log(behind)),
+            float((1 - surface.before) / np.sqrt(2 * np.pi)),
+            surface.before / noise.largest_px,
+            surface.behind / noise.largest_px,
         )
 
     def scan(
@@ -145,20 +137,38 @@ class PoseLikelihood:
         Args:
             poses: The poses.
             owner: Index of the box whose samples each pose is asked about, shape (m,).
-            step: Only every ``step``-th row and column is looked at.
+            step: Only every ``step``-th row and column is looked at, and counts for those between.
             fine: Go between the headings of the maps, which takes twice as long.
         """
+        if step not in self._samples:
+            self._samples[step] = _flat(self._boxes, step)
         boxes, ratio = np.empty((len(poses), 4)), np.empty(len(poses))
-        arrays = (poses.place, poses.shape, owner, self._maps, self._samples, self._rig, self._noise)
-        self._loops.scan(*arrays, step, fine, boxes, ratio)
-        return boxes, ratio
+        arrays = (poses.place, poses.shape, owner, self._maps, self._samples[step], self._rig, self._noise)
+        self._loops.scan(*arrays, fine, boxes, ratio)
+        return boxes, ratio * step**2
 
     def explained(self, pose: Poses, owner: int) -> Explained:
         """What one pose says of each sample of its box, between the headings of the maps."""
-        found = np.empty((5, *self._samples.disparity_px.shape[1:]), np.float32)
-        arrays = (self._maps, self._samples, self._rig, self._noise)
-        self._loops.look(pose.place[0], int(pose.shape[0]), owner, *arrays, True, found)
+        found = np.empty((5, *self._boxes[owner].known.shape), np.float32)
+        arrays = (self._maps, self._samples[1], self._rig, self._noise)
+        self._loops.look(pose.place[0], int(pose.shape[0]), owner, *arrays, found)
         return Explained(*found)
+
+
+def _flat(samples: Sequence[BoxSamples], step: int) -> Any:
+    """Every ``step``-th row and column of the samples of boxes, as the loops want them."""
+    from recon.localization.pose_loops import Samples  # noqa: PLC0415 (Numba takes half a second)
+
+    cut = np.s_[::step, ::step]
+    uv, ray = np.stack([s.uv_px[cut] for s in samples]), np.stack([s.ray[cut] for s in samples])
+    return Samples(
+        *(np.ascontiguousarray(ray[..., k]).ravel() for k in range(3)),
+        np.stack([s.disparity_px[cut] for s in samples]).ravel(),
+        np.stack([s.log_background[cut] for s in samples]).ravel(),
+        *uv.shape[1:3],
+        np.concatenate([uv[:, 0, 0], uv[:, -1, -1]], axis=1),
+        np.array([s.weight for s in samples]),
+    )
 
 
 def attainable(explained: Explained, samples: BoxSamples, surface: SurfaceNoise) -> float:
