@@ -37,8 +37,8 @@ class BoxNoise:
 class SearchConfig:
     """The poses that are tried."""
 
-    headings: int = 24
-    bearings: int = 9
+    headings: int = 16
+    bearings: int = 7
     """Bearings across the box, or across ``reach`` of the length where that is wider."""
     reach: float = 0.28
     insets: tuple[float, ...] = (0.9, 0.5, 0.05)
@@ -47,14 +47,16 @@ class SearchConfig:
     """Number of surfaces in the box that are tried, by how much of it they fill."""
     farthest: float = 17.0
     """No instance is looked for beyond this many lengths."""
-    step: int = 2
-    """Only every ``step``-th row and column of the samples is looked at on the grid."""
-    kept: int = 4
+    step: int = 3
+    """Only every ``step``-th row and column of the samples is looked at on the grid,"""
+    moved_step: int = 2
+    """and so many of them while poses are moved, before the fine rounds, which look at all."""
+    kept: int = 3
     """Number of best poses of the grid that are moved."""
-    rounds: int = 10
+    rounds: int = 8
     fine_rounds: int = 4
     """Last rounds, which go between the headings of the maps."""
-    shrink: float = 0.72
+    shrink: float = 0.66
     """Steps shrink by this from round to round."""
     scale_sd: float = 0.04
     """Standard deviation of the logarithm of an instance's size over that of its shape."""
@@ -256,7 +258,7 @@ class DisparityFit:
 
     def _score(self, poses: Poses, boxes: "_Boxes", targets: "_Targets", *, fine: bool) -> FloatArray:
         """Log posterior of poses (m,) up to a constant, each fitted to a target of its own."""
-        step = 1 if fine else self.config.search.step
+        step = 1 if fine else self.config.search.moved_step
         silhouettes, ratio = boxes.likelihood.scan(poses, targets.box, step, fine=fine)
         coefficients = np.array([np.square(s).sum() for s in self.config.views.coefficients])
         prior = (poses.place[:, 3] / self.config.search.scale_sd) ** 2 + coefficients[poses.shape]
