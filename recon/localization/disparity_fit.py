@@ -9,7 +9,6 @@ a whole car that is framed well both are the same; a box on a part of a car, or 
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from recon.boxes import paired_overlap
@@ -139,6 +138,7 @@ class DisparityFit:
         config: DisparityFitConfig,
     ) -> None:
         self.disparity_px, self.seen_from, self.views, self.config = disparity_px, seen_from, views, config
+        self.cam_from_ground = cam_from_ground(seen_from.ground)
         # the steps of a round: along the line of sight and across, the heading, the size, and pairs of these
         self.steps = _steps() * [0.083 * views.size_m[0, 0], 0.053 * views.size_m[0, 0], 0.13, 0.03]
 
@@ -197,9 +197,9 @@ class DisparityFit:
                 boxes.samples[i],
                 placed[i],
                 placed[n + i],
-                float(softmax(ratio[parts[i]]) @ overlap[parts[i]]),
+                float(_shares(ratio[parts[i]]) @ overlap[parts[i]]),
                 # headings change fastest on the grid
-                np.asarray(logsumexp(score[parts[i]].reshape(-1, c.search.headings), axis=0)),
+                _log_sum(score[parts[i]].reshape(-1, c.search.headings)),
                 float(framed_mass[i]),
             )
             for i in range(n)
@@ -215,7 +215,7 @@ class DisparityFit:
         c, camera = self.config.search, self.seen_from.left
         left, right, bottom = xyxy_px[0] - 0.5, xyxy_px[2] - 0.5, xyxy_px[3] - 0.5
         foot = np.array([[left, bottom], [(left + right) / 2, bottom], [right, bottom]])
-        ray = camera.camera.rays(foot) @ cam_from_ground(camera.ground)[:3, :3]
+        ray = camera.camera.rays(foot) @ self.cam_from_ground[:3, :3]
         bearing = np.arctan2(ray[:, 0], ray[:, 1])
         surface = self._surfaces(samples, xyxy_px, ray[1])
         length, width, _ = self.views.size_m[0]
@@ -358,6 +358,18 @@ def _best(poses: Poses, value: FloatArray, spare: BoolArray, count: int) -> tupl
     left = np.argsort(-ranked, axis=1, kind="stable")[:, :count]
     row = np.arange(len(spare))[:, None] * spare.shape[1]
     return poses[(row + left).ravel()], np.take_along_axis(spare, left, axis=1)
+
+
+def _shares(log_weight: FloatArray) -> FloatArray:
+    """Weights (m,) of given logarithms that sum to 1."""
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _log_sum(log_weight: FloatArray) -> FloatArray:
+    """Logarithm of the sum of weights (m, k) of given logarithms, shape (k,)."""
+    most = log_weight.max(axis=0)
+    return np.asarray(most + np.log(np.exp(log_weight - most).sum(axis=0)))
 
 
 def _between(looks: FloatArray, heading_rad: FloatArray) -> FloatArray:
