@@ -182,7 +182,7 @@ class GroundedStereo:
         left, up = self.stereo.left, self.ground.up * (-self.stereo.focal_baseline / self.ground.height_m)
         across = (np.arange(left.width_px) - left.cx_px) / left.fx_px * up[0] + up[2]
         down = (np.arange(left.height_px) - left.cy_px) / left.fy_px * up[1]
-        return np.add.outer(down.astype(np.float32), across.astype(np.float32))
+        return np.asarray(np.add.outer(down.astype(np.float32), across.astype(np.float32)))
 
 
 def default_camera(width_px: int, height_px: int) -> PinholeCamera:

@@ -118,9 +118,13 @@ def box_samples(
     middle = uv + 0.5
     inside = (middle > low[:, None, None]) & (middle < high[:, None, None])
     ray = (seen_from.stereo.left.rays(uv) @ cam_from_ground(seen_from.ground)[:3, :3]).astype(np.float32)
-    arrays = (uv, inside.all(axis=-1), seen, ray, ground, _log_background(seen, ground, noise))
+    inside = np.asarray(inside.all(axis=-1))
+    background = _log_background(seen, ground, noise)
     weight = np.minimum(1.0, area_px / noise.independent_px).tolist()
-    return tuple(BoxSamples(*(a[i] for a in arrays), weight[i], seen_from) for i in range(len(xyxy_px)))
+    return tuple(
+        BoxSamples(uv[i], inside[i], seen[i], ray[i], ground[i], background[i], weight[i], seen_from)
+        for i in range(len(xyxy_px))
+    )
 
 
 def _log_background(seen_px: Float32Array, ground_px: Float32Array, noise: DisparityNoise) -> Float32Array:

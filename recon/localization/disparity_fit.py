@@ -47,9 +47,7 @@ class SearchConfig:
     farthest: float = 17.0
     """No instance is looked for beyond this many lengths."""
     step: int = 3
-    """Only every ``step``-th row and column of the samples is looked at on the grid,"""
-    moved_step: int = 2
-    """and so many of them while poses are moved, before the fine rounds, which look at all."""
+    """Only every ``step``-th row and column of the samples is looked at on the grid."""
     kept: int = 3
     """Number of best poses of the grid that are moved."""
     rounds: int = 8
@@ -258,8 +256,7 @@ class DisparityFit:
 
     def _score(self, poses: Poses, boxes: "_Boxes", targets: "_Targets", *, fine: bool) -> FloatArray:
         """Log posterior of poses (m,) up to a constant, each fitted to a target of its own."""
-        step = 1 if fine else self.config.search.moved_step
-        silhouettes, ratio = boxes.likelihood.scan(poses, targets.box, step, fine=fine)
+        silhouettes, ratio = boxes.likelihood.scan(poses, targets.box, fine=fine)
         coefficients = np.array([np.square(s).sum() for s in self.config.views.coefficients])
         prior = (poses.place[:, 3] / self.config.search.scale_sd) ** 2 + coefficients[poses.shape]
         density = self._box_density(silhouettes, boxes.xyxy_px[targets.box])

@@ -117,8 +117,9 @@ class _Row(NamedTuple):
 _F = np.float32
 _NEAREST_M = 0.3
 """Points nearer to the camera than this are not projected."""
+_WIDTHS_AWAY = 1.5
 _MARGIN_SHARE, _MARGIN_PX = 0.08, 1.0
-"""A silhouette may reach beyond its box in the picture by this, as seen by a camera that leans."""
+"""From so many widths away on, a silhouette reaches beyond its box by no more than this."""
 _NOTHING = 20.0
 """Half the square of a residual beyond which the surface adds nothing to the density: some millionths."""
 
@@ -129,7 +130,7 @@ def _map_of(shape: int, distance_m: float, turn: int, maps: Any) -> int:
     at = 0
     while at < len(maps.border_m) and maps.border_m[at] < distance_m:
         at += 1
-    return (shape * maps.distances + at) * maps.headings + turn % maps.headings
+    return int((shape * maps.distances + at) * maps.headings + turn % maps.headings)
 
 
 @within
@@ -146,7 +147,11 @@ def _projected(axis: int, x: float, y: float, z: float, rig: Any) -> tuple[float
 
 @within
 def _silhouette(place: Any, shape: int, maps: Any, rig: Any, box: Any) -> bool:
-    """Write the box around a silhouette to ``box``; False where it reaches behind the camera."""
+    """Write the box around a silhouette to ``box``; whether all of the silhouette lies about there.
+
+    A box is that of the middles of the silhouette's four sides, which tell little where it is near; it is the
+    whole picture for one that reaches behind the camera.
+    """
     distance, bearing, scale = place[0], place[1], exp(place[3])
     turn = int(np.rint(place[2] * (maps.headings / (2 * pi))))
     first = 4 * _map_of(shape, distance / scale, turn, maps)
@@ -159,8 +164,8 @@ def _silhouette(place: Any, shape: int, maps: Any, rig: Any, box: Any) -> bool:
     nearest = min(depth, other)
     box[1], depth = _projected(1, x + middle * c, y - middle * s, top, rig)
     box[3], other = _projected(1, x + middle * c, y - middle * s, foot, rig)
-    if min(nearest, min(depth, other)) > _NEAREST_M:
-        return True
+    if min(nearest, depth, other) > _NEAREST_M:
+        return bool(distance > _WIDTHS_AWAY * (right - left))
     box[0], box[1], box[2], box[3] = 0.0, 0.0, rig.width_px, rig.height_px
     return False
 
@@ -174,12 +179,10 @@ def _reached(low: float, high: float, first: float, last: float, count: int) -> 
 
 
 @within
-def _plane(
-    place: Any, shape: int, maps: Any, rig: Any, noise: Any, weight: float, fine: bool
-) -> Any:
+def _plane(place: Any, shape: int, maps: Any, rig: Any, noise: Any, weight: float, fine: bool) -> Any:
     distance, bearing, scale = place[0], place[1], exp(place[3])
     turn = place[2] * (maps.headings / (2 * pi))
-    low = int(floor(turn)) if fine else int(np.rint(turn))
+    low = floor(turn) if fine else int(np.rint(turn))
     unit, size = 1 / (scale * maps.step_m), maps.rows * maps.columns
     margin = max(noise.bleeding_px * distance / rig.fx_px, 1e-3)
     return _Plane(

@@ -110,7 +110,10 @@ class PoseLikelihood:
             views.inset_m.ravel(),
             views.extent_m.ravel(),
             views.border_m,
-            *views.relief_m.shape[1:],
+            len(views.distance_m),
+            views.headings,
+            views.relief_m.shape[3],
+            views.relief_m.shape[4],
             views.ground_row,
             views.step_m,
         )
@@ -161,11 +164,15 @@ def _flat(samples: Sequence[BoxSamples], step: int) -> Any:
 
     cut = np.s_[::step, ::step]
     uv, ray = np.stack([s.uv_px[cut] for s in samples]), np.stack([s.ray[cut] for s in samples])
+    right, away, up = np.moveaxis(ray, -1, 0)
     return Samples(
-        *(np.ascontiguousarray(ray[..., k]).ravel() for k in range(3)),
+        right.ravel(),
+        away.ravel(),
+        up.ravel(),
         np.stack([s.disparity_px[cut] for s in samples]).ravel(),
         np.stack([s.log_background[cut] for s in samples]).ravel(),
-        *uv.shape[1:3],
+        uv.shape[1],
+        uv.shape[2],
         np.concatenate([uv[:, 0, 0], uv[:, -1, -1]], axis=1),
         np.array([s.weight for s in samples]),
     )

@@ -134,11 +134,17 @@ class _Placed:
 
     @staticmethod
     def of(placed: Sequence[PlacedInstance]) -> "_Placed":
-        names = ("disparity_px", "spread_px", "residual", "weight")
-        arrays = [np.stack([getattr(p.explained, name) for p in placed]) for name in names]
-        silhouettes = np.stack([p.silhouette_px for p in placed])
-        total, attained = np.array([(p.total, p.attainable) for p in placed]).T
-        return _Placed(silhouettes, total, attained, *arrays, np.isfinite(arrays[2]))
+        residual = np.stack([p.explained.residual for p in placed])
+        return _Placed(
+            np.stack([p.silhouette_px for p in placed]),
+            np.array([p.total for p in placed]),
+            np.array([p.attainable for p in placed]),
+            np.stack([p.explained.disparity_px for p in placed]),
+            np.stack([p.explained.spread_px for p in placed]),
+            residual,
+            np.stack([p.explained.weight for p in placed]),
+            np.isfinite(residual),
+        )
 
 
 def resolved(fit: BoxFit, config: FramingConfig) -> float:
