@@ -185,6 +185,13 @@ class GroundedStereo:
         slope = self.stereo.left.rays(uv_px) @ self.ground.up
         return np.where(slope < 0, -slope * self.stereo.focal_baseline / self.ground.height_m, np.nan)
 
+    def ground_disparity_of_picture(self) -> Float32Array:
+        """Disparity in pixels of the ground at each pixel, (h, w); 0 or less on and above the horizon."""
+        left, up = self.stereo.left, self.ground.up * (-self.stereo.focal_baseline / self.ground.height_m)
+        across = (np.arange(left.width_px) - left.cx_px) / left.fx_px * up[0] + up[2]
+        down = (np.arange(left.height_px) - left.cy_px) / left.fy_px * up[1]
+        return np.asarray(np.add.outer(down.astype(np.float32), across.astype(np.float32)))
+
 
 def default_camera(width_px: int, height_px: int) -> PinholeCamera:
     """The camera assumed where none is known, after Hoiem et al. 2005 (the report, section 6).

@@ -94,35 +94,36 @@ def box_samples(
     seen_from: GroundedStereo,
     noise: DisparityNoise,
     grid: SampleGrid,
-) -> BoxSamples:
-    """The samples around one box.
+) -> tuple[BoxSamples, ...]:
+    """The samples around each box.
 
     Args:
         disparity_px: Measured, shape (h, w), NaN in holes.
-        xyxy_px: The box, shape (4,), pixel edges.
+        xyxy_px: Boxes, shape (n, 4), pixel edges.
         seen_from: The pair and the ground.
         noise: Of the disparity.
         grid: Of the samples.
     """
-    (left, top, right, bottom), (width, height) = xyxy_px, xyxy_px[2:] - xyxy_px[:2]
-    u = np.linspace(left - grid.beside * width, right + grid.beside * width, grid.columns)
-    v = np.linspace(top - grid.above * height, bottom + grid.below * height, grid.rows)
-    column, row = np.meshgrid(np.floor(u).astype(int), np.floor(v).astype(int))
+    low, high = xyxy_px[:, :2], xyxy_px[:, 2:]
+    extent = high - low
+    first = low - extent * [grid.beside, grid.above]
+    last = high + extent * [grid.beside, grid.below]
+    u = np.linspace(first[:, 0], last[:, 0], grid.columns, axis=1)[:, None]
+    v = np.linspace(first[:, 1], last[:, 1], grid.rows, axis=1)[..., None]
+    column, row = np.broadcast_arrays(np.floor(u).astype(int), np.floor(v).astype(int))
     seen = sample_nearest(disparity_px, column, row).astype(np.float32)
     uv = np.stack([column, row], axis=-1).astype(float)
     ground = np.nan_to_num(seen_from.ground_disparity_px(uv)).astype(np.float32)
-    area_px = max(1.0, u[1] - u[0]) * max(1.0, v[1] - v[0])
-    inside = (column + 0.5 > left) & (column + 0.5 < right) & (row + 0.5 > top) & (row + 0.5 < bottom)
-    ray = seen_from.stereo.left.rays(uv) @ cam_from_ground(seen_from.ground)[:3, :3]
-    return BoxSamples(
-        uv,
-        inside,
-        seen,
-        ray.astype(np.float32),
-        ground,
-        _log_background(seen, ground, noise),
-        min(1.0, area_px / noise.independent_px),
-        seen_from,
+    area_px = np.maximum((last - first) / [grid.columns - 1, grid.rows - 1], 1.0).prod(axis=1)
+    middle = uv + 0.5
+    inside = (middle > low[:, None, None]) & (middle < high[:, None, None])
+    ray = (seen_from.stereo.left.rays(uv) @ cam_from_ground(seen_from.ground)[:3, :3]).astype(np.float32)
+    inside = np.asarray(inside.all(axis=-1))
+    background = _log_background(seen, ground, noise)
+    weight = np.minimum(1.0, area_px / noise.independent_px).tolist()
+    return tuple(
+        BoxSamples(uv[i], inside[i], seen[i], ray[i], ground[i], background[i], weight[i], seen_from)
+        for i in range(len(xyxy_px))
     )
 
 

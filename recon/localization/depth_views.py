@@ -11,9 +11,8 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.arrays import Float32Array, FloatArray, IntArray
+from recon.arrays import Float32Array, FloatArray
 from recon.shape_space import ShapeSpace, sample_hull
 
 
@@ -76,41 +75,10 @@ class DepthViews:
         ends = np.stack([left - half - 0.5, right - half + 0.5, foot - 0.5, top + 0.5], axis=-1)
         return np.asarray(ends * self.step_m)
 
-    def nearest(
-        self, distance_m: NDArray[np.floating], heading_rad: NDArray[np.floating]
-    ) -> tuple[IntArray, IntArray]:
-        """Indices of the nearest distance and heading, each of the shape of what is given."""
-        borders = np.sqrt(self.distance_m[1:] * self.distance_m[:-1])
-        heading = np.rint(heading_rad * (self.headings / (2 * np.pi))).astype(np.int64)
-        return np.searchsorted(borders, distance_m).astype(np.int64), heading % self.headings
-
-    def look_up(
-        self,
-        shape: IntArray,
-        distance: IntArray,
-        heading: IntArray,
-        across_m: Float32Array,
-        up_m: Float32Array,
-    ) -> tuple[Float32Array, Float32Array]:
-        """Relief and inset at points of the plane of each of m poses, both of shape (m, n).
-
-        Beside the shape the relief is NaN and the inset 0.
-
-        Args:
-            shape: Index of the shape, shape (m,).
-            distance: Index of the distance, shape (m,).
-            heading: Index of the heading, shape (m,).
-            across_m: To the right of the middle, shape (m, n).
-            up_m: Above the ground, shape (m, n).
-        """
-        _, _, _, rows, columns = self.relief_m.shape
-        scale = np.float32(1 / self.step_m)
-        # the border of a map is empty, so that what lies beside it finds nothing
-        column = np.clip(np.rint(across_m * scale) + columns // 2, 0, columns - 1).astype(np.int32)
-        row = np.clip(np.rint(up_m * scale) + self.ground_row, 0, rows - 1).astype(np.int32)
-        first = ((shape * self.relief_m.shape[1] + distance) * self.headings + heading) * (rows * columns)
-        at = first[:, None] + row * columns + column
-        return np.take(self.relief_m.reshape(-1), at), np.take(self.inset_m.reshape(-1), at)
+    @cached_property
+    def border_m(self) -> FloatArray:
+        """Distances at which the next maps begin to be the nearest, shape (distances - 1,)."""
+        return np.asarray(np.sqrt(self.distance_m[1:] * self.distance_m[:-1]))
 
 
 def render_depth_views(space: ShapeSpace, height_m: float, config: DepthViewsConfig) -> DepthViews:

@@ -9,21 +9,13 @@ a whole car that is framed well both are the same; a box on a part of a car, or 
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
-from recon.arrays import Float32Array, FloatArray, IntArray
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from recon.boxes import paired_overlap
 from recon.camera import GroundedStereo
 from recon.localization.box_samples import BoxSamples, DisparityNoise, SampleGrid, box_samples
 from recon.localization.depth_views import DepthViews, DepthViewsConfig
-from recon.localization.poses import (
-    Explained,
-    Poses,
-    SurfaceNoise,
-    attainable,
-    explain,
-    silhouette_boxes,
-)
+from recon.localization.poses import Explained, PoseLikelihood, Poses, SurfaceNoise, attainable
 from recon.localization.standing_box import StandingBox, cam_from_ground, wrapped
 
 
@@ -44,8 +36,8 @@ class BoxNoise:
 class SearchConfig:
     """The poses that are tried."""
 
-    headings: int = 24
-    bearings: int = 9
+    headings: int = 16
+    bearings: int = 7
     """Bearings across the box, or across ``reach`` of the length where that is wider."""
     reach: float = 0.28
     insets: tuple[float, ...] = (0.9, 0.5, 0.05)
@@ -54,14 +46,14 @@ class SearchConfig:
     """Number of surfaces in the box that are tried, by how much of it they fill."""
     farthest: float = 17.0
     """No instance is looked for beyond this many lengths."""
-    step: int = 2
+    step: int = 3
     """Only every ``step``-th row and column of the samples is looked at on the grid."""
-    kept: int = 4
+    kept: int = 3
     """Number of best poses of the grid that are moved."""
-    rounds: int = 10
+    rounds: int = 8
     fine_rounds: int = 4
     """Last rounds, which go between the headings of the maps."""
-    shrink: float = 0.72
+    shrink: float = 0.66
     """Steps shrink by this from round to round."""
     scale_sd: float = 0.04
     """Standard deviation of the logarithm of an instance's size over that of its shape."""
@@ -144,43 +136,76 @@ class DisparityFit:
         config: DisparityFitConfig,
     ) -> None:
         self.disparity_px, self.seen_from, self.views, self.config = disparity_px, seen_from, views, config
+        self.cam_from_ground = cam_from_ground(seen_from.ground)
         # the steps of a round: along the line of sight and across, the heading, the size, and pairs of these
         self.steps = _steps() * [0.083 * views.size_m[0, 0], 0.053 * views.size_m[0, 0], 0.13, 0.03]
 
-    def fit(self, xyxy_px: FloatArray, looks: FloatArray | None = None) -> BoxFit | None:
-        """The instances that a box frames and shows; None where nothing is measured in it.
+    def fit(self, xyxy_px: FloatArray, looks: FloatArray | None = None) -> tuple[BoxFit | None, ...]:
+        """The instances that each box frames and shows; None where nothing is measured in it.
+
+        Boxes are fitted side by side and know nothing of each other.
 
         Args:
-            xyxy_px: The box, shape (4,), pixel edges.
-            looks: Log probability of headings that are evenly spaced from 0 on, by how the box looks, shape
-                (headings,); None where that says nothing.
+            xyxy_px: Boxes, shape (n, 4), pixel edges.
+            looks: Log probability of headings that are evenly spaced from 0 on, by how each box looks, shape
+                (n, headings); None where that says nothing.
         """
         c = self.config
-        looks = np.zeros(1) if looks is None else self._weighed(looks)
         samples = box_samples(self.disparity_px, xyxy_px, self.seen_from, c.noise, c.grid)
-        grid = self._grid(samples, xyxy_px)
-        if not samples.known.any() or not len(grid):
-            return None
-        found = self._explain(grid, samples, c.search.step)
-        ratio = found.log_ratio.sum(axis=1) * c.search.step**2
-        boxes = silhouette_boxes(grid, self.views, self.seen_from.left)
-        ratio = ratio + _between(looks, grid.place[:, 2])
-        box_density = self._box_density(boxes, xyxy_px)
-        box_frames, box_is_near = (
-            _Target(samples, xyxy_px, weight, looks) for weight in (c.box.framed, c.box.seen)
+        grids = [self._grid(s, box) for s, box in zip(samples, xyxy_px, strict=True)]
+        fitted = np.array([s.known.any() and len(g) > 0 for s, g in zip(samples, grids, strict=True)], bool)
+        found: list[BoxFit | None] = [None] * len(xyxy_px)
+        if not fitted.any():
+            return tuple(found)
+        rows = np.flatnonzero(fitted).tolist()
+        boxes = _Boxes(
+            xyxy_px[fitted],
+            np.zeros((len(rows), 1)) if looks is None else self._weighed(looks[fitted]),
+            [samples[i] for i in rows],
+            PoseLikelihood(self.views, [samples[i] for i in rows], c.noise, c.surface),
         )
-        score = ratio + c.box.framed * box_density
-        framed = self._placed(grid, score, box_frames)
-        seen = self._placed(grid, ratio + c.box.seen * box_density, box_is_near)
-        overlap = float(softmax(ratio.astype(float)) @ paired_overlap(boxes, xyxy_px)[0])
-        # headings change fastest on the grid
-        mass = np.asarray(logsumexp(score.astype(float).reshape(-1, c.search.headings), axis=0))
-        of_framed = self._score(framed.pose, box_frames, fine=False)
-        return BoxFit(samples, framed, seen, overlap, mass, float(of_framed[0]))
+        for i, fit in zip(rows, self._fitted(boxes, [grids[i] for i in rows]), strict=True):
+            found[i] = fit
+        return tuple(found)
+
+    def _fitted(self, boxes: "_Boxes", grids: list[Poses]) -> list[BoxFit]:
+        """The fits of boxes in which something is measured, from the poses that are tried for each."""
+        c, n = self.config, len(grids)
+        sizes = [len(g) for g in grids]
+        grid, owner = Poses.concatenate(grids), np.repeat(np.arange(n), sizes)
+        silhouettes, ratio = boxes.likelihood.scan(grid, owner, c.search.step)
+        ratio = ratio + _between(boxes.looks[owner], grid.place[:, 2])
+        density = self._box_density(silhouettes, boxes.xyxy_px[owner])
+        overlap = paired_overlap(silhouettes, boxes.xyxy_px[owner])[0]
+        parts = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
+        weights = (c.box.framed, c.box.seen)
+        starts = [
+            grids[i][_apart(grids[i], (ratio + weight * density)[parts[i]], c.search.kept, self.views)]
+            for weight in weights
+            for i in range(n)
+        ]
+        targets = _Targets(np.tile(np.arange(n), 2), np.repeat(weights, n))
+        placed = self._placed(starts, boxes, targets)
+        framed_mass = self._score(
+            Poses.concatenate([p.pose for p in placed[:n]]), boxes, targets[np.arange(n)], fine=False
+        )
+        score = ratio + c.box.framed * density
+        return [
+            BoxFit(
+                boxes.samples[i],
+                placed[i],
+                placed[n + i],
+                float(_shares(ratio[parts[i]]) @ overlap[parts[i]]),
+                # headings change fastest on the grid
+                _log_sum(score[parts[i]].reshape(-1, c.search.headings)),
+                float(framed_mass[i]),
+            )
+            for i in range(n)
+        ]
 
     def _weighed(self, looks: FloatArray) -> FloatArray:
-        """Log probabilities of headings with the axis and its sense weighed apart, shape (headings,)."""
-        axis = np.logaddexp(looks, np.roll(looks, len(looks) // 2))
+        """Log probabilities of headings with the axis and its sense weighed apart, shape (n, headings)."""
+        axis = np.logaddexp(looks, np.roll(looks, looks.shape[1] // 2, axis=1))
         return self.config.axis_weight * axis + self.config.sense_weight * (looks - axis)
 
     def _grid(self, samples: BoxSamples, xyxy_px: FloatArray) -> Poses:
@@ -188,7 +213,7 @@ class DisparityFit:
         c, camera = self.config.search, self.seen_from.left
         left, right, bottom = xyxy_px[0] - 0.5, xyxy_px[2] - 0.5, xyxy_px[3] - 0.5
         foot = np.array([[left, bottom], [(left + right) / 2, bottom], [right, bottom]])
-        ray = camera.camera.rays(foot) @ cam_from_ground(camera.ground)[:3, :3]
+        ray = camera.camera.rays(foot) @ self.cam_from_ground[:3, :3]
         bearing = np.arctan2(ray[:, 0], ray[:, 1])
         surface = self._surfaces(samples, xyxy_px, ray[1])
         length, width, _ = self.views.size_m[0]
@@ -223,39 +248,37 @@ class DisparityFit:
                 kept.append(distance)
         return np.array(kept)
 
-    def _box_density(self, boxes: FloatArray, xyxy_px: FloatArray) -> FloatArray:
-        """Log density (m,) of a detector's box around each silhouette, up to a constant."""
-        extent = np.tile(xyxy_px[2:] - xyxy_px[:2], 2)
-        off = (boxes - xyxy_px) / (self.config.box.sd_share * extent + self.config.box.sd_px)
+    def _box_density(self, silhouettes_px: FloatArray, xyxy_px: FloatArray) -> FloatArray:
+        """Log density (m,) of a detector's box (m, 4) around each silhouette, up to a constant."""
+        extent = np.tile(xyxy_px[:, 2:] - xyxy_px[:, :2], 2)
+        off = (silhouettes_px - xyxy_px) / (self.config.box.sd_share * extent + self.config.box.sd_px)
         return np.asarray(-0.5 * (off**2).sum(axis=1))
 
-    def _explain(self, poses: Poses, samples: BoxSamples, step: int = 1, fine: bool = False) -> Explained:
-        return explain(poses, self.views, samples, self.config.noise, self.config.surface, step, fine=fine)
-
-    def _moved(self, grid: Poses, score: FloatArray, target: "_Target") -> Poses:
-        """The best pose near the best ones of the grid."""
-        c = self.config.search
-        best = grid[_apart(grid, score, c.kept, self.views)]
-        for k in range(c.rounds):
-            near = self._near(best, self.steps * c.shrink**k, other_shapes=k in _SHAPE_ROUNDS)
-            fine = k >= c.rounds - c.fine_rounds
-            value = self._score(near, target, fine).reshape(len(best), -1)
-            chosen = value.argmax(axis=1)
-            value, rows = value.max(axis=1), np.arange(len(best)) * value.shape[1] + chosen
-            best = near[rows]
-            if k == _HALVING_ROUND:
-                best = best[np.argsort(-value, kind="stable")[: c.kept // 2]]
-        return best[np.argsort(-value, kind="stable")[:1]]
-
-    def _score(self, poses: Poses, target: "_Target", fine: bool) -> FloatArray:
-        """Log posterior of poses (m,) up to a constant."""
-        boxes = silhouette_boxes(poses, self.views, self.seen_from.left)
+    def _score(self, poses: Poses, boxes: "_Boxes", targets: "_Targets", *, fine: bool) -> FloatArray:
+        """Log posterior of poses (m,) up to a constant, each fitted to a target of its own."""
+        silhouettes, ratio = boxes.likelihood.scan(poses, targets.box, fine=fine)
         coefficients = np.array([np.square(s).sum() for s in self.config.views.coefficients])
         prior = (poses.place[:, 3] / self.config.search.scale_sd) ** 2 + coefficients[poses.shape]
-        ratio = self._explain(poses, target.samples, fine=fine).log_ratio.sum(axis=1)
-        box_density = self._box_density(boxes, target.xyxy_px)
-        looks = _between(target.looks, poses.place[:, 2])
-        return np.asarray(ratio + target.box_weight * box_density + looks - prior / 2)
+        density = self._box_density(silhouettes, boxes.xyxy_px[targets.box])
+        looks = _between(boxes.looks[targets.box], poses.place[:, 2])
+        return np.asarray(ratio + targets.box_weight * density + looks - prior / 2)
+
+    def _moved(self, starts: list[Poses], boxes: "_Boxes", targets: "_Targets") -> Poses:
+        """The best pose near the best ones of the grid, one for each target."""
+        c, count = self.config.search, len(starts)
+        # where fewer poses lie apart, the last one stands in for more, and never counts
+        spare = np.array([[k >= len(s) for k in range(c.kept)] for s in starts])
+        best = Poses.concatenate([s[np.minimum(np.arange(c.kept), len(s) - 1)] for s in starts])
+        for k in range(c.rounds):
+            near = self._near(best, self.steps * c.shrink**k, other_shapes=k in _SHAPE_ROUNDS)
+            target = np.repeat(np.arange(count), len(near) // count)
+            value = self._score(near, boxes, targets[target], fine=k >= c.rounds - c.fine_rounds)
+            value = value.reshape(len(best), -1)
+            first = np.arange(0, value.size, value.shape[1])
+            best = near[first + value.argmax(axis=1)]
+            if k == _HALVING_ROUND:
+                best, spare = _best(best, value.max(axis=1), spare, c.kept // 2)
+        return _best(best, value.max(axis=1), spare, 1)[0]
 
     def _near(self, poses: Poses, steps: FloatArray, other_shapes: bool) -> Poses:
         """For each pose a row of itself and its neighbours, and itself with all shapes if asked for."""
@@ -269,45 +292,90 @@ class DisparityFit:
             shape = np.concatenate([shape, np.tile(np.arange(count), (len(poses), 1))], axis=1)
         return Poses(place.reshape(-1, 4), shape.ravel())
 
-    def _placed(self, grid: Poses, score: FloatArray, target: "_Target") -> PlacedInstance:
-        """The instance that the best poses of the grid lead to."""
-        pose = self._moved(grid, score, target)
-        explained = self._explain(pose, target.samples, fine=True).on_grid(target.samples)
-        return PlacedInstance(
-            pose,
-            pose.standing_box(0, self.views),
-            self._deviations(pose, target),
-            silhouette_boxes(pose, self.views, self.seen_from.left)[0],
-            explained,
-            attainable(explained, target.samples, self.config.surface),
-        )
+    def _placed(self, starts: list[Poses], boxes: "_Boxes", targets: "_Targets") -> list[PlacedInstance]:
+        """The instance that the best poses of the grid lead to, for each target."""
+        poses = self._moved(starts, boxes, targets)
+        deviations = self._deviations(poses, boxes, targets)
+        silhouettes, _ = boxes.likelihood.scan(poses, targets.box)
+        placed = []
+        for i, owner in enumerate(targets.box.tolist()):
+            pose = poses[i : i + 1]
+            explained = boxes.likelihood.explained(pose, owner)
+            attained = attainable(explained, boxes.samples[owner], self.config.surface)
+            box = pose.standing_box(0, self.views)
+            placed.append(PlacedInstance(pose, box, deviations[i], silhouettes[i], explained, attained))
+        return placed
 
-    def _deviations(self, pose: Poses, target: "_Target") -> FloatArray:
-        """See ``PlacedInstance.place_sd``: each unknown with the others held."""
+    def _deviations(self, poses: Poses, boxes: "_Boxes", targets: "_Targets") -> FloatArray:
+        """See ``PlacedInstance.place_sd``, shape (m, 4): each unknown with the others held."""
         c = self.config.search
         probe = np.concatenate([np.zeros((1, 4)), np.diag(c.probe), -np.diag(c.probe)])
-        near = self._near(pose, probe, other_shapes=False)
-        value = self._score(near, target, fine=True)
-        curvature = (2 * value[0] - value[1:5] - value[5:]) / np.square(c.probe)
+        near = self._near(poses, probe, other_shapes=False)
+        owner = np.repeat(np.arange(len(poses)), len(probe))
+        value = self._score(near, boxes, targets[owner], fine=True).reshape(len(poses), -1)
+        curvature = (2 * value[:, :1] - value[:, 1:5] - value[:, 5:]) / np.square(c.probe)
         return np.asarray(1 / np.sqrt(np.maximum(curvature, 0) + 1 / np.square(c.unknown_sd)))
 
 
 @dataclass(frozen=True, eq=False)
-class _Target:
-    """What an instance is fitted to."""
+class _Boxes:
+    """Boxes (n,) of a frame in which something is measured."""
 
-    samples: BoxSamples
     xyxy_px: FloatArray
-    box_weight: float
-    """Weight of the box's log density."""
+    """Shape (n, 4)."""
     looks: FloatArray
-    """Log probability of evenly spaced headings, shape (headings,)."""
+    """Log probability of evenly spaced headings, shape (n, headings)."""
+    samples: list[BoxSamples]
+    likelihood: PoseLikelihood
+
+
+@dataclass(frozen=True, eq=False)
+class _Targets:
+    """What instances (t,) are fitted to."""
+
+    box: IntArray
+    """Index of the box, shape (t,)."""
+    box_weight: FloatArray
+    """Weight of the box's log density, shape (t,)."""
+
+    def __getitem__(self, chosen: IntArray) -> "_Targets":
+        return _Targets(self.box[chosen], self.box_weight[chosen])
+
+
+def _best(poses: Poses, value: FloatArray, spare: BoolArray, count: int) -> tuple[Poses, BoolArray]:
+    """The poses of highest value of each target, and which of them stand in for others.
+
+    Args:
+        poses: As many of each target, those of one after those of another.
+        value: Shape (m,).
+        spare: Those that never count, shape (targets, m / targets).
+        count: Number that is kept of each target.
+    """
+    ranked = np.where(spare, -np.inf, value.reshape(spare.shape))
+    left = np.argsort(-ranked, axis=1, kind="stable")[:, :count]
+    row = np.arange(len(spare))[:, None] * spare.shape[1]
+    return poses[(row + left).ravel()], np.take_along_axis(spare, left, axis=1)
+
+
+def _shares(log_weight: FloatArray) -> FloatArray:
+    """Weights (m,) of given logarithms that sum to 1."""
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _log_sum(log_weight: FloatArray) -> FloatArray:
+    """Logarithm of the sum of weights (m, k) of given logarithms, shape (k,)."""
+    most = log_weight.max(axis=0)
+    return np.asarray(most + np.log(np.exp(log_weight - most).sum(axis=0)))
 
 
 def _between(looks: FloatArray, heading_rad: FloatArray) -> FloatArray:
-    """Log probabilities of headings (m,), between those that are given."""
-    at = heading_rad * (len(looks) / (2 * np.pi))
-    return np.asarray(np.interp(at % len(looks), np.arange(len(looks) + 1), np.append(looks, looks[0])))
+    """Log probabilities of headings (m,), between those that are given (m, headings)."""
+    at = (heading_rad * (looks.shape[1] / (2 * np.pi))) % looks.shape[1]
+    low = np.floor(at).astype(np.int64)
+    row, share = np.arange(len(looks)), at - low
+    low = low % looks.shape[1]
+    return np.asarray((1 - share) * looks[row, low] + share * looks[row, (low + 1) % looks.shape[1]])
 
 
 _SAME_DISTANCE = 0.04
@@ -357,13 +425,12 @@ _FEWEST = 12
 def _apart(poses: Poses, score: FloatArray, count: int, views: DepthViews) -> IntArray:
     """Indices of the best poses, no two of them close to each other."""
     far, turned = 0.26 * views.size_m[0, 0], 0.6
+    left = np.argsort(-score, kind="stable")[:_LOOKED_AT]
     kept: list[int] = []
-    for i in np.argsort(-score, kind="stable")[:_LOOKED_AT]:
-        distance, _, heading, _ = (poses.place[i] - poses.place[kept]).T
-        if ((np.abs(wrapped(heading)) > turned) | (np.abs(distance) > far)).all():
-            kept.append(int(i))
-        if len(kept) == count:
-            break
+    while len(left) and len(kept) < count:
+        kept.append(int(left[0]))
+        distance, _, heading, _ = (poses.place[left] - poses.place[left[0]]).T
+        left = left[(np.abs(wrapped(heading)) > turned) | (np.abs(distance) > far)]
     return np.array(kept)
 
 

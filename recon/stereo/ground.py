@@ -190,7 +190,7 @@ def _search(points: _Points, rng: np.random.Generator, config: GroundFitConfig) 
     if not len(planes):
         return None
     best = np.argsort(_cost(planes, points, config), kind="stable")[: config.n_refined]
-    refined = np.stack([_refined(plane, points, config) for plane in planes[best]])
+    refined = _refined(planes[best], points, config)
     return np.asarray(refined[np.argmin(_cost(refined, points, config))])
 
 
@@ -214,15 +214,19 @@ def _is_below(
     return np.asarray(residual_px < -np.maximum(2 * config.tolerance_px, drop * seen_px))
 
 
-def _refined(plane: FloatArray, points: _Points, config: GroundFitConfig, rounds: int = 6) -> FloatArray:
-    """The plane (3,) after iteratively weighted least squares with Tukey's weights."""
+def _refined(planes: FloatArray, points: _Points, config: GroundFitConfig, rounds: int = 6) -> FloatArray:
+    """Planes (m, 3) after iteratively weighted least squares with Tukey's weights."""
+    rays = points.rays_px
+    products = (rays[:, :, None] * rays[:, None, :]).reshape(len(rays), 9)
     for _ in range(rounds):
-        weighted = points.rays_px * _weights(points.disparity_px - points.rays_px @ plane, config)[:, None]
-        try:
-            plane = np.asarray(np.linalg.solve(weighted.T @ points.rays_px, weighted.T @ points.disparity_px))
-        except np.linalg.LinAlgError:
-            return plane
-    return plane
+        weight = _weights(points.disparity_px - planes @ rays.T, config)
+        system = (weight @ products).reshape(-1, 3, 3)
+        # a plane on which too little lies stays what it is
+        solvable = np.linalg.matrix_rank(system) == 3
+        moved = np.linalg.solve(system[solvable], ((weight * points.disparity_px) @ rays)[solvable, :, None])
+        planes = planes.copy()
+        planes[solvable] = moved[..., 0]
+    return planes
 
 
 def _weights(residual_px: FloatArray, config: GroundFitConfig) -> FloatArray:

@@ -5,12 +5,13 @@ with much around it. ``recon.localization.disparity_fit`` finds the instance tha
 one that the box would frame; these cues compare both with the box, and the latter with other explanations.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from recon.arrays import BoolArray, FloatArray
-from recon.boxes import iou_matrix
+from recon.arrays import BoolArray, Float32Array, FloatArray
+from recon.boxes import paired_overlap
 from recon.localization.box_samples import BoxSamples, DisparityNoise
 from recon.localization.disparity_fit import BoxFit, PlacedInstance
 
@@ -54,8 +55,10 @@ class FramingConfig:
     """Standard deviation of a good measurement of disparity."""
 
 
-def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: FramingConfig) -> FloatArray:
-    """The cues of one box, shape (15,), in the order of ``FRAMING``; NaN where one cannot be had.
+def framing(
+    fits: Sequence[BoxFit], xyxy_px: FloatArray, picture: tuple[int, int], config: FramingConfig
+) -> FloatArray:
+    """The cues of boxes, shape (n, 15), in the order of ``FRAMING``; NaN where one cannot be had.
 
     - ``overlap``: expected intersection over union of the box with the instance that the disparity shows;
       ``framed_overlap``: with the one that it would frame.
@@ -74,30 +77,74 @@ def framing(fit: BoxFit, xyxy_px: FloatArray, picture: tuple[int, int], config: 
       is at its depth.
 
     Args:
-        fit: What the class and the disparity say of the box.
-        xyxy_px: The box, shape (4,), pixel edges.
+        fits: What the class and the disparity say of each box.
+        xyxy_px: The boxes, shape (n, 4), pixel edges.
         picture: Width and height of the picture in pixels.
         config: Settings.
     """
-    framed, seen, samples = fit.framed, fit.seen, fit.samples
-    on_framed, on_seen = (np.isfinite(placed.explained.residual) for placed in (framed, seen))
+    samples = _Samples.of([fit.samples for fit in fits])
+    framed, seen = _Placed.of([fit.framed for fit in fits]), _Placed.of([fit.seen for fit in fits])
     ends = _ends(seen.silhouette_px, xyxy_px, picture, config.most)
     beside, above = _around(framed, samples)
+    at_depth = _at_depth(framed, samples, config)
     values = {
-        "overlap": fit.overlap,
-        "framed_overlap": float(iou_matrix(framed.silhouette_px[None], xyxy_px[None])[0, 0]),
-        **dict(zip(("end_left", "end_top", "end_right", "end_bottom"), ends, strict=True)),
-        "gap": _attained(seen.total - framed.total, seen, on_seen, config),
-        "explained": _attained(framed.total, framed, on_framed, config),
-        "seen_explained": _attained(seen.total, seen, on_seen, config),
+        "overlap": np.array([fit.overlap for fit in fits]),
+        "framed_overlap": paired_overlap(framed.silhouette_px, xyxy_px)[0],
+        **dict(zip(("end_left", "end_top", "end_right", "end_bottom"), ends.T, strict=True)),
+        "gap": _attained(seen.total - framed.total, seen, config),
+        "explained": _attained(framed.total, framed, config),
+        "seen_explained": _attained(seen.total, seen, config),
         "over_plane": _over_plane(framed, samples, config),
-        "seen_through": _share(framed.explained.residual < -config.outlier_sd, on_framed, config),
-        "hidden": _share(framed.explained.residual > config.outlier_sd, on_framed, config),
-        "beyond_box": _beyond(seen, samples, config),
-        "goes_on_beside": _share(_at_depth(framed, samples, config), beside & samples.standing, config),
-        "goes_on_above": _share(_at_depth(framed, samples, config), above & samples.standing, config),
+        "seen_through": _share(framed.residual < -config.outlier_sd, framed.on, config),
+        "hidden": _share(framed.residual > config.outlier_sd, framed.on, config),
+        "beyond_box": _share(~samples.inside, np.abs(seen.residual) < config.outlier_sd, config),
+        "goes_on_beside": _share(at_depth, beside & samples.standing, config),
+        "goes_on_above": _share(at_depth, above & samples.standing, config),
     }
-    return np.array([values[name] for name in FRAMING])
+    return np.stack([values[name] for name in FRAMING], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """``BoxSamples`` of boxes (n,), each array (n, rows, columns)."""
+
+    uv_px: FloatArray
+    disparity_px: Float32Array
+    inside: BoolArray
+    standing: BoolArray
+
+    @staticmethod
+    def of(samples: Sequence[BoxSamples]) -> "_Samples":
+        return _Samples(*(np.stack([getattr(s, f.name) for s in samples]) for f in fields(_Samples)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """``PlacedInstance`` of boxes (n,); what is said of samples is of shape (n, rows, columns)."""
+
+    silhouette_px: FloatArray
+    total: FloatArray
+    attainable: FloatArray
+    disparity_px: Float32Array
+    spread_px: Float32Array
+    residual: Float32Array
+    weight: Float32Array
+    on: BoolArray
+    """Whether something is measured on the instance."""
+
+    @staticmethod
+    def of(placed: Sequence[PlacedInstance]) -> "_Placed":
+        residual = np.stack([p.explained.residual for p in placed])
+        return _Placed(
+            np.stack([p.silhouette_px for p in placed]),
+            np.array([p.total for p in placed]),
+            np.array([p.attainable for p in placed]),
+            np.stack([p.explained.disparity_px for p in placed]),
+            np.stack([p.explained.spread_px for p in placed]),
+            residual,
+            np.stack([p.explained.weight for p in placed]),
+            np.isfinite(residual),
+        )
 
 
 def resolved(fit: BoxFit, config: FramingConfig) -> float:
@@ -112,16 +159,16 @@ def resolved(fit: BoxFit, config: FramingConfig) -> float:
     return float(spanned_px**2 / (spanned_px**2 + config.sd_px**2))
 
 
-def _share(what: BoolArray, of: BoolArray, config: FramingConfig) -> float:
-    whole = int(of.sum())
-    return float((what & of).sum() / whole) if whole >= config.fewest else np.nan
+def _share(what: BoolArray, of: BoolArray, config: FramingConfig) -> FloatArray:
+    whole, part = (np.count_nonzero(mask, axis=(1, 2)) for mask in (of, what & of))
+    return np.where(whole >= config.fewest, part / np.maximum(whole, 1), np.nan)
 
 
 def _ends(
     silhouette_px: FloatArray, xyxy_px: FloatArray, picture: tuple[int, int], most: float
 ) -> FloatArray:
-    """How far a silhouette's box reaches beyond a box on each side, shape (4,), in extents of the box."""
-    extent = np.tile(xyxy_px[2:] - xyxy_px[:2], 2)
+    """How far silhouettes' boxes reach beyond boxes on each side, shape (n, 4), in extents of the box."""
+    extent = np.tile(xyxy_px[:, 2:] - xyxy_px[:, :2], 2)
     beyond = np.clip((silhouette_px - xyxy_px) * [-1, -1, 1, 1] / extent, -most, most)
     limits = np.array([0.0, 0.0, *picture])
     cut = np.abs(xyxy_px - limits) < _AT_THE_EDGE_PX
@@ -132,29 +179,26 @@ _AT_THE_EDGE_PX = 2.0
 """A box that ends this near to the edge of the picture is cut off there."""
 
 
-def _attained(nats: float, placed: PlacedInstance, on: BoolArray, config: FramingConfig) -> float:
-    """Nats as a share of what an instance attains."""
-    if on.sum() < config.fewest or placed.attainable <= 0:
-        return np.nan
-    return float(np.clip(nats / placed.attainable, -config.most_share, config.most_share))
+def _attained(nats: FloatArray, placed: _Placed, config: FramingConfig) -> FloatArray:
+    """Nats as a share of what instances attain."""
+    enough = (np.count_nonzero(placed.on, axis=(1, 2)) >= config.fewest) & (placed.attainable > 0)
+    share = nats / np.where(enough, placed.attainable, 1.0)
+    return np.where(enough, np.clip(share, -config.most_share, config.most_share), np.nan)
 
 
-def _at_depth(placed: PlacedInstance, samples: BoxSamples, config: FramingConfig) -> BoolArray:
-    """Mask of the samples (rows, columns) that lie at the middle depth of an instance."""
-    on = np.isfinite(placed.explained.disparity_px)
-    middle = float(np.median(placed.explained.disparity_px[on])) if on.any() else np.nan
-    tolerance = max(config.same_px, config.same_share * middle)
-    return np.asarray(np.abs(samples.disparity_px - middle) < tolerance)
+def _at_depth(placed: _Placed, samples: _Samples, config: FramingConfig) -> BoolArray:
+    """Mask of the samples that lie at the middle depth of their instance."""
+    on = np.isfinite(placed.disparity_px)
+    middle = [np.median(d[o]) if o.any() else np.nan for d, o in zip(placed.disparity_px, on, strict=True)]
+    tolerance = np.maximum(config.same_px, config.same_share * np.array(middle))
+    off = np.abs(samples.disparity_px - np.array(middle)[:, None, None])
+    return np.asarray(off < tolerance[:, None, None])
 
 
-def _beyond(seen: PlacedInstance, samples: BoxSamples, config: FramingConfig) -> float:
-    own = np.abs(seen.explained.residual) < config.outlier_sd
-    return _share(~samples.inside, own, config)
-
-
-def _around(placed: PlacedInstance, samples: BoxSamples) -> tuple[BoolArray, BoolArray]:
-    """Masks of the samples (rows, columns) beside and above the silhouette."""
-    (left, top, right, bottom), off = placed.silhouette_px, ~np.isfinite(placed.explained.disparity_px)
+def _around(placed: _Placed, samples: _Samples) -> tuple[BoolArray, BoolArray]:
+    """Masks of the samples beside and above the silhouettes."""
+    left, top, right, bottom = placed.silhouette_px.T[..., None, None]
+    off = ~np.isfinite(placed.disparity_px)
     width, height = right - left, bottom - top
     u, v = samples.uv_px[..., 0] + 0.5, samples.uv_px[..., 1] + 0.5
     out = np.maximum(left - u, u - right)
@@ -164,27 +208,33 @@ def _around(placed: PlacedInstance, samples: BoxSamples) -> tuple[BoolArray, Boo
     return beside & off, above & off
 
 
-def _over_plane(framed: PlacedInstance, samples: BoxSamples, config: FramingConfig) -> float:
-    """Signed log(1 + nats) by which the instance explains its samples better than the best plane does.
+def _over_plane(framed: _Placed, samples: _Samples, config: FramingConfig) -> FloatArray:
+    """Signed log(1 + nats) by which instances explain their samples better than the best planes do, (n,).
 
-    The plane is any in space, so linear in (u, v, disparity); its errors are taken to be spread as those of
+    A plane is any in space, so linear in (u, v, disparity); its errors are taken to be spread as those of
     the instance, with the same share of other things.
     """
-    use = np.isfinite(framed.explained.residual) & (framed.explained.weight > 0)
-    if use.sum() < max(config.fewest, 4):
-        return np.nan
-    seen, weight = samples.disparity_px[use].astype(float), framed.explained.weight[use].astype(float)
-    spread, own = framed.explained.spread_px[use].astype(float), framed.explained.residual[use].astype(float)
-    u, v = (samples.uv_px[use] - samples.uv_px[use].mean(axis=0)).T
-    basis = np.stack([np.ones_like(u), u, v], axis=1)
+    n = len(framed.on)
+    use = (framed.on & (framed.weight > 0)).reshape(n, -1)
+    count = np.count_nonzero(use, axis=1)
+    weight = np.where(use, framed.weight.reshape(n, -1), 0.0)
+    seen, spread, own = (
+        np.where(use, values.reshape(n, -1), filled).astype(float)
+        for values, filled in ((samples.disparity_px, 0.0), (framed.spread_px, 1.0), (framed.residual, 0.0))
+    )
+    uv = samples.uv_px.reshape(n, -1, 2)
+    uv = uv - (uv * use[..., None]).sum(axis=1, keepdims=True) / np.maximum(count, 1)[:, None, None]
+    basis = np.concatenate([np.ones((*use.shape, 1)), uv], axis=2)
     residual = own
     for _ in range(config.plane_rounds):
         pull = weight / spread**2 / (1 + (residual / config.outlier_sd) ** 2) ** 2
-        system = (basis * pull[:, None]).T @ basis + 1e-9 * np.eye(3)
-        plane = np.linalg.solve(system, basis.T @ (pull * seen))
-        residual = (seen - basis @ plane) / spread
-    nats = float((weight * (_log_density(own) - _log_density(residual))).sum())
-    return float(np.sign(nats) * np.log1p(abs(nats)))
+        weighted = (basis * pull[..., None]).swapaxes(1, 2)
+        system = weighted @ basis + 1e-9 * np.eye(3)
+        plane = np.linalg.solve(system, weighted @ seen[..., None])
+        residual = (seen - (basis @ plane)[..., 0]) / spread
+    nats = (weight * (_log_density(own) - _log_density(residual))).sum(axis=1)
+    enough = count >= max(config.fewest, 4)
+    return np.where(enough, np.sign(nats) * np.log1p(np.abs(nats)), np.nan)
 
 
 def _log_density(residual: FloatArray) -> FloatArray:

@@ -59,17 +59,20 @@ def plausibility(
 
 
 def _agreement(disparity_px: Float32Array, xyxy_px: FloatArray, config: PlausibilityConfig) -> FloatArray:
+    if not len(xyxy_px):
+        return np.zeros(0)
     h, w = disparity_px.shape
     step = config.neighbour_px
-    pairs, agreeing = np.zeros((h, w), np.uint8), np.zeros((h, w), np.uint8)
-    for other, of in (
-        (disparity_px[:, step:], np.s_[:, : w - step]),
-        (disparity_px[step:], np.s_[: h - step]),
-    ):
-        difference = np.abs(other - disparity_px[of])
+    boxes = np.clip(np.rint(xyxy_px).astype(int), 0, [w, h, w, h])
+    # the part of the picture that holds all boxes
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0) + step
+    boxes = boxes - np.tile(low, 2)
+    seen = disparity_px[low[1] : high[1], low[0] : high[0]]
+    pairs, agreeing = np.zeros(seen.shape, np.uint8), np.zeros(seen.shape, np.uint8)
+    for other, of in ((seen[:, step:], np.s_[:, :-step]), (seen[step:], np.s_[:-step])):
+        difference = np.abs(other - seen[of])
         pairs[of] += np.isfinite(difference)
         agreeing[of] += difference <= config.neighbour_tolerance_px
-    boxes = np.clip(np.rint(xyxy_px).astype(int), 0, [w, h, w, h])
     n, good = _sums(pairs, boxes), _sums(agreeing, boxes)
     return np.where(n >= config.min_pairs, good / np.maximum(n, 1), np.nan)
 
@@ -82,13 +85,15 @@ def _sums(values: UInt8Array, boxes: IntArray) -> FloatArray:
 
 
 def _on_ground(disparity_px: Float32Array, seen_from: GroundedStereo, config: PlausibilityConfig) -> float:
-    h, w = disparity_px.shape
-    v, u = np.mgrid[:h, :w].astype(float)
-    expected = seen_from.ground_disparity_px(np.stack([u, v], axis=-1))
-    near_ground = expected >= config.farthest_px
-    seen, there = disparity_px[near_ground], expected[near_ground]
-    known = np.isfinite(seen)
-    if known.sum() < config.min_ground:
+    expected = seen_from.ground_disparity_of_picture()
+    # rows in which the ground is near enough somewhere
+    rows = np.flatnonzero((expected[:, [0, -1]] >= config.farthest_px).any(axis=1))
+    if not len(rows):
         return float("nan")
-    near = np.abs(seen - there) <= np.maximum(config.ground_px, config.ground_share * there)
-    return float(near.sum() / known.sum())
+    expected, seen = expected[rows[0] :], disparity_px[rows[0] :]
+    looked_at = (expected >= config.farthest_px) & np.isfinite(seen)
+    known = np.count_nonzero(looked_at)
+    if known < config.min_ground:
+        return float("nan")
+    near = np.abs(seen - expected) <= np.maximum(config.ground_px, config.ground_share * expected)
+    return float(np.count_nonzero(near & looked_at) / known)

@@ -82,7 +82,7 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
         raise RescoreError(
             f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
         )
-    return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
+    return np.asarray(cv2.cvtColor(np.asarray(bgr, np.uint8), cv2.COLOR_BGR2RGB), np.uint8)
 
 
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")

@@ -113,10 +113,11 @@ def framed(given: CueInput) -> Columns:
     found = np.full((len(given.xyxy_px), len(FRAMING)), np.nan)
     tells = np.full(len(given.xyxy_px), np.nan)
     height, width = given.frame.disparity_px.shape
-    for i, fit in enumerate(given.fits):
-        if fit is not None:
-            found[i] = framing(fit, given.xyxy_px[i], (width, height), given.config.framing)
-            tells[i] = resolved(fit, given.config.framing)
+    fitted = {i: fit for i, fit in enumerate(given.fits) if fit is not None}
+    if fitted:
+        rows, fits = list(fitted), list(fitted.values())
+        found[rows] = framing(fits, given.xyxy_px[rows], (width, height), given.config.framing)
+        tells[rows] = [resolved(fit, given.config.framing) for fit in fits]
     return {**dict(zip(FRAMING, found.T, strict=True)), "resolved": tells}
 
 

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import Float32Array, FloatArray
-from recon.localization.box_samples import BoxSamples, SampleGrid, box_samples
-from recon.localization.depth_views import DepthViews
-from recon.localization.disparity_fit import BoxFit, DisparityFitConfig, PlacedInstance
-from recon.localization.poses import explain
+from recon.localization.box_samples import SampleGrid, box_samples
+from recon.localization.disparity_fit import BoxFit, DisparityFitConfig
+from recon.localization.poses import PoseLikelihood
 from recon.shape_space import ShapeSpace
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import Frame
@@ -67,19 +66,20 @@ def summarise_fits(
     if frame.seen_from is None or framed is None or seen is None:
         return (None,) * len(fits)
     views = views_of_space(space, frame.seen_from.ground.height_m, config.views)
-    found: list[FitSummary | None] = []
-    for i, fit in enumerate(fits):
-        if fit is None:
-            found.append(None)
-            continue
-        area = area_of_fit(xyxy_px[i], fit.seen.silhouette_px)
-        samples = box_samples(frame.disparity_px, area, frame.seen_from, config.noise, _GRID)
+    fitted = [(i, fit) for i, fit in enumerate(fits) if fit is not None]
+    areas = np.stack([area_of_fit(xyxy_px[i], fit.seen.silhouette_px) for i, fit in fitted])
+    samples = box_samples(frame.disparity_px, areas, frame.seen_from, config.noise, _GRID)
+    likelihood = PoseLikelihood(views, samples, config.noise, config.surface)
+    found: list[FitSummary | None] = [None] * len(fits)
+    for k, (i, fit) in enumerate(fitted):
         instances = {
-            name: FittedInstance(box[i : i + 1], one.silhouette_px, _disparity(one, samples, views, config))
+            name: FittedInstance(
+                box[i : i + 1], one.silhouette_px, likelihood.explained(one.pose, k).disparity_px
+            )
             for name, one, box in (("framed", fit.framed, framed), ("seen", fit.seen, seen))
         }
-        uv, overlap = samples.uv_px, fit.overlap
-        found.append(FitSummary(uv[0, :, 0], uv[:, 0, 1], **instances, overlap=overlap))
+        uv = samples[k].uv_px
+        found[i] = FitSummary(uv[0, :, 0], uv[:, 0, 1], **instances, overlap=fit.overlap)
     return tuple(found)
 
 
@@ -94,14 +94,6 @@ _REACH = 1.5
 """Nothing farther from a box than so many times its longer side is shown."""
 _GRID = SampleGrid(rows=30, columns=48, beside=0.05, above=0.05, below=0.05)
 """Samples of the disparity that is kept: of what is shown."""
-
-
-def _disparity(
-    placed: PlacedInstance, samples: BoxSamples, views: DepthViews, config: DisparityFitConfig
-) -> Float32Array:
-    """Predicted disparity of an instance at other samples, shape (rows, columns)."""
-    found = explain(placed.pose, views, samples, config.noise, config.surface, fine=True)
-    return found.on_grid(samples).disparity_px
 
 
 _INSTANCES = ("framed", "seen")

@@ -35,10 +35,8 @@ def fit_instances(
         return (None,) * len(xyxy_px)
     views = views_of_space(model.shape_space, frame.seen_from.ground.height_m, config.views)
     fit = DisparityFit(frame.disparity_px, frame.seen_from, views, config)
-    if model.looks is None:
-        return tuple(fit.fit(box) for box in xyxy_px)
-    looks = model.looks.log_density(frame.left_rgb, xyxy_px)
-    return tuple(fit.fit(box, look) for box, look in zip(xyxy_px, looks, strict=True))
+    looks = None if model.looks is None else model.looks.log_density(frame.left_rgb, xyxy_px)
+    return fit.fit(xyxy_px, looks)
 
 
 def views_of_space(space: ShapeSpace, height_m: float, config: DepthViewsConfig) -> DepthViews:

@@ -56,21 +56,24 @@ def views_of_fits(fits: Sequence[BoxFit | None], bins: ViewBins, temper: float =
     """
     n = len(fits)
     first, second, probability = np.full(n, NO_BIN), np.full(n, NO_BIN), np.full(n, np.nan)
-    for i, fit in enumerate(fits):
-        if fit is not None:
-            weight = temper * _log_mass(fit, bins)
-            first[i], second[i] = np.argsort(-weight, kind="stable")[:2]
-            probability[i] = softmax(weight)[first[i]]
+    fitted = {i: fit for i, fit in enumerate(fits) if fit is not None}
+    if fitted:
+        rows = list(fitted)
+        weight = temper * _log_mass(list(fitted.values()), bins)
+        first[rows], second[rows] = np.argsort(-weight, axis=1, kind="stable")[:, :2].T
+        probability[rows] = softmax(weight, axis=1).max(axis=1)
     return FittedViews(first, probability, second)
 
 
-def _log_mass(fit: BoxFit, bins: ViewBins) -> FloatArray:
-    """Logarithm of what the poses in each bin weigh, shape (count,), nats up to a constant."""
-    width = 2 * np.pi / len(fit.heading_log_mass)
-    azimuth = np.asarray(1.5 * np.pi - width * np.arange(len(fit.heading_log_mass)), float)
-    mass = logsumexp(fit.heading_log_mass[:, None], axis=0, b=bins.shares(azimuth, width))
-    framed = bins.containing(float(fit.framed.pose.azimuth_rad[0]))
-    mass[framed] = np.logaddexp(mass[framed], fit.framed_log_mass)
+def _log_mass(fits: Sequence[BoxFit], bins: ViewBins) -> FloatArray:
+    """Logarithm of what the poses in each bin weigh, shape (n, count), nats up to a constant."""
+    of_headings = np.stack([fit.heading_log_mass for fit in fits])
+    width = 2 * np.pi / of_headings.shape[1]
+    shares = bins.shares(1.5 * np.pi - width * np.arange(of_headings.shape[1]), width)
+    mass = logsumexp(of_headings[:, :, None], axis=1, b=shares)
+    row = np.arange(len(fits))
+    framed = [bins.containing(float(fit.framed.pose.azimuth_rad[0])) for fit in fits]
+    mass[row, framed] = np.logaddexp(mass[row, framed], [fit.framed_log_mass for fit in fits])
     return np.asarray(mass)
 
 

@@ -56,17 +56,3 @@ def test_mirrored_headings_have_mirrored_maps(views: DepthViews) -> None:
     for heading in (1, 5, 11):
         other = (24 - heading) % 48
         np.testing.assert_array_equal(views.relief_m[0, 2, heading], views.relief_m[0, 2, other][:, ::-1])
-
-
-def test_what_is_looked_up(views: DepthViews) -> None:
-    at = views.nearest(np.array([0.1, 8.0, 500.0]), np.radians([1.0, -89.0, 359.0]))
-    assert at[1].tolist() == [0, 36, 0]
-    assert at[0].tolist() == [0, 2, len(views.distance_m) - 1]
-    zero = np.zeros(1, np.int64)
-    across = np.array([[0.0, 2.1, 9.0, 0.0, 0.0]], np.float32)
-    up = np.array([[0.5, 0.5, 0.5, 9.0, -1.0]], np.float32)
-    relief, inset = views.look_up(zero, zero + len(views.distance_m) - 1, zero, across, up)
-    assert relief[0, 0] == pytest.approx(-0.9, abs=0.05)
-    assert np.isnan(relief[0, 2:]).all()
-    assert inset[0, 0] > inset[0, 1] > 0
-    assert (inset[0, 2:] == 0).all()

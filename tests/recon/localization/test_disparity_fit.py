@@ -32,7 +32,7 @@ def scene(
 def fitted(
     disparity: np.ndarray, box: FloatArray, views: DepthViews, rig: GroundedStereo = car.RIG
 ) -> BoxFit:
-    found = DisparityFit(disparity, rig, views, CONFIG).fit(box)
+    found = DisparityFit(disparity, rig, views, CONFIG).fit(box[None])[0]
     assert found is not None
     return found
 
@@ -83,7 +83,7 @@ def test_looks_decide_which_end_is_the_nose() -> None:
     turn = 2 * np.pi * np.arange(12) / 12
     for nose_rad in (0.4, 0.4 + np.pi):
         looks = 2.0 * np.cos(turn - nose_rad)
-        found = DisparityFit(disparity, car.RIG, views, CONFIG).fit(around, looks)
+        found = DisparityFit(disparity, car.RIG, views, CONFIG).fit(around[None], looks[None])[0]
         assert found is not None
         off = found.framed.box.yaw_rad - nose_rad
         assert np.degrees(abs(np.angle(np.exp(1j * off)))) < 10
@@ -92,7 +92,7 @@ def test_looks_decide_which_end_is_the_nose() -> None:
 def test_nothing_measured_finds_nothing(views: DepthViews) -> None:
     disparity = np.full((375, 1242), np.nan, np.float32)
     box = np.array([400.0, 160.0, 500.0, 220.0])
-    assert DisparityFit(disparity, car.RIG, views, CONFIG).fit(box) is None
+    assert DisparityFit(disparity, car.RIG, views, CONFIG).fit(box[None])[0] is None
 
 
 def test_the_same_twice(views: DepthViews) -> None:
@@ -108,3 +108,21 @@ def test_a_car_cut_by_the_edge_of_the_picture_fits_what_is_seen(views: DepthView
     found = fitted(disparity, around, views)
     assert np.linalg.norm(found.framed.box.xy_m - true.xy_m) < 0.6
     assert found.framed.silhouette_px[0] == 0
+
+
+def test_boxes_beside_each_other_change_nothing(views: DepthViews) -> None:
+    disparity, around, _ = scene(-2.0, 12.0, 50.0)
+    half = around.copy()
+    half[2] = (around[0] + around[2]) / 2
+    nowhere = np.array([900.0, 10.0, 960.0, 40.0])
+    fit = DisparityFit(disparity, car.RIG, views, CONFIG)
+    together = fit.fit(np.stack([around, nowhere, half]))
+    for box, found in zip((around, nowhere, half), together, strict=True):
+        (alone,) = fit.fit(box[None])
+        assert (alone is None) == (found is None)
+        if alone is not None and found is not None:
+            np.testing.assert_array_equal(found.framed.pose.place, alone.framed.pose.place)
+            np.testing.assert_array_equal(found.seen.pose.place, alone.seen.pose.place)
+            np.testing.assert_array_equal(found.heading_log_mass, alone.heading_log_mass)
+            assert found.overlap == alone.overlap
+    assert fit.fit(np.zeros((0, 4))) == ()

@@ -29,9 +29,9 @@ def around(box: StandingBox) -> FloatArray:
 
 
 def cues(disparity: np.ndarray, box: FloatArray, views: DepthViews) -> dict[str, float]:
-    fit = DisparityFit(disparity, car.RIG, views, CONFIG).fit(box)
+    fit = DisparityFit(disparity, car.RIG, views, CONFIG).fit(box[None])[0]
     assert fit is not None
-    return dict(zip(FRAMING, framing(fit, box, PICTURE, FramingConfig()).tolist(), strict=True))
+    return dict(zip(FRAMING, framing([fit], box[None], PICTURE, FramingConfig())[0].tolist(), strict=True))
 
 
 def test_a_whole_car(views: DepthViews) -> None:
@@ -106,7 +106,7 @@ def test_what_hides_a_car_is_told(views: DepthViews) -> None:
 def test_a_far_car_is_not_resolved(views: DepthViews) -> None:
     def told(distance: float) -> float:
         box = car_at(0.0, distance, 90.0)
-        fit = DisparityFit(car.disparity_of(box), car.RIG, views, CONFIG).fit(around(box))
+        fit = DisparityFit(car.disparity_of(box), car.RIG, views, CONFIG).fit(around(box)[None])[0]
         assert fit is not None
         return resolved(fit, FramingConfig())
 

@@ -47,7 +47,7 @@ def boxes() -> FloatArray:
 @pytest.fixture(scope="module")
 def fits(frame: Frame, boxes: FloatArray, views: DepthViews) -> tuple[BoxFit | None, ...]:
     fit = DisparityFit(frame.disparity_px, car.RIG, views, CONFIG)
-    return (*(fit.fit(box) for box in boxes), None)
+    return (*fit.fit(boxes), None)
 
 
 @pytest.fixture(scope="module")

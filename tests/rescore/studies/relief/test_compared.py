@@ -57,7 +57,7 @@ def seen_car(fitted: bool = True, noise_px: float = 0.5) -> SeenCar:
     fit = None
     if fitted:
         config = DisparityFitConfig(views=car.VIEWS_CONFIG)
-        fit = DisparityFit(measured, car.RIG, car.views(), config).fit(around)
+        fit = DisparityFit(measured, car.RIG, car.views(), config).fit(around[None])[0]
     texture = np.random.default_rng(0).integers(0, 255, (*true.shape, 3)).astype(np.uint8)
     texture[:, :590] = 128
     return SeenCar(shown, texture, measured, true, car.RIG, fit)
