@@ -39,8 +39,8 @@ def _beside(stated: GroundPlane, found: GroundEstimate, where: str) -> Finding:
     if found.ground is None or not found.trusted:
         return Finding(Level.OK, where, f"ground {said}; stereo cannot tell ({_doubt(found)})")
     height = found.ground.height_m / stated.height_m - 1
-    pitch = np.degrees(found.ground.pitch_rad - stated.pitch_rad)
-    roll = np.degrees(found.ground.roll_rad - stated.roll_rad)
+    pitch = _degrees(found.ground.pitch_rad - stated.pitch_rad)
+    roll = _degrees(found.ground.roll_rad - stated.roll_rad)
     text = f"ground from stereo: {_told(found)}, {said}"
     if abs(height) <= HEIGHT_SHARE and max(abs(pitch), abs(roll)) <= PITCH_DEG:
         return Finding(Level.OK, where, f"{text}: they agree")
@@ -55,10 +55,14 @@ def _beside(stated: GroundPlane, found: GroundEstimate, where: str) -> Finding:
 def _told(found: GroundEstimate) -> str:
     ground = found.ground
     assert ground is not None
-    # no minus before a zero
-    pitch, roll = (round(float(np.degrees(a)), 1) + 0.0 for a in (ground.pitch_rad, ground.roll_rad))
+    pitch, roll = (_degrees(a) for a in (ground.pitch_rad, ground.roll_rad))
     return f"height {ground.height_m:.2f} m, pitch {pitch:.1f}, roll {roll:.1f} degrees"
 
 
 def _doubt(found: GroundEstimate) -> str:
     return f"{found.doubt}: {found.detail}"
+
+
+def _degrees(angle_rad: float) -> float:
+    """In tenths of a degree, without a minus before a zero."""
+    return round(float(np.degrees(angle_rad)), 1) + 0.0
