@@ -60,7 +60,7 @@ class Rig(NamedTuple):
     height_px: float
     focal_baseline: float
     height_m: float
-    """Of the camera above the ground."""
+    """Height of the camera above the ground."""
 
 
 class Noise(NamedTuple):
@@ -80,7 +80,7 @@ class _Plane(NamedTuple):
     """A pose as its plane's maps see it, in single precision."""
 
     sine: np.float32
-    """Of the bearing."""
+    """Sine of the bearing."""
     cosine: np.float32
     distance_m: np.float32
     scale: np.float32
@@ -94,13 +94,13 @@ class _Plane(NamedTuple):
     per_margin: np.float32
     """Weight that a sample gains with each metre from the edge of the silhouette."""
     weight: np.float32
-    """Of a sample that lies well within."""
+    """Weight of a sample that lies well within."""
     low: int
     """First sample of the map of the nearest heading, or of the next lower one."""
     high: int
     """First sample of the map of the next higher heading."""
     share: np.float32
-    """Of that map."""
+    """Share of that map."""
 
 
 class _Row(NamedTuple):
