@@ -29,7 +29,7 @@ ALLOWED = {
 FLOORS = {
     "recon": (
         *(
-            "errors arrays",
+            "errors arrays compiled",
             "files reading workers boxes camera depth_map outlines view_bins pixels shape_matching",
             "shape_space view_looks",
         ),
