@@ -41,7 +41,7 @@ class RegistrationConfig:
     shape_context: ShapeContextConfig = field(default_factory=ShapeContextConfig)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class CanonicalGrid:
     """A small picture with a margin around a box."""
 

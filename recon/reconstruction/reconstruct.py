@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from recon.arrays import BoolArray, FloatArray, UInt8Array
+from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
 from recon.camera import GroundedCamera, PinholeCamera
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
@@ -87,7 +87,7 @@ class Reconstruction:
 def reconstruct(
     rgb: UInt8Array,
     xyxy_px: FloatArray,
-    view_bin: int,
+    view_bin: int | IntArray,
     model: ClassModel,
     seen_from: GroundedCamera,
     config: ReconstructConfig | None = None,
@@ -97,13 +97,13 @@ def reconstruct(
     Args:
         rgb: the picture, shape (h, w, 3).
         xyxy_px: boxes, shape (n, 4), pixel edges.
-        view_bin: the bin that all boxes are seen from.
+        view_bin: the bin that each box is seen from, shape (n,), or that of all.
         model: the class model.
         seen_from: the camera M and the ground plane Q_g.
         config: settings; None for the defaults.
 
     Raises:
-        RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
+        RescoreError: the model has no labelled view of a bin, or the picture and the camera differ in size.
     """
     config, camera = config or ReconstructConfig(), seen_from.camera
     if rgb.shape != (camera.height_px, camera.width_px, 3):
@@ -112,16 +112,20 @@ def reconstruct(
             f"got shape {rgb.shape}; calibrate for this picture size"
         )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
-    view = prepare_view(model, view_bin, config.registration)
+    bins = np.broadcast_to(view_bin, len(boxes)).tolist()
+    prepared = {b: prepare_view(model, b, config.registration) for b in {*np.ravel(view_bin).tolist()}}
+    views = [prepared[b] for b in bins]
     results: list[Reconstruction | Failure | None] = [
-        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config) for box in boxes
+        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config)
+        for box, view in zip(boxes, views, strict=True)
     ]
     todo = [i for i, result in enumerate(results) if result is None]
-    for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
+    outlines = segment(rgb, boxes[todo], [views[i] for i in todo], config)
+    for i, outline in zip(todo, outlines, strict=True):
         results[i] = (
             outline
             if isinstance(outline, Failure)
-            else _from_outline(outline, boxes[i], view, seen_from, config)
+            else _from_outline(outline, boxes[i], views[i], seen_from, config)
         )
     return tuple(r for r in results if r is not None)
 
@@ -161,16 +165,24 @@ def reconstruct_outline(
 
 
 def segment(
-    rgb: UInt8Array, xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
+    rgb: UInt8Array, xyxy_px: FloatArray, views: Sequence[PreparedView], config: ReconstructConfig
 ) -> tuple[FloatArray | Failure, ...]:
-    """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
-    if not len(xyxy_px):
-        return ()
-    windows = canonical_windows(rgb, xyxy_px, view.grid)
-    start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
-    region = colour_evidence(windows, start) if config.segment.region_weight else None
-    phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
-    return tuple(zero_level(p, view.phi, config.min_outline_iou) for p in phi)
+    """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none.
+
+    Boxes (n, 4) have a view each; those on grids of one size evolve together.
+    """
+    together: dict[CanonicalGrid, list[int]] = {}
+    for i, view in enumerate(views):
+        together.setdefault(view.grid, []).append(i)
+    found: dict[int, FloatArray | Failure] = {}
+    for grid, rows in together.items():
+        windows = canonical_windows(rgb, xyxy_px[rows], grid)
+        start = np.stack([views[i].phi for i in rows])
+        region = colour_evidence(windows, start) if config.segment.region_weight else None
+        phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
+        for i, after, before in zip(rows, phi, start, strict=True):
+            found[i] = zero_level(after, before, config.min_outline_iou)
+    return tuple(found[i] for i in range(len(views)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,11 +292,13 @@ def check_box(
 
     ``picture_px`` is the width and height of the picture.
     """
-    failure = check_extent(box_px, picture_px, config.min_inside)
-    if failure is not None:
-        return failure
-    size = box_px[2:] - box_px[:2]
-    aspect, expected = float(size[0] / size[1]), grid.box_width_px / grid.box_height_px
+    return check_extent(box_px, picture_px, config.min_inside) or check_aspect(box_px, grid, config)
+
+
+def check_aspect(box_px: FloatArray, grid: CanonicalGrid, config: ReconstructConfig) -> Failure | None:
+    """Why nothing of this grid's aspect can be looked for in a box (4,); None where it can."""
+    x0, y0, x1, y1 = box_px.tolist()
+    aspect, expected = (x1 - x0) / (y1 - y0), grid.box_width_px / grid.box_height_px
     if max(aspect / expected, expected / aspect) > config.max_aspect_change:
         return Failure(
             Reason.REGISTRATION_FAILED,
@@ -298,14 +312,17 @@ def check_extent(box_px: FloatArray, picture_px: tuple[int, int], min_inside: fl
 
     ``min_inside`` is the smallest share of it that must lie in the picture.
     """
-    size = box_px[2:] - box_px[:2]
-    if not (np.isfinite(box_px).all() and (size >= 4).all()):
+    x0, y0, x1, y1 = box_px.tolist()
+    if not (np.isfinite(box_px).all() and x1 - x0 >= 4 and y1 - y0 >= 4):
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
             f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
         )
-    clipped = np.clip(box_px, 0, [*picture_px, *picture_px])
-    inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
+    width, height = (
+        min(max(high, 0), most) - min(max(low, 0), most)
+        for low, high, most in ((x0, x1, picture_px[0]), (y0, y1, picture_px[1]))
+    )
+    inside = width * height / ((x1 - x0) * (y1 - y0))
     if inside < min_inside:
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,

@@ -53,7 +53,7 @@ def test_the_cost_is_the_weighted_sum_of_its_terms() -> None:
     choice = chosen(rgb, box)
     good = np.isfinite(choice.cost)
     config = ViewSelectionConfig()
-    weights = [config.aspect_weight, config.borders_weight, config.registration_weight]
+    weights = [config.aspect_weight, config.borders_weight, config.registration_weight, config.looks_weight]
     np.testing.assert_allclose(choice.cost[good], choice.terms[good] @ weights)
     first, second = np.sort(choice.cost[good])[:2]
     assert choice.margin == pytest.approx(second - first)
@@ -126,4 +126,4 @@ def test_a_box_that_no_bin_fits_is_a_failure() -> None:
 
 def test_a_choice_without_a_cost_is_refused() -> None:
     with pytest.raises(ValueError, match="view choice"):
-        ViewChoice(0, np.array([np.nan, 1.0]), np.full((2, 3), np.nan), {})
+        ViewChoice(0, np.array([np.nan, 1.0]), np.full((2, 4), np.nan), {})
