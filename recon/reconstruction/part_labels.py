@@ -1,10 +1,12 @@
 """Part labels of a window of a picture, and where the window lies."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from recon.arrays import FloatArray, UInt8Array
+from recon.arrays import BoolArray, FloatArray, UInt8Array
+from recon.camera import PinholeCamera
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,9 +20,24 @@ class PartLabels:
     labels: UInt8Array
     """Shape (h, w), 0 for none."""
 
-    @property
-    def uv_px(self) -> FloatArray:
-        """Pixel centres of the window in the picture, shape (h, w, 2)."""
+    def rays(self, camera: PinholeCamera) -> FloatArray:
+        """Viewing rays with z = 1 of the window's pixel centres, shape (h, w, 3)."""
         h, w = self.labels.shape
-        v, u = np.mgrid[self.y0_px : self.y0_px + h, self.x0_px : self.x0_px + w]
-        return np.stack([u, v], axis=-1).astype(float)
+        out = np.ones((h, w, 3))
+        out[..., 0] = (self.x0_px + np.arange(w) - camera.cx_px) / camera.fx_px
+        out[..., 1] = (self.y0_px + np.arange(h)[:, None] - camera.cy_px) / camera.fy_px
+        return out
+
+    @cached_property
+    def rows(self) -> tuple[int, int]:
+        """First and last row of the window with a label."""
+        return _ends(np.asarray(self.labels.any(axis=1)))
+
+    @cached_property
+    def columns(self) -> tuple[int, int]:
+        """First and last column of the window with a label."""
+        return _ends(np.asarray(self.labels.any(axis=0)))
+
+
+def _ends(mask: BoolArray) -> tuple[int, int]:
+    return int(mask.argmax()), len(mask) - 1 - int(mask[::-1].argmax())
