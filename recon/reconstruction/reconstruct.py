@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
-from recon.camera import GroundedCamera, PinholeCamera
+from recon.camera import GroundedCamera, PinholeCamera, cross
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
@@ -275,7 +275,7 @@ def view_rotation(view: PreparedView, box_px: FloatArray, seen_from: GroundedCam
     """
     forward = seen_from.level_direction((box_px[:2] + box_px[2:]) / 2 - 0.5)
     down = -seen_from.ground.up
-    cam_from_view = np.stack([np.cross(down, forward), down, forward], axis=1)
+    cam_from_view = np.stack([cross(down, forward), down, forward], axis=1)
     return np.asarray(cam_from_view @ view.model.bins.level_view_from_object(view.view_bin))
 
 
