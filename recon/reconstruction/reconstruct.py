@@ -18,7 +18,6 @@ from recon.reconstruction.part_labels import PartLabels
 from recon.reconstruction.part_registration import (
     CanonicalGrid,
     PreparedView,
-    RegisteredParts,
     RegistrationConfig,
     prepare_view,
     register_parts,
@@ -190,10 +189,13 @@ class _RegisteredView:
     """A labelled view deformed to an outline in the picture."""
 
     view: PreparedView
-    parts: RegisteredParts
+    cost: float
+    """Mean chi-squared cost of the match, in [0, 1]."""
     to_image: GridToImage
     outline_px: FloatArray
     """The outline, shape (m, 2)."""
+    regions_px: tuple[tuple[int, FloatArray], ...]
+    """Label and outline (m, 2) of each region, larger first."""
 
     @property
     def box_bottom_px(self) -> float:
@@ -209,7 +211,9 @@ def _register(
     parts = register_parts(outline, view, config.registration)
     if isinstance(parts, Failure):
         return parts
-    return _RegisteredView(view, parts, to_image, to_image(outline))
+    points_px = to_image(parts.points)
+    regions_px = tuple((label, points_px[rows]) for label, rows in parts.rings)
+    return _RegisteredView(view, parts.cost, to_image, to_image(outline), regions_px)
 
 
 def _from_outline(
@@ -259,9 +263,9 @@ def _instance(
         depth=DepthMap(parts.x0_px, parts.y0_px, placed.depth),
         ground_line_px=line.line_px,
         cam_from_object=cam_from_object,
-        registration_cost=shown.parts.cost,
+        registration_cost=shown.cost,
         placed_share=placed.placed_share,
-        part_regions=tuple((label, shown.to_image(polygon)) for label, polygon in shown.parts.regions),
+        part_regions=shown.regions_px,
         ground_points_m=line.points_m,
     )
 
@@ -338,23 +342,22 @@ def _part_labels(shown: _RegisteredView, camera: PinholeCamera) -> PartLabels:
     high = np.clip(np.ceil(outline_px.max(axis=0)) + 1, low + 1, size).astype(int)
     width, height = (high - low).tolist()
     labels = np.zeros((height, width), np.uint8)
-    for label, polygon in shown.parts.regions:
-        points = np.round((shown.to_image(polygon) - low) * 16).astype(np.int32)
-        cv2.fillPoly(labels, [points], label, shift=4)
+    for label, polygon in shown.regions_px:
+        cv2.fillPoly(labels, [np.rint((polygon - low) * 16).astype(np.int32)], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
     return PartLabels(int(low[0]), int(low[1]), fill_gaps(labels, inside))
 
 
 def fill_gaps(labels: UInt8Array, inside: BoolArray) -> UInt8Array:
     """Labels inside the outline; pixels that no region covers get the nearest region's label."""
-    known = (labels > 0) & inside
-    if not known.any():
-        return np.zeros_like(labels)
-    if not (inside & ~known).any():
-        return np.where(inside, labels, 0).astype(np.uint8)
+    own = np.where(inside, labels, np.uint8(0))
+    known = own > 0
+    gap = inside & ~known
+    if not gap.any() or not known.any():
+        return own
     _, nearest = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        (~known).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    label_of = np.zeros(int(nearest.max()) + 1, np.uint8)
-    label_of[nearest[known]] = labels[known]
-    return np.where(inside, label_of[nearest], 0).astype(np.uint8)
+    # OpenCV numbers the known pixels from 1 on in their order
+    own[gap] = own[known][nearest[gap] - 1]
+    return own
