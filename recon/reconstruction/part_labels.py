@@ -20,13 +20,13 @@ class PartLabels:
     labels: UInt8Array
     """Shape (h, w), 0 for none."""
 
-    def rays(self, camera: PinholeCamera) -> FloatArray:
-        """Viewing rays with z = 1 of the window's pixel centres, shape (h, w, 3)."""
+    def rays(self, camera: PinholeCamera) -> tuple[FloatArray, FloatArray]:
+        """x of the viewing rays with z = 1 of each column (w,), and y of those of each row (h,)."""
         h, w = self.labels.shape
-        out = np.ones((h, w, 3))
-        out[..., 0] = (self.x0_px + np.arange(w) - camera.cx_px) / camera.fx_px
-        out[..., 1] = (self.y0_px + np.arange(h)[:, None] - camera.cy_px) / camera.fy_px
-        return out
+        edges = np.zeros((h + w, 2))
+        edges[:w, 0], edges[w:, 1] = self.x0_px + np.arange(w), self.y0_px + np.arange(h)
+        rays = camera.rays(edges)
+        return rays[:w, 0], rays[w:, 1]
 
     @cached_property
     def rows(self) -> tuple[int, int]:

@@ -45,33 +45,37 @@ class PlacedParts:
 class SeenParts:
     """The parts of a labelled window as rays meet their planes: all that no place of a plane changes."""
 
-    def __init__(self, labels: UInt8Array, rays: FloatArray, normals: Mapping[int, FloatArray]) -> None:
-        """Looks at part labels (h, w), 0 for none, with the viewing rays of their pixel centres with z = 1,
-        shape (h, w, 3), and unit plane normals in the camera frame by label."""
-        self.shape = labels.shape
-        self.rays = rays.reshape(-1, 3)
+    def __init__(self, parts: PartLabels, camera: PinholeCamera, normals: Mapping[int, FloatArray]) -> None:
+        """Looks at the parts of a picture of a camera with unit plane normals in its frame, by label."""
+        self.shape = parts.labels.shape
         self.normals = normals
-        flat = labels.ravel()
+        flat = parts.labels.ravel()
         count = np.bincount(flat)
         count[0] = 0
+        self.area = int(count.sum())
         known = np.flatnonzero(flat)
         # part after part, so that each is a slice
-        order = known[np.argsort(flat[known], kind="stable")]
+        order = known.take(np.argsort(flat.take(known), kind="stable"))
         present = np.flatnonzero(count)
         ends = np.cumsum(count[present])
-        slices = [slice(end - count[k], end) for k, end in zip(present, ends, strict=True)]
-        x, y, z = (rays[..., k].take(order) for k in range(3))
-        normal = np.array([normals.get(k, np.zeros(3)) for k in present.tolist()]).reshape(-1, 3)
+        slices = {
+            k: slice(e - n, e)
+            for k, n, e in zip(*(v.tolist() for v in (present, count[present], ends)), strict=True)
+        }
+        across, down = parts.rays(camera)
+        self.ray_x, self.ray_y = (np.broadcast_to(v, self.shape).ravel() for v in (across, down[:, None]))
+        """x and y of the viewing rays with z = 1 of all pixels of the window."""
+        x, y = self.ray_x.take(order), self.ray_y.take(order)
+        normal = np.array([normals.get(k, np.zeros(3)) for k in slices]).reshape(-1, 3)
         a, b, c = (np.repeat(column, count[present]) for column in normal.T)
-        facing = a * x + b * y + c * z
-        sine = np.abs(facing) / np.sqrt(x * x + y * y + z * z)
-        self.area = len(order)
-        self.pixels = {int(k): order[s] for k, s in zip(present, slices, strict=True)}
-        self.facing = {int(k): facing[s] for k, s in zip(present, slices, strict=True)}
+        facing = a * x + b * y + c
+        sine = np.abs(facing) / np.sqrt(x * x + y * y + 1)
+        self.pixels = {k: order[s] for k, s in slices.items()}
+        self.facing = {k: facing[s] for k, s in slices.items()}
         """Rays times normal, the same pixels."""
-        self.sine = {int(k): float(sine[s].mean()) for k, s in zip(present, slices, strict=True)}
+        self.sine = {k: float(sine[s].mean()) for k, s in slices.items()}
         """Mean sine of the angle at which the rays meet the plane."""
-        self.beyond = _neighbours(labels)
+        self.beyond = _neighbours(parts.labels)
 
     def edge_on(self, label: int, config: PlacingConfig) -> bool:
         """Whether the plane of a part is seen at too small an angle."""
@@ -79,8 +83,8 @@ class SeenParts:
 
 
 def place_parts(
-    labels: UInt8Array,
-    rays: FloatArray,
+    parts: PartLabels,
+    camera: PinholeCamera,
     normals: Mapping[int, FloatArray],
     ground_points_m: Mapping[int, FloatArray],
     depth_limits_m: tuple[float, float],
@@ -93,14 +97,14 @@ def place_parts(
     every part that adjoins a part of an earlier round, so the order of labels does not matter.
 
     Args:
-        labels: part labels of a window, shape (h, w), 0 for none.
-        rays: viewing rays of its pixel centres with z = 1, shape (h, w, 3).
+        parts: the part labels.
+        camera: the camera of their picture.
         normals: unit plane normals in the camera frame by label.
         ground_points_m: known points (3,) or (m, 3) of the parts on the ground line.
         depth_limits_m: nearest and farthest depth that the object can have.
         config: settings.
     """
-    return _placed(SeenParts(labels, rays, normals), ground_points_m, depth_limits_m, config)
+    return _placed(SeenParts(parts, camera, normals), ground_points_m, depth_limits_m, config)
 
 
 def _placed(
@@ -110,15 +114,13 @@ def _placed(
     config: PlacingConfig,
 ) -> PlacedParts:
     state = _Placing(seen, depth_limits_m, config)
-    for label, points in ground_points_m.items():
-        if label in seen.pixels:
-            state.place(label, np.atleast_2d(points))
-    while True:
-        ready = {label: points for label in state.left if len(points := state.border_points(label))}
-        if not ready:
-            break
-        for label, points in ready.items():
-            state.place(label, points)
+    ready = {k: np.atleast_2d(points) for k, points in ground_points_m.items() if k in seen.pixels}
+    # a ray along the plane never meets it
+    with np.errstate(divide="ignore"):
+        while ready:
+            for label, points in ready.items():
+                state.place(label, points)
+            ready = {label: points for label in state.left if len(points := state.border_points(label))}
     for label in state.left:
         state.unplaced[label] = "touches no placed part"
     depth = state.depth.reshape(seen.shape).astype(np.float32)
@@ -133,7 +135,7 @@ class _Placing:
         self.seen = seen
         self.limits = depth_limits_m
         self.config = config
-        self.depth = np.full(len(seen.rays), np.nan)
+        self.depth = np.full(len(seen.ray_x), np.nan)
         self.with_depth = 0
         self.planes: dict[int, FloatArray] = {}
         self.unplaced: dict[int, str] = {}
@@ -154,8 +156,7 @@ class _Placing:
             self.unplaced[label] = f"seen edge-on, at {angle_deg:.1f} degrees"
             return
         d = -_median(points_m @ normal)
-        with np.errstate(divide="ignore"):
-            depth = -d / seen.facing[label]
+        depth = -d / seen.facing[label]
         good = (depth >= self.limits[0]) & (depth <= self.limits[1])
         number = int(np.count_nonzero(good))
         if number < 0.5 * len(good):
@@ -168,9 +169,9 @@ class _Placing:
     def border_points(self, label: int) -> FloatArray:
         """3D points (m, 3) of placed neighbours along their borders with a part."""
         beyond = self.seen.beyond.get(label, _NOWHERE)
-        depth = self.depth[beyond]
-        known = np.isfinite(depth)
-        return np.asarray(depth[known, None] * self.seen.rays[beyond[known]])
+        beyond = beyond[np.isfinite(self.depth.take(beyond))]
+        x, y, z = self.seen.ray_x.take(beyond), self.seen.ray_y.take(beyond), self.depth.take(beyond)
+        return np.stack([x * z, y * z, z], axis=1)
 
 
 _NOWHERE = np.zeros(0, np.intp)
@@ -220,7 +221,7 @@ def place_instance(
 ) -> PlacedParts:
     """Part planes and depth of one instance, within the depth limits of an object of this size."""
     normals = {p.label: cam_from_object @ p.plane[:3] for p in model.parts}
-    seen = SeenParts(parts.labels, parts.rays(camera), normals)
+    seen = SeenParts(parts, camera, normals)
     depth = float(np.mean([p[2] for p in line.points_m.values()]))
     scale = _metres_per_unit(parts, depth, cam_from_object, model, camera)
     # the object's size: the diagonal of the model's extents
