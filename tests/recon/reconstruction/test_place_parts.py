@@ -5,7 +5,7 @@ import pytest
 
 from recon.camera import PinholeCamera
 from recon.reconstruction.part_labels import PartLabels
-from recon.reconstruction.place_parts import PlacingConfig, place_parts
+from recon.reconstruction.place_parts import PlacedParts, PlacingConfig, place_parts
 
 CAMERA = PinholeCamera(100.0, 100.0, 20.0, 20.0, 41, 41)
 CONFIG = PlacingConfig()
@@ -27,7 +27,12 @@ def two_planes() -> np.ndarray:
     return labels
 
 
-def place(labels, normals, ground_points_m, limits_m):
+def place(
+    labels: np.ndarray,
+    normals: dict[int, np.ndarray],
+    ground_points_m: dict[int, np.ndarray],
+    limits_m: tuple[float, float],
+) -> PlacedParts:
     """The parts of a window at the corner of the picture."""
     return place_parts(PartLabels(0, 0, labels), CAMERA, normals, ground_points_m, limits_m, CONFIG)
 
