@@ -64,7 +64,7 @@ def ground_line(
         bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
             together; None takes them from the labels alone.
     """
-    labels, contacts = parts.labels, _contacts(parts, list(feet_cam), config)
+    contacts = _contacts(parts, list(feet_cam), config)
     if not contacts:
         return Failure(
             Reason.NO_GROUND_CONTACT,
@@ -76,8 +76,7 @@ def ground_line(
         down = bottom_px - max(float(at[1]) for at in shown.values())
         shown = {k: at + np.array([0.0, down]) for k, at in shown.items()}
     sides = _facing_sides(feet_cam, shown, seen_from)
-    area = np.bincount(labels.ravel(), minlength=256)
-    sides.sort(key=lambda side: -min(area[k] for k in side))
+    sides.sort(key=lambda side: -min(parts.area_px[k] for k in side))
     first = list(sides[0]) if sides else [max(shown, key=lambda k: (shown[k][1], -k))]
     at = np.array([shown[k] for k in first])
     slope, offset, on_line = _fit(at, config.line_tolerance * height)
@@ -189,14 +188,12 @@ def _contacts(
 ) -> dict[int, FloatArray]:
     """Lowest pixels (n, 2) of the columns of each ground part that touch, by label, image coordinates."""
     labels, width = parts.labels, parts.labels.shape[1]
-    if not labels.any():
+    if not parts.area_px:
         return {}
     tolerance = max(1.0, config.contact_height * (parts.rows[1] - parts.rows[0] + 1))
     found: dict[int, FloatArray] = {}
-    for label in ground_labels:
+    for label in (k for k in ground_labels if k in parts.area_px):
         row, column = np.divmod(np.flatnonzero(labels == label), width)
-        if not len(row):
-            continue
         lowest = np.full(width, -1)
         # rows come in their order, and the last one stays
         lowest[column] = row

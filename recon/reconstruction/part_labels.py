@@ -29,6 +29,12 @@ class PartLabels:
         return rays[:w, 0], rays[w:, 1]
 
     @cached_property
+    def area_px(self) -> dict[int, int]:
+        """Number of pixels of each part of the window, by label."""
+        count = np.bincount(self.labels.ravel())
+        return {int(k): int(count[k]) for k in np.flatnonzero(count) if k}
+
+    @cached_property
     def rows(self) -> tuple[int, int]:
         """First and last row of the window with a label."""
         return _ends(np.asarray(self.labels.any(axis=1)))

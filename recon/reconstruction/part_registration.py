@@ -149,10 +149,8 @@ def _region_rings(labels: UInt8Array) -> tuple[tuple[tuple[int, slice], ...], Fl
 class RegisteredParts:
     """The labelled image deformed to one outline, in canonical coordinates."""
 
-    rings: tuple[tuple[int, slice], ...]
-    """Label and rows of ``points`` of each region, larger first."""
     points: FloatArray
-    """Polygons of all regions, shape (p, 2)."""
+    """Outlines of all regions, shape (p, 2); ``PreparedView.rings`` says whose each is."""
     cost: float
     """Mean chi-squared cost of the matched points, in [0, 1]."""
 
@@ -171,7 +169,7 @@ def register_parts(
         )
     limit = config.max_jump * float(np.sqrt(view.grid.box_width_px * view.grid.box_height_px))
     warped = view.warp @ _without_jumps(view.outline, points[partner], limit)
-    return RegisteredParts(view.rings, warped, cost)
+    return RegisteredParts(warped, cost)
 
 
 def _without_jumps(outline: FloatArray, targets: FloatArray, limit_px: float) -> FloatArray:

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import Float32Array, FloatArray, UInt8Array
+from recon.arrays import Float32Array, FloatArray, UInt8Array, median
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
 from recon.reconstruction.ground_line import GroundLine
@@ -49,33 +49,23 @@ class SeenParts:
         """Looks at the parts of a picture of a camera with unit plane normals in its frame, by label."""
         self.shape = parts.labels.shape
         self.normals = normals
-        flat = parts.labels.ravel()
-        count = np.bincount(flat)
-        count[0] = 0
-        self.area = int(count.sum())
-        known = np.flatnonzero(flat)
-        # part after part, so that each is a slice
-        order = known.take(np.argsort(flat.take(known), kind="stable"))
-        present = np.flatnonzero(count)
-        ends = np.cumsum(count[present])
-        slices = {
-            k: slice(e - n, e)
-            for k, n, e in zip(*(v.tolist() for v in (present, count[present], ends)), strict=True)
-        }
+        self.area = sum(parts.area_px.values())
         across, down = parts.rays(camera)
         self.ray_x, self.ray_y = (np.broadcast_to(v, self.shape).ravel() for v in (across, down[:, None]))
         """x and y of the viewing rays with z = 1 of all pixels of the window."""
-        x, y = self.ray_x.take(order), self.ray_y.take(order)
-        normal = np.array([normals.get(k, np.zeros(3)) for k in slices]).reshape(-1, 3)
-        a, b, c = (np.repeat(column, count[present]) for column in normal.T)
-        facing = a * x + b * y + c
-        sine = np.abs(facing) / np.sqrt(x * x + y * y + 1)
-        self.pixels = {k: order[s] for k, s in slices.items()}
-        self.facing = {k: facing[s] for k, s in slices.items()}
-        """Rays times normal, the same pixels."""
-        self.sine = {k: float(sine[s].mean()) for k, s in slices.items()}
-        """Mean sine of the angle at which the rays meet the plane."""
-        self.beyond = _neighbours(parts.labels)
+        flat = parts.labels.ravel()
+        self.pixels = {k: np.flatnonzero(flat == k) for k in parts.area_px}
+        """Flat indices of the pixels of each part."""
+        self.facing: dict[int, FloatArray] = {}
+        """Rays of these pixels times the normal of the part."""
+        self.sine: dict[int, float] = {}
+        """Mean sine of the angle at which they meet its plane."""
+        for k in self.pixels.keys() & normals.keys():
+            x, y = self.ray_x.take(self.pixels[k]), self.ray_y.take(self.pixels[k])
+            a, b, c = normals[k].tolist()
+            self.facing[k] = a * x + b * y + c
+            self.sine[k] = float((np.abs(self.facing[k]) / np.sqrt(x * x + y * y + 1)).mean())
+        self.beyond, self.adjoining = _neighbours(parts.labels)
 
     def edge_on(self, label: int, config: PlacingConfig) -> bool:
         """Whether the plane of a part is seen at too small an angle."""
@@ -155,7 +145,7 @@ class _Placing:
             angle_deg = np.rad2deg(np.arcsin(seen.sine[label]))
             self.unplaced[label] = f"seen edge-on, at {angle_deg:.1f} degrees"
             return
-        d = -_median(points_m @ normal)
+        d = -median(points_m @ normal)
         depth = -d / seen.facing[label]
         good = (depth >= self.limits[0]) & (depth <= self.limits[1])
         number = int(np.count_nonzero(good))
@@ -163,28 +153,28 @@ class _Placing:
             self.unplaced[label] = f"{1 - number / len(good):.0%} of its depth lies beyond the object"
             return
         self.planes[label] = np.append(normal, d)
-        self.depth[seen.pixels[label]] = np.where(good, depth, np.nan)
+        self.depth[seen.pixels[label]] = depth if number == len(good) else np.where(good, depth, np.nan)
         self.with_depth += number
 
     def border_points(self, label: int) -> FloatArray:
         """3D points (m, 3) of placed neighbours along their borders with a part."""
-        beyond = self.seen.beyond.get(label, _NOWHERE)
-        beyond = beyond[np.isfinite(self.depth.take(beyond))]
-        x, y, z = self.seen.ray_x.take(beyond), self.seen.ray_y.take(beyond), self.depth.take(beyond)
-        return np.stack([x * z, y * z, z], axis=1)
+        seen = self.seen
+        if seen.adjoining.get(label, _NONE).isdisjoint(self.planes):
+            return _NOWHERE
+        beyond = seen.beyond[label]
+        depth = self.depth.take(beyond)
+        known = np.isfinite(depth)
+        beyond, depth = beyond[known], depth[known]
+        points = np.stack([seen.ray_x.take(beyond), seen.ray_y.take(beyond), np.ones(len(beyond))], axis=1)
+        return np.asarray(points * depth[:, None])
 
 
-_NOWHERE = np.zeros(0, np.intp)
+_NONE: frozenset[int] = frozenset()
+_NOWHERE = np.zeros((0, 3))
 
 
-def _median(values: FloatArray) -> float:
-    """The median of a few values; ``np.median`` takes longer to look at its arguments than to sort."""
-    ordered, n = np.sort(values), len(values)
-    return float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2
-
-
-def _neighbours(labels: UInt8Array) -> dict[int, NDArray[np.intp]]:
-    """Flat indices (m,) of the pixels beyond the border of each part that belong to another, by label.
+def _neighbours(labels: UInt8Array) -> tuple[dict[int, NDArray[np.intp]], dict[int, frozenset[int]]]:
+    """Flat indices (m,) of the pixels of other parts along the border of each, and the labels of these parts.
 
     Neighbours in a row or in a column; a pixel counts as often as it adjoins the part.
     """
@@ -194,13 +184,13 @@ def _neighbours(labels: UInt8Array) -> dict[int, NDArray[np.intp]]:
     down = np.flatnonzero(flat[width:] != flat[:-width])
     a = np.concatenate([across, down])
     b = np.concatenate([across + 1, down + width])
-    both = (flat[a] > 0) & (flat[b] > 0)
+    both = (flat.take(a) > 0) & (flat.take(b) > 0)
     a, b = a[both], b[both]
     own, other = np.concatenate([a, b]), np.concatenate([b, a])
-    order = np.argsort(flat[own], kind="stable")
-    label, other = flat[own[order]], other[order]
-    starts = np.flatnonzero(np.diff(label, prepend=0))
-    return dict(zip(label[starts].tolist(), np.split(other, starts[1:]), strict=True)) if len(starts) else {}
+    label, beyond = flat.take(own), flat.take(other)
+    found = {k: label == k for k in np.flatnonzero(np.bincount(label)).tolist()}
+    adjoining = {k: frozenset(np.flatnonzero(np.bincount(beyond[of])).tolist()) for k, of in found.items()}
+    return {k: other[of] for k, of in found.items()}, adjoining
 
 
 @lru_cache(maxsize=8)
@@ -220,12 +210,14 @@ def place_instance(
     config: PlacingConfig,
 ) -> PlacedParts:
     """Part planes and depth of one instance, within the depth limits of an object of this size."""
-    normals = {p.label: cam_from_object @ p.plane[:3] for p in model.parts}
+    outlines, planes, diagonal = _arrays(model)
+    turned = planes[:, :3] @ cam_from_object.T
+    normals = {p.label: normal for p, normal in zip(model.parts, turned, strict=True)}
     seen = SeenParts(parts, camera, normals)
     depth = float(np.mean([p[2] for p in line.points_m.values()]))
-    scale = _metres_per_unit(parts, depth, cam_from_object, model, camera)
+    scale = _metres_per_unit(parts, depth, outlines @ cam_from_object[0], camera)
     # the object's size: the diagonal of the model's extents
-    reach = config.max_depth_range * scale * float(np.linalg.norm(model.extents))
+    reach = config.max_depth_range * scale * diagonal
     limits = (max(depth - reach, 1e-3), depth + reach)
     placed = _placed(seen, line.points_m, limits, config)
     if placed.placed_share >= config.min_placed:
@@ -267,15 +259,18 @@ def _stand_in(
     return {label: np.mean(steps, axis=0)}
 
 
-def _metres_per_unit(
-    parts: PartLabels,
-    depth_m: float,
-    cam_from_object: FloatArray,
-    model: ClassModel,
-    camera: PinholeCamera,
-) -> float:
-    """Metres of a unit of the model, from the width of the object in the picture at the depth of its feet."""
-    across = np.concatenate([p.outline for p in model.parts]) @ cam_from_object[0]
+def _metres_per_unit(parts: PartLabels, depth_m: float, across: FloatArray, camera: PinholeCamera) -> float:
+    """Metres of a unit of the model, from the width of the object in the picture at the depth of its feet.
+
+    ``across`` (m,) are the outlines of the model along the camera's x axis.
+    """
     first, last = parts.columns
     width_m = (last - first + 1) * depth_m / camera.fx_px
     return float(width_m / np.ptp(across))
+
+
+@lru_cache(maxsize=8)
+def _arrays(model: ClassModel) -> tuple[FloatArray, FloatArray, float]:
+    """Points of all outlines (m, 3), planes of all parts (k, 4), and the diagonal of the extents."""
+    outlines = np.concatenate([p.outline for p in model.parts])
+    return outlines, np.stack([p.plane for p in model.parts]), float(np.linalg.norm(model.extents))

@@ -194,8 +194,8 @@ class _RegisteredView:
     to_image: GridToImage
     outline_px: FloatArray
     """The outline, shape (m, 2)."""
-    regions_px: tuple[tuple[int, FloatArray], ...]
-    """Label and outline (m, 2) of each region, larger first."""
+    points_px: FloatArray
+    """Outlines of all regions, shape (p, 2)."""
 
     @property
     def box_bottom_px(self) -> float:
@@ -211,9 +211,7 @@ def _register(
     parts = register_parts(outline, view, config.registration)
     if isinstance(parts, Failure):
         return parts
-    points_px = to_image(parts.points)
-    regions_px = tuple((label, points_px[rows]) for label, rows in parts.rings)
-    return _RegisteredView(view, parts.cost, to_image, to_image(outline), regions_px)
+    return _RegisteredView(view, parts.cost, to_image, to_image(outline), to_image(parts.points))
 
 
 def _from_outline(
@@ -265,7 +263,7 @@ def _instance(
         cam_from_object=cam_from_object,
         registration_cost=shown.cost,
         placed_share=placed.placed_share,
-        part_regions=shown.regions_px,
+        part_regions=tuple((label, shown.points_px[rows]) for label, rows in shown.view.rings),
         ground_points_m=line.points_m,
     )
 
@@ -342,8 +340,9 @@ def _part_labels(shown: _RegisteredView, camera: PinholeCamera) -> PartLabels:
     high = np.clip(np.ceil(outline_px.max(axis=0)) + 1, low + 1, size).astype(int)
     width, height = (high - low).tolist()
     labels = np.zeros((height, width), np.uint8)
-    for label, polygon in shown.regions_px:
-        cv2.fillPoly(labels, [np.rint((polygon - low) * 16).astype(np.int32)], label, shift=4)
+    points = np.rint((shown.points_px - low) * 16).astype(np.int32)
+    for label, rows in shown.view.rings:
+        cv2.fillPoly(labels, [points[rows]], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
     return PartLabels(int(low[0]), int(low[1]), fill_gaps(labels, inside))
 

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from recon.arrays import BoolArray, Float32Array, FloatArray
+from recon.arrays import BoolArray, Float32Array, FloatArray, percentiles
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason
@@ -169,13 +169,13 @@ def fit_scale_offset(z_i: FloatArray, z_s: FloatArray) -> tuple[float, float, fl
     return scale, float(mean_s - scale * mean_i), float(np.sqrt(residual @ residual / len(z_i)))
 
 
-def depth_range(measured: Float32Array, percentiles: tuple[float, float]) -> tuple[float, float]:
+def depth_range(measured: Float32Array, percent: tuple[float, float]) -> tuple[float, float]:
     """Low and high percentile of the measured depths of a picture; (0, 0) where nothing was measured."""
     values = measured[np.isfinite(measured)]
     if not len(values):
         return 0.0, 0.0
-    low, high = np.percentile(values, percentiles)
-    return float(low), float(high)
+    low, high = percentiles(values, percent)
+    return low, high
 
 
 def predicted_region(predicted: DepthMap, xyxy_px: FloatArray) -> BoolArray:
@@ -197,7 +197,7 @@ def _range(
     """The measured depth that becomes 0, and the span that becomes 1."""
     match config.normalisation:
         case Normalisation.BOX_PERCENTILES:
-            low, high = (float(v) for v in np.percentile(values, config.percentiles))
+            low, high = percentiles(values, config.percentiles)
         case Normalisation.IMAGE_RANGE:
             low, high = image_range or depth_range(measured, config.percentiles)
     return low, high - low

@@ -10,7 +10,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from recon.arrays import Float32Array, FloatArray
+from recon.arrays import Float32Array, FloatArray, median
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from recon.errors import RescoreError
@@ -144,7 +144,7 @@ def _depth_ratio(
     """Median logarithm of measured over predicted depth, over the predicted region in the box."""
     measured = disparity_px[predicted.window]
     use = predicted_region(predicted, box_px) & np.isfinite(measured)
-    return float(np.median(np.log(camera.depth_m(measured[use]) / predicted.depth[use])))
+    return median(np.log(camera.depth_m(measured[use]) / predicted.depth[use]))
 
 
 class Sense(IntEnum):

@@ -58,7 +58,6 @@ def test_every_point_lies_on_its_plane() -> None:
         {1: FRONT, 2: LEANING},
         {1: np.array([0.0, 1.5, 10.0])},
         LIMITS,
-        CONFIG,
     )
     points = placed.depth[..., None] * rays()
     for label, plane in placed.planes.items():
@@ -84,7 +83,6 @@ def test_chain_of_parts_in_rings() -> None:
         dict.fromkeys(range(1, 5), FRONT),
         {4: np.array([0, 1.5, 9.0])},
         LIMITS,
-        CONFIG,
     )
     assert list(placed.planes) == [4, 3, 2, 1]
     np.testing.assert_allclose(placed.depth[labels > 0], 9.0)
