@@ -6,7 +6,7 @@ one to one; a thin-plate spline carries what lies between the points along.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import pdist
 
-from recon.arrays import Float32Array, FloatArray, UInt8Array
+from recon.arrays import Float32Array, FloatArray
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,12 @@ class ShapeContextConfig:
     position_weight: float = 1.0
     """Cost of a displacement by one root-mean-square radius of the outline, squared, beside the chi-squared
     cost in [0, 1]. Outlines that start aligned need not move far; 0 is the plain shape context."""
+
+    @cached_property
+    def edges(self) -> FloatArray:
+        """Outer radii of the rings of bins, in mean point distances, shape (radial_bins,)."""
+        # a small slack keeps points on a bin's border in the same bin under rounding
+        return np.geomspace(self.inner_radius, self.outer_radius, self.radial_bins) * (1 + 1e-9)
 
     def __post_init__(self) -> None:
         if self.angular_bins % 2:
@@ -55,40 +61,44 @@ def shape_contexts(points: FloatArray, config: ShapeContextConfig) -> Float32Arr
 def _counts(points: FloatArray, config: ShapeContextConfig) -> NDArray[np.intp]:
     """How many of the other points (m, 2) lie in each bin around each, shape (m, radial * angular)."""
     m, rings, sectors = len(points), config.radial_bins, config.angular_bins
-    first, second = _pairs(m)
+    pairs = first, second = _pairs(m)
     x, y = (row.take(second) - row.take(first) for row in np.ascontiguousarray(points.T))
     radius = np.sqrt(x * x + y * y)
     mean = max(2 * float(radius.sum()) / max(m * (m - 1), 1), 1e-12)
-    # a small slack keeps points on a bin's border in the same bin under rounding
-    edges = np.geomspace(config.inner_radius, config.outer_radius, rings) * (1 + 1e-9)
     # ring ``rings`` is for what lies farther, and left out
-    ring = (radius > mean * edges[:, None]).sum(axis=0, dtype=np.uint8)
-    there, back = _sectors(x, y, 2 * np.pi * 1e-9 * radius, sectors)
-    index = np.concatenate([first, second]) * (rings + 1) + np.tile(ring, 2)
-    index = index * sectors + np.concatenate([there, back])
+    ring = (radius > mean * config.edges[:, None]).sum(axis=0, dtype=np.uint16) * np.uint16(sectors)
+    cells = np.concatenate([ring + s for s in _sectors(x, y, 2 * np.pi * 1e-9 * radius, sectors)])
+    index = pairs.ravel() * ((rings + 1) * sectors) + cells
     counts = np.bincount(index, minlength=m * (rings + 1) * sectors)
     return counts.reshape(m, rings + 1, sectors)[:, :rings].reshape(m, -1)
 
 
+_Sectors = NDArray[np.uint16]
+
+
 @lru_cache(maxsize=4)
-def _pairs(m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Every pair of m points once, the lower index first."""
-    first, second = np.triu_indices(m, 1)
-    return first, second
+def _pairs(m: int) -> NDArray[np.intp]:
+    """Every pair of m points once, the lower index first, shape (2, pairs)."""
+    return np.stack(np.triu_indices(m, 1))
 
 
-def _sectors(x: FloatArray, y: FloatArray, slack: FloatArray, count: int) -> tuple[UInt8Array, UInt8Array]:
+def _sectors(x: FloatArray, y: FloatArray, slack: FloatArray, count: int) -> tuple[_Sectors, _Sectors]:
     """The sector of each offset (n,) among an even count, from the x axis on, and that of its opposite.
 
     Which side of the borders it lies on says it, without an angle; within ``slack`` it lies on them.
     """
     below = (y < -slack) | ((y <= slack) & (x < 0))
-    side = np.where(below, -1.0, 1.0)
-    x, y = x * side, y * side
-    border = 2 * np.pi / count * np.arange(1, count // 2)[:, None]
-    sector = (y * np.cos(border) - x * np.sin(border) >= -slack).sum(axis=0, dtype=np.uint8)
-    turned = below * np.uint8(count // 2)
-    return sector + turned, sector + (np.uint8(count // 2) - turned)
+    x, y = np.where(below, -x, x), np.where(below, -y, y)
+    y_low, y_high = y - slack, y + slack
+    sector = np.zeros(len(x), np.uint16)
+    for i in range(1, count // 2):
+        # of lines through the origin, the upright one is at a quarter of a turn
+        slope = np.tan(2 * np.pi / count * i)
+        sector += (
+            x <= slack if 4 * i == count else y_high >= x * slope if 4 * i < count else y_low <= x * slope
+        )
+    half = below * np.uint16(count // 2)
+    return sector + half, sector + (np.uint16(count // 2) - half)
 
 
 def chi_squared(a: Float32Array, b: Float32Array) -> Float32Array:

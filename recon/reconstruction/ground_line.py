@@ -64,14 +64,13 @@ def ground_line(
         bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
             together; None takes them from the labels alone.
     """
-    contacts = _contacts(parts, list(feet_cam), config)
-    if not contacts:
+    shown = _contacts(parts, list(feet_cam), config)
+    if not shown:
         return Failure(
             Reason.NO_GROUND_CONTACT,
             f"one of the parts {list(feet_cam)} expected in the image, found none",
         )
     height = parts.rows[1] - parts.rows[0] + 1.0
-    shown = {k: np.array(_middle(c)) for k, c in contacts.items()}
     if bottom_px is not None:
         down = bottom_px - max(float(at[1]) for at in shown.values())
         shown = {k: at + np.array([0.0, down]) for k, at in shown.items()}
@@ -186,7 +185,11 @@ def _second_line(
 def _contacts(
     parts: PartLabels, ground_labels: Sequence[int], config: GroundLineConfig
 ) -> dict[int, FloatArray]:
-    """Lowest pixels (n, 2) of the columns of each ground part that touch, by label, image coordinates."""
+    """Where each ground part touches, shape (2,), by label, image coordinates.
+
+    That is the middle of the columns that touch, and the lower edge of the lowest pixel, where the object
+    ends.
+    """
     labels, width = parts.labels, parts.labels.shape[1]
     if not parts.area_px:
         return {}
@@ -198,13 +201,8 @@ def _contacts(
         # rows come in their order, and the last one stays
         lowest[column] = row
         touching = np.flatnonzero(lowest >= max(row[-1] - tolerance, 0))
-        found[label] = np.stack([touching + parts.x0_px, lowest[touching] + parts.y0_px], axis=1, dtype=float)
+        found[label] = np.array([parts.x0_px + touching.mean(), parts.y0_px + row[-1] + 0.5])
     return found
-
-
-def _middle(contact_px: FloatArray) -> tuple[float, float]:
-    """Middle column and lower edge of a contact: the object ends at the lower edge of its lowest pixel."""
-    return float(contact_px[:, 0].mean()), float(contact_px[:, 1].max()) + 0.5
 
 
 def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera) -> float | None:
@@ -212,17 +210,17 @@ def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera)
 
     None where there is one foot, the middle is not on the ground, or the direction points along the ray.
     """
-    first, last = np.argmin(at[:, 0]), np.argmax(at[:, 0])
-    along = feet_cam[last] - feet_cam[first]
+    first, last = at[:, 0].argmin(), at[:, 0].argmax()
     up, camera = seen_from.ground.up, seen_from.camera
-    along = along - (along @ up) * up
     middle = seen_from.ground_points_m(at.mean(axis=0))
+    along = feet_cam[last] - feet_cam[first]
+    along = along - (along @ up) * up
     if first == last or not np.isfinite(middle).all() or np.linalg.norm(along) < 1e-6:
         return None
-    # a short step: the line is straight in the image, and both ends stay in front of the camera
-    step = 0.01 * middle[2] * along / np.linalg.norm(along)
-    du, dv = camera.project(middle + step) - camera.project(middle - step)
-    return float(dv / du) if abs(du) > abs(dv) else None
+    # how the pixel moves as the point moves, times the square of its depth
+    (x, y, z), (dx, dy, dz) = middle.tolist(), along.tolist()
+    du, dv = camera.fx_px * (dx * z - x * dz), camera.fy_px * (dy * z - y * dz)
+    return dv / du if abs(du) > abs(dv) else None
 
 
 def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, BoolArray]:
@@ -233,15 +231,15 @@ def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, BoolArray]:
     """
     best: tuple[int, float] = (0, 0.0)
     on_line = np.zeros(len(at), bool)
-    for i, j in combinations(range(len(at)), 2):
-        du, dv = at[j] - at[i]
+    points: list[tuple[float, float]] = at.tolist()
+    for (u0, v0), (u1, v1) in combinations(points, 2):
+        du, dv = u1 - u0, v1 - v0
         if abs(dv) >= abs(du):
             continue
-        residual = np.abs(at[i, 1] + (at[:, 0] - at[i, 0]) * dv / du - at[:, 1])
-        use = residual <= tolerance_px
-        key = (int(use.sum()), abs(float(du)))
+        use = [abs(v0 + (u - u0) * dv / du - v) <= tolerance_px for u, v in points]
+        key = (sum(use), abs(du))
         if key > best:
-            best, on_line = key, use
+            best, on_line = key, np.array(use)
     if best[0] < 2:
         on_line[np.argmax(at[:, 1])] = True
         return 0.0, float(at[:, 1].max()), on_line
