@@ -138,9 +138,9 @@ def align_depth(
             ``depth_range``; else they are computed.
     """
     region = predicted_region(predicted, xyxy_px)
-    z_s = measured[predicted.window]
-    valid = region & np.isfinite(z_s)
-    n_region, n_valid = int(region.sum()), int(valid.sum())
+    window = measured[predicted.window]
+    valid = np.flatnonzero(region & np.isfinite(window))
+    n_region, n_valid = int(np.count_nonzero(region)), len(valid)
     share = n_valid / n_region if n_region else 0.0
     if n_valid < config.min_valid_px or share < config.min_valid_share:
         return Failure(
@@ -148,9 +148,10 @@ def align_depth(
             f"expected at least {config.min_valid_px} measured pixels and a share of "
             f"{config.min_valid_share:g} of the predicted region, got {n_valid} of {n_region}",
         )
-    low, span = _range(z_s[valid], measured, config, image_range)
-    normalised = np.clip((z_s[valid].astype(float) - low) / span, 0, 1) if span > 0 else np.zeros(n_valid)
-    scale, offset, difference = fit_scale_offset(predicted.depth[valid].astype(float), normalised)
+    z_s, z_i = window.take(valid), predicted.depth.take(valid).astype(float)
+    low, span = _range(z_s, measured, config, image_range)
+    normalised = np.clip((z_s.astype(float) - low) / span, 0, 1) if span > 0 else np.zeros(n_valid)
+    scale, offset, difference = fit_scale_offset(z_i, normalised)
     return DepthAlignment(scale, offset, difference, share, low, span)
 
 

@@ -143,8 +143,8 @@ def _depth_ratio(
 ) -> float:
     """Median logarithm of measured over predicted depth, over the predicted region in the box."""
     measured = disparity_px[predicted.window]
-    use = predicted_region(predicted, box_px) & np.isfinite(measured)
-    return median(np.log(camera.depth_m(measured[use]) / predicted.depth[use]))
+    use = np.flatnonzero(predicted_region(predicted, box_px) & np.isfinite(measured))
+    return median(np.log(camera.depth_m(measured.take(use)) / predicted.depth.take(use)))
 
 
 class Sense(IntEnum):
