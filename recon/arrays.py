@@ -20,6 +20,25 @@ def constant(value: object, shape: tuple[int, ...], dtype: Any = float) -> NDArr
     return np.broadcast_to(np.array(value, dtype), shape)
 
 
+def median(values: NDArray[Any]) -> float:
+    """The median of one or more numbers (n,), none of them NaN; ``np.median`` takes three times as long."""
+    n = len(values)
+    ordered = np.partition(values, ((n - 1) // 2, n // 2))
+    return float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2
+
+
+def percentiles(values: NDArray[Any], percent: Sequence[float]) -> list[float]:
+    """Percentiles of one or more numbers (n,), none of them NaN, with straight lines between the numbers."""
+    at = [q / 100 * (len(values) - 1) for q in percent]
+    below = [int(a) for a in at]
+    above = [min(i + 1, len(values) - 1) for i in below]
+    ordered = np.partition(values, sorted({*below, *above}))
+    return [
+        float(ordered[i]) + (a - i) * (float(ordered[j]) - float(ordered[i]))
+        for a, i, j in zip(at, below, above, strict=True)
+    ]
+
+
 def rows_by_value(column: IntArray) -> dict[int, IntArray]:
     """The rows of each value, in their order, from one look at all rows."""
     order = np.argsort(column, kind="stable")

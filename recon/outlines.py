@@ -25,16 +25,25 @@ def fill_rings(rings: Sequence[Int32Array], height_px: int, width_px: int) -> Bo
 def fill_polygon(polygon_px: FloatArray, height_px: int, width_px: int) -> BoolArray:
     """The mask (h, w) of pixels inside a closed polygon (m, 2) in pixel-centre coordinates, to 1/16 pixel."""
     image = np.zeros((height_px, width_px), np.uint8)
-    cv2.fillPoly(image, [np.round(polygon_px * 16).astype(np.int32)], 1, shift=4)
-    return image.astype(bool)
+    cv2.fillPoly(image, [np.rint(polygon_px * 16).astype(np.int32)], 1, shift=4)
+    return image.view(bool)
 
 
 def largest_outline(mask: BoolArray) -> FloatArray | None:
     """The outer ring (m, 2) of the largest connected region, pixel centres; None for an empty mask."""
-    rings, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if not rings:
-        return None
-    ring = max(rings, key=lambda r: (cv2.contourArea(r), len(r)))
+    rings = outer_rings(mask)
+    return largest(rings) if rings else None
+
+
+def outer_rings(mask: BoolArray) -> tuple[Int32Array, ...]:
+    """Outer rings (m, 1, 2) of all connected regions, pixel centres."""
+    rings, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return tuple(np.asarray(r, np.int32) for r in rings)
+
+
+def largest(rings: Sequence[Int32Array]) -> FloatArray:
+    """The ring (m, 2) of one or more (m, 1, 2) that encloses most."""
+    ring = rings[0] if len(rings) == 1 else max(rings, key=lambda r: (cv2.contourArea(r), len(r)))
     return np.asarray(ring, float).reshape(-1, 2)
 
 

@@ -6,6 +6,7 @@ one to one; a thin-plate spline carries what lies between the points along.
 """
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ class ShapeContextConfig:
 
     radial_bins: int = 5
     angular_bins: int = 12
+    """An even number: a sector and the opposite one."""
     inner_radius: float = 0.125
     """Radius of the innermost bin, in mean point distances."""
     outer_radius: float = 2.0
@@ -30,6 +32,16 @@ class ShapeContextConfig:
     """Cost of a displacement by one root-mean-square radius of the outline, squared, beside the chi-squared
     cost in [0, 1]. Outlines that start aligned need not move far; 0 is the plain shape context."""
 
+    @cached_property
+    def edges(self) -> FloatArray:
+        """Outer radii of the rings of bins, in mean point distances, shape (radial_bins,)."""
+        # a small slack keeps points on a bin's border in the same bin under rounding
+        return np.geomspace(self.inner_radius, self.outer_radius, self.radial_bins) * (1 + 1e-9)
+
+    def __post_init__(self) -> None:
+        if self.angular_bins % 2:
+            raise ValueError(f"angular_bins: expected an even number, got {self.angular_bins}")
+
 
 def shape_contexts(points: FloatArray, config: ShapeContextConfig) -> Float32Array:
     """Normalised histograms of outlines (..., m, 2), shape (..., m, radial * angular), each summing to 1.
@@ -37,22 +49,56 @@ def shape_contexts(points: FloatArray, config: ShapeContextConfig) -> Float32Arr
     Invariant to translation, and to scale since radii are in units of the mean distance.
     """
     batch = points.reshape(-1, *points.shape[-2:])
-    n, m, _ = batch.shape
-    offset = batch[:, None, :, :] - batch[:, :, None, :]
-    radius = np.hypot(offset[..., 0], offset[..., 1])
-    mean = radius.sum(axis=(1, 2), keepdims=True) / max(m * (m - 1), 1)
-    # a small slack keeps points on a bin's border in the same bin under rounding
-    edges = np.geomspace(config.inner_radius, config.outer_radius, config.radial_bins) * (1 + 1e-9)
-    ring = np.searchsorted(edges, radius / np.maximum(mean, 1e-12))
-    turn = np.arctan2(offset[..., 1], offset[..., 0]) / (2 * np.pi) + 1e-9
-    sector = np.floor(turn * config.angular_bins).astype(np.intp) % config.angular_bins
     bins = config.radial_bins * config.angular_bins
-    row = np.arange(n * m).reshape(n, m, 1)
-    use = (ring < config.radial_bins) & ~np.eye(m, dtype=bool)
-    index = (row * bins + ring * config.angular_bins + sector)[use]
-    counts = np.bincount(index, minlength=n * m * bins).reshape(n, m, bins).astype(np.float32)
-    counts /= np.maximum(counts.sum(axis=2, keepdims=True), 1)
-    return counts.reshape(*points.shape[:-1], bins)
+    found = np.empty((*batch.shape[:2], bins), np.float32)
+    # outlines one by one, since the pairs of one stay near the processor
+    for outline, counts in zip(batch, found, strict=True):
+        counts[:] = _counts(outline, config)
+    found /= np.maximum(found.sum(axis=2, keepdims=True), 1)
+    return found.reshape(*points.shape[:-1], bins)
+
+
+def _counts(points: FloatArray, config: ShapeContextConfig) -> NDArray[np.intp]:
+    """How many of the other points (m, 2) lie in each bin around each, shape (m, radial * angular)."""
+    m, rings, sectors = len(points), config.radial_bins, config.angular_bins
+    pairs = first, second = _pairs(m)
+    x, y = (row.take(second) - row.take(first) for row in np.ascontiguousarray(points.T))
+    radius = np.sqrt(x * x + y * y)
+    mean = max(2 * float(radius.sum()) / max(m * (m - 1), 1), 1e-12)
+    # ring ``rings`` is for what lies farther, and left out
+    ring = (radius > mean * config.edges[:, None]).sum(axis=0, dtype=np.uint16) * np.uint16(sectors)
+    cells = np.concatenate([ring + s for s in _sectors(x, y, 2 * np.pi * 1e-9 * radius, sectors)])
+    index = pairs.ravel() * ((rings + 1) * sectors) + cells
+    counts = np.bincount(index, minlength=m * (rings + 1) * sectors)
+    return counts.reshape(m, rings + 1, sectors)[:, :rings].reshape(m, -1)
+
+
+_Sectors = NDArray[np.uint16]
+
+
+@lru_cache(maxsize=4)
+def _pairs(m: int) -> NDArray[np.intp]:
+    """Every pair of m points once, the lower index first, shape (2, pairs)."""
+    return np.stack(np.triu_indices(m, 1))
+
+
+def _sectors(x: FloatArray, y: FloatArray, slack: FloatArray, count: int) -> tuple[_Sectors, _Sectors]:
+    """The sector of each offset (n,) among an even count, from the x axis on, and that of its opposite.
+
+    Which side of the borders it lies on says it, without an angle; within ``slack`` it lies on them.
+    """
+    below = (y < -slack) | ((y <= slack) & (x < 0))
+    x, y = np.where(below, -x, x), np.where(below, -y, y)
+    y_low, y_high = y - slack, y + slack
+    sector = np.zeros(len(x), np.uint16)
+    for i in range(1, count // 2):
+        # of lines through the origin, the upright one is at a quarter of a turn
+        slope = np.tan(2 * np.pi / count * i)
+        sector += (
+            x <= slack if 4 * i == count else y_high >= x * slope if 4 * i < count else y_low <= x * slope
+        )
+    half = below * np.uint16(count // 2)
+    return sector + half, sector + (np.uint16(count // 2) - half)
 
 
 def chi_squared(a: Float32Array, b: Float32Array) -> Float32Array:
@@ -60,9 +106,11 @@ def chi_squared(a: Float32Array, b: Float32Array) -> Float32Array:
 
     0.5 sum (a - b)^2 / (a + b) = 1 - 2 sum a b / (a + b) for histograms that sum to 1.
     """
-    both = a[:, None, :] + b[None, :, :]
-    np.maximum(both, np.float32(1e-12), out=both)
-    np.divide(b[None, :, :], both, out=both)
+    # what one side never has adds nothing; ``compress`` keeps the rows together in memory
+    used = a.any(axis=0) & b.any(axis=0)
+    a, b = a.compress(used, axis=1), b.compress(used, axis=1)
+    both = (a + np.float32(1e-12))[:, None, :] + b
+    np.divide(b, both, out=both)
     # the row of a is the same over n, so that the sum over bins is one matrix product a row
     overlap = np.matmul(both, a[:, :, None])[..., 0]
     return np.asarray(np.clip(1 - 2 * overlap, 0, 1), np.float32)
@@ -82,7 +130,7 @@ def match(
     chi = chi_squared(a_context, b_context)
     a0, b0 = a_points - a_points.mean(axis=0), b_points - b_points.mean(axis=0)
     spread = np.mean(a0**2) + np.mean(b0**2)
-    moved = ((a0[:, None, :] - b0[None, :, :]) ** 2).sum(axis=2) / max(float(spread), 1e-12)
+    moved = ((a0**2).sum(axis=1)[:, None] + (b0**2).sum(axis=1) - 2 * a0 @ b0.T) / max(float(spread), 1e-12)
     rows, partner = linear_sum_assignment(chi + config.position_weight * moved)
     return np.asarray(partner, np.intp), float(chi[rows, partner].mean())
 

@@ -7,6 +7,7 @@ nose to the left of the picture.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -81,7 +82,12 @@ class ViewBins:
 
     def level_view_from_object(self, view_bin: int) -> FloatArray:
         """T_alpha at the bin's azimuth and elevation 0, shape (3, 3): its y axis is the object's down."""
-        return rotation(self.azimuth_rad(view_bin), 0.0)
+        return _level_rotation(self, view_bin).copy()
+
+
+@lru_cache(maxsize=64)
+def _level_rotation(bins: ViewBins, view_bin: int) -> FloatArray:
+    return rotation(bins.azimuth_rad(view_bin), 0.0)
 
 
 def rotation(azimuth_rad: float, elevation_rad: float) -> FloatArray:

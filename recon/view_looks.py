@@ -16,6 +16,7 @@ from scipy.special import log_softmax
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.errors import RescoreError
+from recon.view_bins import ViewBins
 
 _SIZE = (64, 48)
 """Columns and rows that a box is scaled to."""
@@ -63,6 +64,17 @@ class ViewLooks:
         features = np.stack([box_features(rgb, box) for box in xyxy_px])
         logs = log_softmax(features @ self.weights.T.astype(float) + self.bias, axis=1)
         return np.asarray(np.log((1 - self.doubt) * np.exp(logs) + self.doubt / len(self.bias)))
+
+    def bins_log_density(self, rgb: UInt8Array, xyxy_px: FloatArray, bins: ViewBins) -> FloatArray:
+        """Log probability density of the middle of each view bin for each box (n, 4), shape (n, bins)."""
+        logs = self.log_density(rgb, xyxy_px)
+        # seen from the front, the nose points along the ray towards the camera
+        heading = 1.5 * np.pi - 2 * np.pi / bins.count * np.arange(bins.count)
+        at = heading / (2 * np.pi) * logs.shape[1] % logs.shape[1]
+        low, part = np.floor(at).astype(np.intp), at % 1
+        return np.asarray(
+            (1 - part) * logs[:, low % logs.shape[1]] + part * logs[:, (low + 1) % logs.shape[1]]
+        )
 
     def as_json(self) -> dict[str, Any]:
         """The weights as JSON values, in half precision."""

@@ -41,14 +41,17 @@ def edge_channels(lab: Float32Array, config: BorderEvidenceConfig) -> Float32Arr
     dx, dy = smooth_gradient(lab, config.smooth_sigma_px)
     xx, yy, xy = (dx * dx).sum(axis=2), (dy * dy).sum(axis=2), (dx * dy).sum(axis=2)
     size = np.sqrt(xx + yy)
+    along, aslant = xx - yy, 2 * xy
+    double = np.sqrt(along * along + aslant * aslant)
     # 1 where the gradients of all colours agree in direction
-    coherence = np.hypot(xx - yy, 2 * xy) / (xx + yy + np.float32(1e-6))
+    coherence = double / (xx + yy + np.float32(1e-6))
     # half a unit of Lab a pixel is noise
     around = cv2.GaussianBlur(size, (0, 0), config.local_sigma_px) + np.float32(0.5)
     strength = coherence * np.maximum(size - np.float32(_ROUNDING), 0) / (size + around)
-    double = np.arctan2(2 * xy, xx - yy)
     centre = (2 * np.pi / config.directions * np.arange(config.directions)).astype(np.float32)
-    share = np.maximum(np.cos(double[..., None] - centre), 0) ** 2
+    # the cosine of twice the angle to each direction
+    towards = np.stack([along, aslant], axis=-1) / np.maximum(double, np.float32(1e-12))[..., None]
+    share = np.maximum(towards @ np.stack([np.cos(centre), np.sin(centre)]), 0) ** 2
     return _blurred(strength[..., None] * share, config)
 
 

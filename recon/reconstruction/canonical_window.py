@@ -7,7 +7,7 @@ import numpy as np
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.errors import Failure, Reason
-from recon.outlines import largest_outline
+from recon.outlines import largest, outer_rings
 from recon.reconstruction.part_registration import CanonicalGrid
 
 _PIECE = 0.1
@@ -67,13 +67,15 @@ def zero_level(phi: Float32Array, start: Float32Array, min_iou: float) -> FloatA
         start: the level set before.
         min_iou: smallest intersection over union of the two regions.
     """
-    fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
-    ring = largest_outline(_in_one_piece(fine < 0, start))
-    if ring is None:
-        return Failure(Reason.NO_OUTLINE, "an outline expected, the level set vanished")
-    outline = (ring + 0.5) / 4 - 0.5
     inside, before = phi < 0, start < 0
-    iou = float((inside & before).sum() / max((inside | before).sum(), 1))
+    fine = cv2.resize(phi, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR) < 0
+    rings = outer_rings(fine)
+    if len(rings) > 1:
+        rings = outer_rings(_in_one_piece(fine, start))
+    if not rings:
+        return Failure(Reason.NO_OUTLINE, "an outline expected, the level set vanished")
+    outline = (largest(rings) + 0.5) / 4 - 0.5
+    iou = int(np.count_nonzero(inside & before)) / max(int(np.count_nonzero(inside | before)), 1)
     if iou < min_iou:
         return Failure(
             Reason.NO_OUTLINE,

@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray
-from recon.camera import GroundedCamera
+from recon.camera import GroundedCamera, cross
 from recon.errors import Failure, Reason
 from recon.reconstruction.part_labels import PartLabels
 
@@ -64,20 +64,18 @@ def ground_line(
         bottom_px: row on which the object's lowest point is known to lie, to which the contacts are moved
             together; None takes them from the labels alone.
     """
-    labels, contacts = parts.labels, _contacts(parts, list(feet_cam), config)
-    if not contacts:
+    shown = _contacts(parts, list(feet_cam), config)
+    if not shown:
         return Failure(
             Reason.NO_GROUND_CONTACT,
             f"one of the parts {list(feet_cam)} expected in the image, found none",
         )
-    height = float(np.ptp(np.nonzero(labels)[0]) + 1)
-    shown = {k: np.array(_middle(c)) for k, c in contacts.items()}
+    height = parts.rows[1] - parts.rows[0] + 1.0
     if bottom_px is not None:
         down = bottom_px - max(float(at[1]) for at in shown.values())
         shown = {k: at + np.array([0.0, down]) for k, at in shown.items()}
     sides = _facing_sides(feet_cam, shown, seen_from)
-    area = np.bincount(labels.ravel(), minlength=256)
-    sides.sort(key=lambda side: -min(area[k] for k in side))
+    sides.sort(key=lambda side: -min(parts.area_px[k] for k in side))
     first = list(sides[0]) if sides else [max(shown, key=lambda k: (shown[k][1], -k))]
     at = np.array([shown[k] for k in first])
     slope, offset, on_line = _fit(at, config.line_tolerance * height)
@@ -95,7 +93,7 @@ def ground_line(
             f"ground contact below the horizon expected, got rows {np.round(feet[:, 1], 1).tolist()}",
         )
     # a line that ends at a corner is as long as its contacts; a single one goes under the whole object
-    columns = np.nonzero(labels.any(axis=0))[0][[0, -1]] + float(parts.x0_px)
+    columns = np.array(parts.columns) + float(parts.x0_px)
     if len(sides) > 1:
         columns = np.array([at[:, 0].min(), at[:, 0].max()])
     line = np.stack([columns, slope * columns + offset], axis=1)
@@ -114,44 +112,46 @@ def _facing_sides(
 
     The footprint is the convex hull of the feet on the ground.
     """
-    labels = np.array(list(feet_cam))
     forward = seen_from.level_direction(np.mean(list(shown.values()), axis=0))
-    right = np.cross(forward, seen_from.ground.up)
-    flat = np.array([[foot @ right, foot @ forward] for foot in feet_cam.values()])
+    across = np.stack([cross(forward, seen_from.ground.up), forward], axis=1)
+    flat: list[tuple[float, float]] = (np.array(list(feet_cam.values())) @ across).tolist()
     if len(flat) < 2:
         return []
     hull = _hull(flat)
-    size = float(np.ptp(flat, axis=0).max())
+    size = max(max(column) - min(column) for column in zip(*flat, strict=True))
     sides = []
-    for a, b in zip(hull, np.roll(hull, -1), strict=True):
-        along = flat[b] - flat[a]
-        length = float(np.linalg.norm(along))
-        outward = np.array([along[1], -along[0]]) / max(length, 1e-9)
-        if length < 1e-6 * max(size, 1e-9) or outward[1] > -_MIN_FACING:
+    for a, b in zip(hull, hull[1:] + hull[:1], strict=True):
+        (ax, ay), (bx, by) = flat[a], flat[b]
+        length = max(hypot(bx - ax, by - ay), 1e-9)
+        out_x, out_y = (by - ay) / length, (ax - bx) / length
+        if length < 1e-6 * max(size, 1e-9) or out_y > -_MIN_FACING:
             continue
-        on_side = np.abs((flat - flat[a]) @ outward) <= 0.1 * size
-        members = tuple(int(k) for k in labels[on_side] if int(k) in shown)
+        members = tuple(
+            k
+            for k, (x, y) in zip(feet_cam, flat, strict=True)
+            if k in shown and abs((x - ax) * out_x + (y - ay) * out_y) <= 0.1 * size
+        )
         if len(members) >= 2:
             sides.append(members)
     return sides
 
 
-def _hull(flat: FloatArray) -> NDArray[np.intp]:
-    """Indices of the convex hull of points (n, 2), counter-clockwise; of two points or a line both ends."""
-    order = np.lexsort((flat[:, 1], flat[:, 0]))
+def _hull(flat: Sequence[tuple[float, float]]) -> list[int]:
+    """Indices of the convex hull of points, counter-clockwise; of two points or a line both ends."""
+    order = sorted(range(len(flat)), key=lambda i: flat[i])
 
-    def chain(indices: NDArray[np.intp]) -> list[int]:
+    def chain(indices: Sequence[int]) -> list[int]:
         out: list[int] = []
         for i in indices:
             while len(out) >= 2:
-                (ax, ay), (bx, by) = flat[out[-1]] - flat[out[-2]], flat[i] - flat[out[-2]]
-                if ax * by - ay * bx > 1e-9:
+                (x0, y0), (ax, ay), (bx, by) = flat[out[-2]], flat[out[-1]], flat[i]
+                if (ax - x0) * (by - y0) - (ay - y0) * (bx - x0) > 1e-9:
                     break
                 out.pop()
-            out.append(int(i))
+            out.append(i)
         return out[:-1]
 
-    return np.array(chain(order) + chain(order[::-1]), np.intp)
+    return chain(order) + chain(order[::-1])
 
 
 def _second_line(
@@ -185,29 +185,24 @@ def _second_line(
 def _contacts(
     parts: PartLabels, ground_labels: Sequence[int], config: GroundLineConfig
 ) -> dict[int, FloatArray]:
-    """Lowest pixels (n, 2) of the columns of each ground part that touch, by label, image coordinates."""
-    labels = parts.labels
-    rows = np.nonzero(labels.any(axis=1))[0]
-    if not len(rows):
+    """Where each ground part touches, shape (2,), by label, image coordinates.
+
+    That is the middle of the columns that touch, and the lower edge of the lowest pixel, where the object
+    ends.
+    """
+    labels, width = parts.labels, parts.labels.shape[1]
+    if not parts.area_px:
         return {}
-    tolerance = max(1.0, config.contact_height * (rows[-1] - rows[0] + 1))
+    tolerance = max(1.0, config.contact_height * (parts.rows[1] - parts.rows[0] + 1))
     found: dict[int, FloatArray] = {}
-    for label in ground_labels:
-        mask = labels == label
-        columns = np.nonzero(mask.any(axis=0))[0]
-        if not len(columns):
-            continue
-        lowest = mask.shape[0] - 1 - np.argmax(mask[::-1, columns], axis=0)
-        touching = lowest >= lowest.max() - tolerance
-        found[label] = np.stack(
-            [columns[touching] + parts.x0_px, lowest[touching] + parts.y0_px], axis=1
-        ).astype(float)
+    for label in (k for k in ground_labels if k in parts.area_px):
+        row, column = np.divmod(np.flatnonzero(labels == label), width)
+        lowest = np.full(width, -1)
+        # rows come in their order, and the last one stays
+        lowest[column] = row
+        touching = np.flatnonzero(lowest >= max(row[-1] - tolerance, 0))
+        found[label] = np.array([parts.x0_px + touching.mean(), parts.y0_px + row[-1] + 0.5])
     return found
-
-
-def _middle(contact_px: FloatArray) -> tuple[float, float]:
-    """Middle column and lower edge of a contact: the object ends at the lower edge of its lowest pixel."""
-    return float(contact_px[:, 0].mean()), float(contact_px[:, 1].max()) + 0.5
 
 
 def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera) -> float | None:
@@ -215,17 +210,17 @@ def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera)
 
     None where there is one foot, the middle is not on the ground, or the direction points along the ray.
     """
-    first, last = np.argmin(at[:, 0]), np.argmax(at[:, 0])
-    along = feet_cam[last] - feet_cam[first]
+    first, last = at[:, 0].argmin(), at[:, 0].argmax()
     up, camera = seen_from.ground.up, seen_from.camera
-    along = along - (along @ up) * up
     middle = seen_from.ground_points_m(at.mean(axis=0))
+    along = feet_cam[last] - feet_cam[first]
+    along = along - (along @ up) * up
     if first == last or not np.isfinite(middle).all() or np.linalg.norm(along) < 1e-6:
         return None
-    # a short step: the line is straight in the image, and both ends stay in front of the camera
-    step = 0.01 * middle[2] * along / np.linalg.norm(along)
-    du, dv = camera.project(middle + step) - camera.project(middle - step)
-    return float(dv / du) if abs(du) > abs(dv) else None
+    # how the pixel moves as the point moves, times the square of its depth
+    (x, y, z), (dx, dy, dz) = middle.tolist(), along.tolist()
+    du, dv = camera.fx_px * (dx * z - x * dz), camera.fy_px * (dy * z - y * dz)
+    return dv / du if abs(du) > abs(dv) else None
 
 
 def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, BoolArray]:
@@ -236,17 +231,18 @@ def _fit(at: FloatArray, tolerance_px: float) -> tuple[float, float, BoolArray]:
     """
     best: tuple[int, float] = (0, 0.0)
     on_line = np.zeros(len(at), bool)
-    for i, j in combinations(range(len(at)), 2):
-        du, dv = at[j] - at[i]
+    points: list[tuple[float, float]] = at.tolist()
+    for (u0, v0), (u1, v1) in combinations(points, 2):
+        du, dv = u1 - u0, v1 - v0
         if abs(dv) >= abs(du):
             continue
-        residual = np.abs(at[i, 1] + (at[:, 0] - at[i, 0]) * dv / du - at[:, 1])
-        use = residual <= tolerance_px
-        key = (int(use.sum()), abs(float(du)))
+        use = [abs(v0 + (u - u0) * dv / du - v) <= tolerance_px for u, v in points]
+        key = (sum(use), abs(du))
         if key > best:
-            best, on_line = key, use
+            best, on_line = key, np.array(use)
     if best[0] < 2:
         on_line[np.argmax(at[:, 1])] = True
         return 0.0, float(at[:, 1].max()), on_line
-    slope, offset = np.polyfit(at[on_line, 0], at[on_line, 1], 1)
-    return float(slope), float(offset), on_line
+    (mean_u, mean_v), (du, dv) = at[on_line].mean(axis=0), (at[on_line] - at[on_line].mean(axis=0)).T
+    slope = float(du @ dv / (du @ du))
+    return slope, float(mean_v - slope * mean_u), on_line

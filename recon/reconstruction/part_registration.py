@@ -41,7 +41,7 @@ class RegistrationConfig:
     shape_context: ShapeContextConfig = field(default_factory=ShapeContextConfig)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class CanonicalGrid:
     """A small picture with a margin around a box."""
 
@@ -149,8 +149,8 @@ def _region_rings(labels: UInt8Array) -> tuple[tuple[tuple[int, slice], ...], Fl
 class RegisteredParts:
     """The labelled image deformed to one outline, in canonical coordinates."""
 
-    regions: tuple[tuple[int, FloatArray], ...]
-    """Label and polygon (m, 2) of each region, larger first."""
+    points: FloatArray
+    """Outlines of all regions, shape (p, 2); ``PreparedView.rings`` says whose each is."""
     cost: float
     """Mean chi-squared cost of the matched points, in [0, 1]."""
 
@@ -169,7 +169,7 @@ def register_parts(
         )
     limit = config.max_jump * float(np.sqrt(view.grid.box_width_px * view.grid.box_height_px))
     warped = view.warp @ _without_jumps(view.outline, points[partner], limit)
-    return RegisteredParts(tuple((label, warped[rows]) for label, rows in view.rings), cost)
+    return RegisteredParts(warped, cost)
 
 
 def _without_jumps(outline: FloatArray, targets: FloatArray, limit_px: float) -> FloatArray:
@@ -180,7 +180,7 @@ def _without_jumps(outline: FloatArray, targets: FloatArray, limit_px: float) ->
     """
     moved = targets - outline
     around = (np.arange(len(moved))[:, None] + np.arange(-5, 6)) % len(moved)
-    usual = np.median(moved[around], axis=1)
+    usual = np.sort(moved.T.take(around, axis=1), axis=2)[..., 5].T
     good = np.linalg.norm(moved - usual, axis=1) <= limit_px
     if good.all() or not good.any():
         return targets

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from recon.arrays import BoolArray, FloatArray, UInt8Array
-from recon.camera import GroundedCamera, PinholeCamera
+from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
+from recon.camera import GroundedCamera, PinholeCamera, cross
 from recon.class_model import ClassModel
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason, RescoreError
@@ -18,7 +18,6 @@ from recon.reconstruction.part_labels import PartLabels
 from recon.reconstruction.part_registration import (
     CanonicalGrid,
     PreparedView,
-    RegisteredParts,
     RegistrationConfig,
     prepare_view,
     register_parts,
@@ -87,7 +86,7 @@ class Reconstruction:
 def reconstruct(
     rgb: UInt8Array,
     xyxy_px: FloatArray,
-    view_bin: int,
+    view_bin: int | IntArray,
     model: ClassModel,
     seen_from: GroundedCamera,
     config: ReconstructConfig | None = None,
@@ -97,13 +96,13 @@ def reconstruct(
     Args:
         rgb: the picture, shape (h, w, 3).
         xyxy_px: boxes, shape (n, 4), pixel edges.
-        view_bin: the bin that all boxes are seen from.
+        view_bin: the bin that each box is seen from, shape (n,), or that of all.
         model: the class model.
         seen_from: the camera M and the ground plane Q_g.
         config: settings; None for the defaults.
 
     Raises:
-        RescoreError: the model has no labelled view of the bin, or the picture and the camera differ in size.
+        RescoreError: the model has no labelled view of a bin, or the picture and the camera differ in size.
     """
     config, camera = config or ReconstructConfig(), seen_from.camera
     if rgb.shape != (camera.height_px, camera.width_px, 3):
@@ -112,16 +111,20 @@ def reconstruct(
             f"got shape {rgb.shape}; calibrate for this picture size"
         )
     boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
-    view = prepare_view(model, view_bin, config.registration)
+    bins = np.broadcast_to(view_bin, len(boxes)).tolist()
+    prepared = {b: prepare_view(model, b, config.registration) for b in {*np.ravel(view_bin).tolist()}}
+    views = [prepared[b] for b in bins]
     results: list[Reconstruction | Failure | None] = [
-        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config) for box in boxes
+        check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config)
+        for box, view in zip(boxes, views, strict=True)
     ]
     todo = [i for i, result in enumerate(results) if result is None]
-    for i, outline in zip(todo, segment(rgb, boxes[todo], view, config), strict=True):
+    outlines = segment(rgb, boxes[todo], [views[i] for i in todo], config)
+    for i, outline in zip(todo, outlines, strict=True):
         results[i] = (
             outline
             if isinstance(outline, Failure)
-            else _from_outline(outline, boxes[i], view, seen_from, config)
+            else _from_outline(outline, boxes[i], views[i], seen_from, config)
         )
     return tuple(r for r in results if r is not None)
 
@@ -161,16 +164,24 @@ def reconstruct_outline(
 
 
 def segment(
-    rgb: UInt8Array, xyxy_px: FloatArray, view: PreparedView, config: ReconstructConfig
+    rgb: UInt8Array, xyxy_px: FloatArray, views: Sequence[PreparedView], config: ReconstructConfig
 ) -> tuple[FloatArray | Failure, ...]:
-    """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none."""
-    if not len(xyxy_px):
-        return ()
-    windows = canonical_windows(rgb, xyxy_px, view.grid)
-    start = np.broadcast_to(view.phi, windows.shape[:3]).astype(np.float32)
-    region = colour_evidence(windows, start) if config.segment.region_weight else None
-    phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
-    return tuple(zero_level(p, view.phi, config.min_outline_iou) for p in phi)
+    """The closed outline (m, 2) of the object in each box, canonical coordinates; or that there is none.
+
+    Boxes (n, 4) have a view each; those on grids of one size evolve together.
+    """
+    together: dict[CanonicalGrid, list[int]] = {}
+    for i, view in enumerate(views):
+        together.setdefault(view.grid, []).append(i)
+    found: dict[int, FloatArray | Failure] = {}
+    for grid, rows in together.items():
+        windows = canonical_windows(rgb, xyxy_px[rows], grid)
+        start = np.stack([views[i].phi for i in rows])
+        region = colour_evidence(windows, start) if config.segment.region_weight else None
+        phi = evolve(start, edge_indicator(windows, config.segment), config.segment, region)
+        for i, after, before in zip(rows, phi, start, strict=True):
+            found[i] = zero_level(after, before, config.min_outline_iou)
+    return tuple(found[i] for i in range(len(views)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,10 +189,13 @@ class _RegisteredView:
     """A labelled view deformed to an outline in the picture."""
 
     view: PreparedView
-    parts: RegisteredParts
+    cost: float
+    """Mean chi-squared cost of the match, in [0, 1]."""
     to_image: GridToImage
     outline_px: FloatArray
     """The outline, shape (m, 2)."""
+    points_px: FloatArray
+    """Outlines of all regions, shape (p, 2)."""
 
     @property
     def box_bottom_px(self) -> float:
@@ -197,7 +211,7 @@ def _register(
     parts = register_parts(outline, view, config.registration)
     if isinstance(parts, Failure):
         return parts
-    return _RegisteredView(view, parts, to_image, to_image(outline))
+    return _RegisteredView(view, parts.cost, to_image, to_image(outline), to_image(parts.points))
 
 
 def _from_outline(
@@ -247,9 +261,9 @@ def _instance(
         depth=DepthMap(parts.x0_px, parts.y0_px, placed.depth),
         ground_line_px=line.line_px,
         cam_from_object=cam_from_object,
-        registration_cost=shown.parts.cost,
+        registration_cost=shown.cost,
         placed_share=placed.placed_share,
-        part_regions=tuple((label, shown.to_image(polygon)) for label, polygon in shown.parts.regions),
+        part_regions=tuple((label, shown.points_px[rows]) for label, rows in shown.view.rings),
         ground_points_m=line.points_m,
     )
 
@@ -263,7 +277,7 @@ def view_rotation(view: PreparedView, box_px: FloatArray, seen_from: GroundedCam
     """
     forward = seen_from.level_direction((box_px[:2] + box_px[2:]) / 2 - 0.5)
     down = -seen_from.ground.up
-    cam_from_view = np.stack([np.cross(down, forward), down, forward], axis=1)
+    cam_from_view = np.stack([cross(down, forward), down, forward], axis=1)
     return np.asarray(cam_from_view @ view.model.bins.level_view_from_object(view.view_bin))
 
 
@@ -280,11 +294,13 @@ def check_box(
 
     ``picture_px`` is the width and height of the picture.
     """
-    failure = check_extent(box_px, picture_px, config.min_inside)
-    if failure is not None:
-        return failure
-    size = box_px[2:] - box_px[:2]
-    aspect, expected = float(size[0] / size[1]), grid.box_width_px / grid.box_height_px
+    return check_extent(box_px, picture_px, config.min_inside) or check_aspect(box_px, grid, config)
+
+
+def check_aspect(box_px: FloatArray, grid: CanonicalGrid, config: ReconstructConfig) -> Failure | None:
+    """Why nothing of this grid's aspect can be looked for in a box (4,); None where it can."""
+    x0, y0, x1, y1 = box_px.tolist()
+    aspect, expected = (x1 - x0) / (y1 - y0), grid.box_width_px / grid.box_height_px
     if max(aspect / expected, expected / aspect) > config.max_aspect_change:
         return Failure(
             Reason.REGISTRATION_FAILED,
@@ -298,14 +314,17 @@ def check_extent(box_px: FloatArray, picture_px: tuple[int, int], min_inside: fl
 
     ``min_inside`` is the smallest share of it that must lie in the picture.
     """
-    size = box_px[2:] - box_px[:2]
-    if not (np.isfinite(box_px).all() and (size >= 4).all()):
+    x0, y0, x1, y1 = box_px.tolist()
+    if not (np.isfinite(box_px).all() and x1 - x0 >= 4 and y1 - y0 >= 4):
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
             f"a box of at least 4 x 4 pixels expected, got {np.round(box_px, 1).tolist()}",
         )
-    clipped = np.clip(box_px, 0, [*picture_px, *picture_px])
-    inside = float(np.prod(clipped[2:] - clipped[:2]) / np.prod(size))
+    width, height = (
+        min(max(high, 0), most) - min(max(low, 0), most)
+        for low, high, most in ((x0, x1, picture_px[0]), (y0, y1, picture_px[1]))
+    )
+    inside = width * height / ((x1 - x0) * (y1 - y0))
     if inside < min_inside:
         return Failure(
             Reason.BOX_OUTSIDE_IMAGE,
@@ -321,23 +340,23 @@ def _part_labels(shown: _RegisteredView, camera: PinholeCamera) -> PartLabels:
     high = np.clip(np.ceil(outline_px.max(axis=0)) + 1, low + 1, size).astype(int)
     width, height = (high - low).tolist()
     labels = np.zeros((height, width), np.uint8)
-    for label, polygon in shown.parts.regions:
-        points = np.round((shown.to_image(polygon) - low) * 16).astype(np.int32)
-        cv2.fillPoly(labels, [points], label, shift=4)
+    points = np.rint((shown.points_px - low) * 16).astype(np.int32)
+    for label, rows in shown.view.rings:
+        cv2.fillPoly(labels, [points[rows]], label, shift=4)
     inside = fill_polygon(outline_px - low, height, width)
     return PartLabels(int(low[0]), int(low[1]), fill_gaps(labels, inside))
 
 
 def fill_gaps(labels: UInt8Array, inside: BoolArray) -> UInt8Array:
     """Labels inside the outline; pixels that no region covers get the nearest region's label."""
-    known = (labels > 0) & inside
-    if not known.any():
-        return np.zeros_like(labels)
-    if not (inside & ~known).any():
-        return np.where(inside, labels, 0).astype(np.uint8)
+    own = np.where(inside, labels, np.uint8(0))
+    known = own > 0
+    gap = inside & ~known
+    if not gap.any() or not known.any():
+        return own
     _, nearest = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        (~known).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    label_of = np.zeros(int(nearest.max()) + 1, np.uint8)
-    label_of[nearest[known]] = labels[known]
-    return np.where(inside, label_of[nearest], 0).astype(np.uint8)
+    # OpenCV numbers the known pixels from 1 on in their order
+    own[gap] = own[known][nearest[gap] - 1]
+    return own

@@ -72,7 +72,9 @@ def edge_indicator(lab: Float32Array, config: SegmentConfig) -> Float32Array:
     energy = np.empty(lab.shape[:3], np.float32)
     for i, window in enumerate(lab):
         dx, dy = smooth_gradient(window, config.smooth_sigma_px)
-        energy[i] = (dx * dx + dy * dy).reshape(*lab.shape[1:3], -1).sum(axis=2)
+        square = dx * dx + dy * dy
+        # the few channels one by one: sums over a short last axis are slow
+        energy[i] = sum(np.moveaxis(square, 2, 0)) if square.ndim == 3 else square
     half = config.edge_scale**2 * energy.mean(axis=(1, 2), keepdims=True)
     # the floor is far below one grey level a pixel, so that a blank window has no edges
     return np.asarray(1.0 / (1.0 + energy / np.maximum(half, np.float32(1e-4))), np.float32)
@@ -110,7 +112,8 @@ def evolve(
 
     Gradient descent on mu R(phi) + lambda L_g(phi) + alpha A_g(phi) (eq. 22 of Li et al.), and on the area
     weighted by ``region`` (n, h, w), negative where it should grow. Outside ``max_shift`` of the start
-    nothing pulls, so the outline stays there.
+    nothing pulls, so the outline stays there. The pull of each step acts where the smoothed delta function
+    (1 + cos(pi phi / eps)) / (2 eps) is not 0; the distance regulariser acts everywhere.
     """
     band = np.abs(phi) <= config.max_shift * phi.shape[1] + config.dirac_width_px
     edge = edge * band
@@ -118,76 +121,15 @@ def evolve(
     if region is not None:
         # limbs of the ground's colour would shrink away, so colours pull inwards less than outwards
         push += config.region_weight * np.where(region > 0, config.inward_share * region, region) * band
-    edge_x, edge_y = _along_x(edge), _along_y(edge)
-    phi = phi.copy()
-    for _ in range(config.steps):
-        phi_x, phi_y = _along_x(phi), _along_y(phi)
-        slope = np.sqrt(phi_x * phi_x + phi_y * phi_y)
-        unit = 1.0 / (slope + np.float32(1e-10))
-        normal_x, normal_y = phi_x * unit, phi_y * unit
-        curvature = _divergence(normal_x, normal_y)
-        pull = config.length_weight * (edge_x * normal_x + edge_y * normal_y + edge * curvature)
-        pull += push
-        pull *= _dirac(phi, config.dirac_width_px)
-        phi += config.time_step * (config.distance_weight * _distance_term(phi, phi_x, phi_y, slope) + pull)
-    return phi
+    weights = (config.time_step, config.distance_weight, config.length_weight, config.dirac_width_px)
+    numbers = (np.float32(v) for v in weights)
+    from recon.reconstruction.level_set import evolved  # noqa: PLC0415 (takes half a second with Numba)
 
-
-def _along_x(stack: Float32Array) -> Float32Array:
-    """Central differences along x of (n, h, w); one-sided at the border."""
-    out = np.empty_like(stack)
-    np.subtract(stack[:, :, 2:], stack[:, :, :-2], out=out[:, :, 1:-1])
-    out[:, :, 1:-1] *= np.float32(0.5)
-    out[:, :, 0] = stack[:, :, 1] - stack[:, :, 0]
-    out[:, :, -1] = stack[:, :, -1] - stack[:, :, -2]
+    out: Float32Array = evolved(
+        *(_plain(a) for a in (phi, edge, push)), config.steps, *map(np.float32, numbers)
+    )
     return out
 
 
-def _along_y(stack: Float32Array) -> Float32Array:
-    """Central differences along y of (n, h, w); one-sided at the border."""
-    out = np.empty_like(stack)
-    np.subtract(stack[:, 2:], stack[:, :-2], out=out[:, 1:-1])
-    out[:, 1:-1] *= np.float32(0.5)
-    out[:, 0] = stack[:, 1] - stack[:, 0]
-    out[:, -1] = stack[:, -1] - stack[:, -2]
-    return out
-
-
-def _divergence(vx: Float32Array, vy: Float32Array) -> Float32Array:
-    out = _along_x(vx)
-    out += _along_y(vy)
-    return out
-
-
-def _laplacian(phi: Float32Array) -> Float32Array:
-    """Five-point Laplacian with zero slope across the border."""
-    out = np.float32(-4) * phi
-    out[:, 1:] += phi[:, :-1]
-    out[:, :-1] += phi[:, 1:]
-    out[:, :, 1:] += phi[:, :, :-1]
-    out[:, :, :-1] += phi[:, :, 1:]
-    out[:, 0] += phi[:, 0]
-    out[:, -1] += phi[:, -1]
-    out[:, :, 0] += phi[:, :, 0]
-    out[:, :, -1] += phi[:, :, -1]
-    return out
-
-
-def _distance_term(
-    phi: Float32Array, phi_x: Float32Array, phi_y: Float32Array, slope: Float32Array
-) -> Float32Array:
-    """div(d_p(|grad phi|) grad phi) for the double-well potential p_2 (eqs. 16 and 17 of Li et al.).
-
-    d_p(s) = sin(2 pi s) / (2 pi s) for s <= 1, and 1 - 1 / s above. Written as the Laplacian plus the
-    divergence of (d_p - 1) grad phi, which damps the checkerboard that central differences do not see.
-    """
-    two_pi = np.float32(2 * np.pi)
-    safe = np.maximum(slope, np.float32(1e-6))
-    rate = np.where(slope <= 1, np.sin(two_pi * safe) / (two_pi * safe), 1 - 1 / safe) - np.float32(1)
-    return _laplacian(phi) + _divergence(rate * phi_x, rate * phi_y)
-
-
-def _dirac(phi: Float32Array, width_px: float) -> Float32Array:
-    """(1 + cos(pi phi / eps)) / (2 eps) within eps of the zero level, else 0."""
-    wave = np.cos(phi * np.float32(np.pi / width_px))
-    return np.where(np.abs(phi) <= width_px, (1 + wave) * np.float32(0.5 / width_px), np.float32(0))
+def _plain(stack: FloatArray | Float32Array) -> Float32Array:
+    return np.ascontiguousarray(stack, np.float32)

@@ -2,16 +2,19 @@
 
 Each bin is tried: the level set starts from its labelled outline, its parts are registered, and a cost says
 how well both went. The level set starts on the outline that it is judged by and finds some edge nearby for
-any of them; so the cost looks first at the box's shape and at whether all borders of the labelled image, the
-inner ones too, meet edges of their direction.
+any of them; so the cost looks first at the box's shape, at whether all borders of the labelled image, the
+inner ones too, meet edges of their direction, and at how the class looks from each side where the class model
+knows it. Since these say most, boxes of a whole frame are registered to their two likeliest bins alone.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.arrays import FloatArray, UInt8Array
+from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.reconstruction.border_evidence import (
@@ -20,13 +23,23 @@ from recon.reconstruction.border_evidence import (
     border_channels,
     edge_channels,
 )
-from recon.reconstruction.canonical_window import canonical_windows, zero_level
-from recon.reconstruction.part_registration import PreparedView, canonical_grid, prepare_view, register_parts
-from recon.reconstruction.reconstruct import ReconstructConfig, check_box
-from recon.reconstruction.segment import edge_indicator, evolve
+from recon.reconstruction.canonical_window import canonical_windows
+from recon.reconstruction.part_registration import (
+    CanonicalGrid,
+    PreparedView,
+    canonical_grid,
+    prepare_view,
+    register_parts,
+)
+from recon.reconstruction.reconstruct import ReconstructConfig, check_aspect, check_extent, segment
 
-COST_TERMS = ("aspect", "borders", "registration")
+COST_TERMS = ("aspect", "borders", "registration", "looks")
 """Columns of ``ViewChoice.terms``."""
+_ASPECT_STEP = 0.1
+"""Steps of the logarithm of the aspect of the grids on which borders are drawn and remembered."""
+
+_THINNED = 2
+"""Every second pixel tells what borders and edges do, since they are blurred by as much."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +47,8 @@ class ViewSelectionConfig:
     """Weights of the cost, and settings of what it is made of.
 
     The weights are those of a conditional logit (softmax of minus the cost over the bins) fitted to rendered
-    cars, chairs and bicycles of training shapes, and rounded. So costs are in nats.
+    cars, chairs and bicycles of training shapes, and rounded; that of looks, to cars of rendered streets. So
+    costs are in nats.
     """
 
     aspect_weight: float = 5.5
@@ -47,8 +61,17 @@ class ViewSelectionConfig:
     known_registration_weight: float = 22.0
     """Weight of the mean chi-squared cost of matching the labelled outline to an outline that was known
     before."""
+    looks_weight: float = 2.0
+    """Weight of minus the log probability of the bin by how the box looks (``ClassModel.looks``)."""
+    registered: int = 2
+    """Bins of least cost without registration that ``likely_view_bins`` registers."""
     borders: BorderEvidenceConfig = field(default_factory=BorderEvidenceConfig)
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
+
+    def weights(self, outline_known: bool) -> FloatArray:
+        """The weight of each of ``COST_TERMS``."""
+        registration = self.known_registration_weight if outline_known else self.registration_weight
+        return np.array([self.aspect_weight, self.borders_weight, registration, self.looks_weight])
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +82,7 @@ class ViewChoice:
     cost: FloatArray
     """Shape (k,), one a bin, nats; NaN for bins that fail."""
     terms: FloatArray
-    """What the cost is made of, unweighted, shape (k, 3), columns ``COST_TERMS``; NaN for bins that fail."""
+    """What the cost is made of, unweighted, shape (k, 4), columns ``COST_TERMS``; NaN for bins that fail."""
     failures: dict[int, Failure]
     """Why each bin with no cost has none."""
 
@@ -96,7 +119,7 @@ def best_view_bin(
     config: ViewSelectionConfig | None = None,
     outline_px: FloatArray | None = None,
 ) -> ViewChoice | Failure:
-    """The view bin that explains the object in a box best, or why none does.
+    """The view bin that explains the object in a box best, or why none does; all bins are registered.
 
     Args:
         rgb: the picture, shape (h, w, 3).
@@ -109,31 +132,62 @@ def best_view_bin(
     box = np.asarray(xyxy_px, float).reshape(4)
     views, failures = _views_for_box(rgb, box, model, config.reconstruct)
     if outline_px is None:
-        outlines = _segment_views(rgb, box, views, config.reconstruct)
-        registration_weight = config.registration_weight
+        outlines = _outlines(rgb, [(box, view) for view in views.values()], config)
     else:
-        outlines = {b: _to_grid(outline_px, box, view) for b, view in views.items()}
-        registration_weight = config.known_registration_weight
-    terms = np.full((model.bins.count, len(COST_TERMS)), np.nan)
-    for view_bin, outline in outlines.items():
-        view = views[view_bin]
-        found = (
-            outline
-            if isinstance(outline, Failure)
-            else register_parts(outline, view, config.reconstruct.registration)
-        )
+        outlines = tuple(_to_grid(outline_px, box, view) for view in views.values())
+    terms = _first_terms(rgb, box, views, _looks_cost(rgb, box[None], model)[0], config)
+    for (view_bin, view), outline in zip(views.items(), outlines, strict=True):
+        found = _registration(outline, view, config)
         if isinstance(found, Failure):
             failures[view_bin] = found
+            terms[view_bin] = np.nan
         else:
-            terms[view_bin, 2] = found.cost
-    good = [b for b in views if b not in failures]
-    if not good:
-        first = failures[min(failures)]
-        return Failure(first.reason, f"a view bin that fits expected, none does; bin 0: {first.detail}")
-    terms[good, 0] = [abs(np.log(_aspect(box) / _grid_aspect(views[b]))) for b in good]
-    terms[good, 1] = 1 - _border_agreement(rgb, box, [views[b] for b in good], config)
-    cost = terms @ np.array([config.aspect_weight, config.borders_weight, registration_weight])
+            terms[view_bin, 2] = found
+    if np.isnan(terms[:, 2]).all():
+        return _no_bin(failures)
+    cost = terms @ config.weights(outline_px is not None)
     return ViewChoice(int(np.nanargmin(cost)), cost, terms, dict(sorted(failures.items())))
+
+
+def likely_view_bins(
+    rgb: UInt8Array, xyxy_px: FloatArray, model: ClassModel, config: ViewSelectionConfig | None = None
+) -> tuple[int | Failure, ...]:
+    """The view bin that explains the object in each box best, or why none does, from coarse to fine.
+
+    The cost is that of ``best_view_bin``, but only some bins of each box, those that cost least without it,
+    are registered; where they all fail, the next ones are.
+
+    Args:
+        rgb: the picture, shape (h, w, 3).
+        xyxy_px: the boxes, shape (n, 4), pixel edges.
+        model: the class model; bins without a labelled view fail.
+        config: settings; None for the defaults.
+    """
+    config = config or ViewSelectionConfig()
+    boxes = np.asarray(xyxy_px, float).reshape(-1, 4)
+    looks, weights = _looks_cost(rgb, boxes, model), config.weights(outline_known=False)
+    tried = [_views_for_box(rgb, box, model, config.reconstruct) for box in boxes]
+    first = [
+        np.delete(_first_terms(rgb, box, views, look, config), 2, axis=1) @ np.delete(weights, 2)
+        for box, (views, _), look in zip(boxes, tried, looks, strict=True)
+    ]
+    left = {i: sorted(views, key=first[i].__getitem__) for i, (views, _) in enumerate(tried)}
+    found: dict[int, int | Failure] = {}
+    while left:
+        pairs = [(i, b) for i, order in left.items() for b in order[: config.registered]]
+        costs = dict[int, dict[int, float]]()
+        shown = [(boxes[i], tried[i][0][b]) for i, b in pairs]
+        for (i, b), (_, view), outline in zip(pairs, shown, _outlines(rgb, shown, config), strict=True):
+            cost = _registration(outline, view, config)
+            if isinstance(cost, Failure):
+                tried[i][1][b] = cost
+            else:
+                costs.setdefault(i, {})[b] = float(first[i][b] + weights[2] * cost)
+        found |= {i: min(of_box, key=of_box.__getitem__) for i, of_box in costs.items()}
+        left = {i: order[config.registered :] for i, order in left.items() if i not in costs}
+        found |= {i: _no_bin(tried[i][1]) for i, order in left.items() if not order}
+        left = {i: order for i, order in left.items() if order}
+    return tuple(found[i] for i in range(len(boxes)))
 
 
 def _views_for_box(
@@ -141,6 +195,7 @@ def _views_for_box(
 ) -> tuple[dict[int, PreparedView], dict[int, Failure]]:
     """The prepared view of each bin that may be in a box, and why the other bins may not."""
     have = {v.view_bin for v in model.views}
+    outside = check_extent(box_px, (rgb.shape[1], rgb.shape[0]), config.min_inside)
     views: dict[int, PreparedView] = {}
     failures: dict[int, Failure] = {}
     for view_bin in range(model.bins.count):
@@ -150,7 +205,7 @@ def _views_for_box(
             )
             continue
         view = prepare_view(model, view_bin, config.registration)
-        wrong = check_box(box_px, view.grid, (rgb.shape[1], rgb.shape[0]), config)
+        wrong = outside or check_aspect(box_px, view.grid, config)
         if wrong is None:
             views[view_bin] = view
         else:
@@ -158,41 +213,78 @@ def _views_for_box(
     return views, failures
 
 
-def _segment_views(
-    rgb: UInt8Array, box_px: FloatArray, views: dict[int, PreparedView], config: ReconstructConfig
-) -> dict[int, FloatArray | Failure]:
-    """The outline in the box from the labelled outline of each view; views of one grid evolve together."""
-    groups: dict[tuple[int, int], list[int]] = {}
-    for view_bin, view in views.items():
-        groups.setdefault((view.grid.box_height_px, view.grid.box_width_px), []).append(view_bin)
-    found: dict[int, FloatArray | Failure] = {}
-    for members in groups.values():
-        start = np.stack([views[b].phi for b in members])
-        window = canonical_windows(rgb, box_px[None], views[members[0]].grid)
-        edge = np.broadcast_to(edge_indicator(window, config.segment), start.shape)
-        phi = evolve(start, edge, config.segment)
-        for b, after in zip(members, phi, strict=True):
-            found[b] = zero_level(after, views[b].phi, config.min_outline_iou)
-    return found
+def _no_bin(failures: Mapping[int, Failure]) -> Failure:
+    first = failures[min(failures)]
+    return Failure(first.reason, f"a view bin that fits expected, none does; bin 0: {first.detail}")
+
+
+def _looks_cost(rgb: UInt8Array, xyxy_px: FloatArray, model: ClassModel) -> FloatArray:
+    """Minus the log probability of each bin by how each box looks, shape (n, k); 0 where nothing tells."""
+    if model.looks is None:
+        return np.zeros((len(xyxy_px), model.bins.count))
+    return -model.looks.bins_log_density(rgb, xyxy_px, model.bins)
+
+
+def _first_terms(
+    rgb: UInt8Array,
+    box_px: FloatArray,
+    views: Mapping[int, PreparedView],
+    looks: FloatArray,
+    config: ViewSelectionConfig,
+) -> FloatArray:
+    """The terms (k, 4) of the cost of each bin, that of registration and all of bins without a view NaN."""
+    terms = np.full((len(looks), len(COST_TERMS)), np.nan)
+    if views:
+        bins = list(views)
+        terms[bins, 0] = [abs(np.log(_aspect(box_px) / _grid_aspect(v))) for v in views.values()]
+        terms[bins, 1] = 1 - _border_agreement(rgb, box_px, tuple(views.values()), config)
+        terms[bins, 3] = looks[bins]
+    return terms
+
+
+def _outlines(
+    rgb: UInt8Array, pairs: Sequence[tuple[FloatArray, PreparedView]], config: ViewSelectionConfig
+) -> tuple[FloatArray | Failure, ...]:
+    """The outline of each box (4,) by edges alone, from the labelled outline of a view on."""
+    by_edges = replace(config.reconstruct, segment=replace(config.reconstruct.segment, region_weight=0.0))
+    boxes = np.array([box for box, _ in pairs]).reshape(-1, 4)
+    return segment(rgb, boxes, [view for _, view in pairs], by_edges)
+
+
+def _registration(
+    outline: FloatArray | Failure, view: PreparedView, config: ViewSelectionConfig
+) -> float | Failure:
+    """The cost of matching a view to an outline (m, 2), canonical coordinates."""
+    if isinstance(outline, Failure):
+        return outline
+    found = register_parts(outline, view, config.reconstruct.registration)
+    return found if isinstance(found, Failure) else found.cost
 
 
 def _border_agreement(
-    rgb: UInt8Array, box_px: FloatArray, views: list[PreparedView], config: ViewSelectionConfig
+    rgb: UInt8Array, box_px: FloatArray, views: Sequence[PreparedView], config: ViewSelectionConfig
 ) -> FloatArray:
     """Correlation of the box's edges with the labelled borders of each view stretched to it, shape (n,)."""
     # no margin beyond the least: edges outside of the box belong to other things
-    registration = config.reconstruct.registration
-    grid = canonical_grid(_aspect(box_px), replace(registration, margin=0.0))
-    window = canonical_windows(rgb, box_px[None], grid)[0]
-    scale, shift = grid.image_from_grid(box_px[None])
-    drawn = []
-    for view in views:
-        own_scale, own_shift = view.grid.image_from_grid(box_px[None])
-        at = view.warp @ view.outline
-        polygons = (view.outline, *(at[rows] for _, rows in view.rings))
-        moved = tuple((p * own_scale + own_shift - shift) / scale for p in polygons)
-        drawn.append(border_channels(moved, grid.height_px, grid.width_px, config.borders))
-    return agreement(edge_channels(window, config.borders), np.stack(drawn))
+    registration = replace(config.reconstruct.registration, margin=0.0)
+    aspect = float(np.exp(np.rint(np.log(_aspect(box_px)) / _ASPECT_STEP) * _ASPECT_STEP))
+    grid = canonical_grid(aspect, registration)
+    edges = edge_channels(canonical_windows(rgb, box_px[None], grid)[0], config.borders)
+    return agreement(
+        edges[::_THINNED, ::_THINNED],
+        np.stack([_drawn_borders(view, grid, config.borders) for view in views]),
+    )
+
+
+@lru_cache(maxsize=192)
+def _drawn_borders(view: PreparedView, grid: CanonicalGrid, config: BorderEvidenceConfig) -> Float32Array:
+    """The labelled borders of a view on a grid of another aspect, thinned; remembered for all pictures."""
+    polygons = (view.outline, *((view.warp @ view.outline)[rows] for _, rows in view.rings))
+    unit = np.array([[0.0, 0.0, 1.0, 1.0]])
+    (own_scale, own_shift), (scale, shift) = (g.image_from_grid(unit) for g in (view.grid, grid))
+    moved = tuple((p * own_scale + own_shift - shift) / scale for p in polygons)
+    drawn = border_channels(moved, grid.height_px, grid.width_px, config)
+    return drawn[::_THINNED, ::_THINNED].copy()
 
 
 def _to_grid(outline_px: FloatArray, box_px: FloatArray, view: PreparedView) -> FloatArray:

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from recon.arrays import BoolArray, Float32Array, FloatArray
+from recon.arrays import BoolArray, Float32Array, FloatArray, percentiles
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from recon.errors import Failure, Reason
@@ -138,9 +138,9 @@ def align_depth(
             ``depth_range``; else they are computed.
     """
     region = predicted_region(predicted, xyxy_px)
-    z_s = measured[predicted.window]
-    valid = region & np.isfinite(z_s)
-    n_region, n_valid = int(region.sum()), int(valid.sum())
+    window = measured[predicted.window]
+    valid = np.flatnonzero(region & np.isfinite(window))
+    n_region, n_valid = int(np.count_nonzero(region)), len(valid)
     share = n_valid / n_region if n_region else 0.0
     if n_valid < config.min_valid_px or share < config.min_valid_share:
         return Failure(
@@ -148,9 +148,10 @@ def align_depth(
             f"expected at least {config.min_valid_px} measured pixels and a share of "
             f"{config.min_valid_share:g} of the predicted region, got {n_valid} of {n_region}",
         )
-    low, span = _range(z_s[valid], measured, config, image_range)
-    normalised = np.clip((z_s[valid].astype(float) - low) / span, 0, 1) if span > 0 else np.zeros(n_valid)
-    scale, offset, difference = fit_scale_offset(predicted.depth[valid].astype(float), normalised)
+    z_s, z_i = window.take(valid), predicted.depth.take(valid).astype(float)
+    low, span = _range(z_s, measured, config, image_range)
+    normalised = np.clip((z_s.astype(float) - low) / span, 0, 1) if span > 0 else np.zeros(n_valid)
+    scale, offset, difference = fit_scale_offset(z_i, normalised)
     return DepthAlignment(scale, offset, difference, share, low, span)
 
 
@@ -169,13 +170,13 @@ def fit_scale_offset(z_i: FloatArray, z_s: FloatArray) -> tuple[float, float, fl
     return scale, float(mean_s - scale * mean_i), float(np.sqrt(residual @ residual / len(z_i)))
 
 
-def depth_range(measured: Float32Array, percentiles: tuple[float, float]) -> tuple[float, float]:
+def depth_range(measured: Float32Array, percent: tuple[float, float]) -> tuple[float, float]:
     """Low and high percentile of the measured depths of a picture; (0, 0) where nothing was measured."""
     values = measured[np.isfinite(measured)]
     if not len(values):
         return 0.0, 0.0
-    low, high = np.percentile(values, percentiles)
-    return float(low), float(high)
+    low, high = percentiles(values, percent)
+    return low, high
 
 
 def predicted_region(predicted: DepthMap, xyxy_px: FloatArray) -> BoolArray:
@@ -197,7 +198,7 @@ def _range(
     """The measured depth that becomes 0, and the span that becomes 1."""
     match config.normalisation:
         case Normalisation.BOX_PERCENTILES:
-            low, high = (float(v) for v in np.percentile(values, config.percentiles))
+            low, high = percentiles(values, config.percentiles)
         case Normalisation.IMAGE_RANGE:
             low, high = image_range or depth_range(measured, config.percentiles)
     return low, high - low

@@ -10,7 +10,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from recon.arrays import Float32Array, FloatArray
+from recon.arrays import Float32Array, FloatArray, median
 from recon.camera import StereoCamera
 from recon.depth_map import DepthMap
 from recon.errors import RescoreError
@@ -144,8 +144,8 @@ def _depth_ratio(
 ) -> float:
     """Median logarithm of measured over predicted depth, over the predicted region in the box."""
     measured = disparity_px[predicted.window]
-    use = predicted_region(predicted, box_px) & np.isfinite(measured)
-    return float(np.median(np.log(camera.depth_m(measured[use]) / predicted.depth[use])))
+    use = np.flatnonzero(predicted_region(predicted, box_px) & np.isfinite(measured))
+    return median(np.log(camera.depth_m(measured.take(use)) / predicted.depth.take(use)))
 
 
 class Sense(IntEnum):

@@ -7,10 +7,11 @@ and background in the box count no more than a cap.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from recon.arrays import Float32Array, FloatArray
+from recon.arrays import Float32Array, FloatArray, median
 from recon.depth_map import DepthMap
 from rescore.evidence.align_depth import predicted_region
 
@@ -34,6 +35,11 @@ class GuardedConfig:
     """Smallest number of measured pixels for a fit."""
     max_pixels: int = 600
     """Largest number of pixels that are looked at, evenly spread."""
+
+    @cached_property
+    def scales(self) -> FloatArray:
+        """The scales that are tried, shape (n_scales,)."""
+        return np.geomspace(*self.scale_limits, self.n_scales)
 
 
 @dataclass(frozen=True)
@@ -74,26 +80,28 @@ def guarded_alignment(
     if len(valid) < config.min_valid_px:
         return None
     some = valid[:: -(-len(valid) // config.max_pixels)]
-    disparity = measured.ravel()[some].astype(float)
-    depth = predicted.depth.ravel()[some].astype(float)
-    noise = config.noise_px / float(np.median(disparity))
+    disparity, depth = measured.take(some).astype(float), predicted.depth.take(some).astype(float)
+    middle = median(disparity)
+    noise = config.noise_px / middle
     # inverse depth, since the noise of stereo is even there
-    shown, model = _relief(disparity), _relief(1 / depth)
-    scales = np.geomspace(*config.scale_limits, config.n_scales)
+    shown, model = disparity / middle - 1, _relief(1 / depth)
+    scales = config.scales
     distance = _capped_distance(shown - np.append(scales, 0.0)[:, None] * model, config.cap)
     best, flat = int(np.argmin(distance[:-1])), float(distance[-1])
     residual = float(distance[best])
     gain = float(np.log((flat + noise) / (residual + noise)))
-    predicted_px = float(np.abs(model - np.median(model)).mean() * np.median(disparity))
+    predicted_px = float(np.abs(model - median(model)).mean() * middle)
     return GuardedAlignment(float(np.log(scales[best])), residual, gain, flat, predicted_px)
 
 
 def _relief(values: FloatArray) -> FloatArray:
     """Values (m,) as a share of their median, less 1."""
-    return values / np.median(values) - 1
+    return values / median(values) - 1
 
 
 def _capped_distance(difference: FloatArray, cap: float) -> FloatArray:
     """Mean capped distance of each row (k, m) from its median, shape (k,): the offset a2 is that median."""
-    offset = np.median(difference, axis=1, keepdims=True)
+    low, high = (difference.shape[1] - 1) // 2, difference.shape[1] // 2
+    ordered = np.partition(difference, (low, high), axis=1)
+    offset = (ordered[:, low] + ordered[:, high])[:, None] / 2
     return np.asarray(np.minimum(np.abs(difference - offset), cap).mean(axis=1))

@@ -13,7 +13,7 @@ from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.localization.disparity_fit import BoxFit
 from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
-from recon.reconstruction.view_selection import ViewSelectionConfig, best_view_bin
+from recon.reconstruction.view_selection import ViewSelectionConfig, likely_view_bins
 from recon.view_bins import ViewBins
 from rescore.evidence.candidates import Candidates
 
@@ -105,7 +105,7 @@ def views_of(
         candidates: the boxes.
         view_bin: of candidates without azimuth: one bin for all; "fit" for the bin of the fitted instance, or
             ``UNSEEN`` where there is none; or "model" for the bin that the class model explains each best
-            with (``recon.reconstruction.view_selection.best_view_bin``).
+            with (``recon.reconstruction.view_selection.likely_view_bins``).
         model: the class model.
         config: settings of the reconstruction.
         fitted: what the fit says of each candidate; None where nothing was fitted.
@@ -113,23 +113,24 @@ def views_of(
     Raises:
         RescoreError: the model has no such bin.
     """
-    n = len(candidates)
-    said = _said(candidates)
-    bins, failures = _bins_without_detector(n, view_bin, fitted), dict[int, Failure]()
+    said, have = _said(candidates), {v.view_bin for v in model.views}
+    bins, failures = _bins_without_detector(len(candidates), view_bin, fitted), dict[int, Failure]()
     if isinstance(view_bin, int):
         model.bins.check(view_bin)
-    azimuth_rad = np.where(np.isnan(said), _middle_rad(bins, model.bins), said)
-    have = {v.view_bin for v in model.views}
-    selection = ViewSelectionConfig(reconstruct=config)
-    for i in range(n):
-        if np.isfinite(said[i]):
-            bins[i] = model.bins.containing(float(said[i]))
-        elif view_bin == "model":
-            choice = best_view_bin(rgb, candidates.xyxy_px[i], model, selection)
+    if view_bin == "model":
+        rows = np.flatnonzero(np.isnan(said))
+        selection = ViewSelectionConfig(reconstruct=config)
+        for i, choice in zip(
+            rows.tolist(), likely_view_bins(rgb, candidates.xyxy_px[rows], model, selection), strict=True
+        ):
             if isinstance(choice, Failure):
                 failures[i] = choice
-                continue
-            bins[i], azimuth_rad[i] = choice.view_bin, model.bins.azimuth_rad(choice.view_bin)
+            else:
+                bins[i] = choice
+    azimuth_rad = np.where(np.isnan(said), _middle_rad(bins, model.bins), said)
+    for i in range(len(candidates)):
+        if np.isfinite(said[i]):
+            bins[i] = model.bins.containing(float(said[i]))
         chosen = np.isfinite(said[i]) or view_bin == "fit"
         if chosen and int(bins[i]) not in have:
             failures[i] = _no_view(model, int(bins[i]), float(np.rad2deg(azimuth_rad[i])))
@@ -187,12 +188,11 @@ def reconstruct_views(
     seen_from: GroundedCamera,
     config: ReconstructConfig,
 ) -> tuple[Reconstruction | Failure, ...]:
-    """The 3D instance in each box (n, 4), or why there is none; boxes of one view bin are done together."""
+    """The 3D instance in each box (n, 4), or why there is none; all are done together."""
     found: dict[int, Reconstruction | Failure] = dict(views.failures)
-    for view_bin in np.unique(views.view_bin[views.view_bin != NO_BIN]).tolist():
-        rows = np.flatnonzero(views.view_bin == view_bin)
-        together = reconstruct(rgb, xyxy_px[rows], view_bin, model, seen_from, config)
-        found |= dict(zip(rows.tolist(), together, strict=True))
+    rows = np.flatnonzero(views.view_bin != NO_BIN)
+    together = reconstruct(rgb, xyxy_px[rows], views.view_bin[rows], model, seen_from, config)
+    found |= dict(zip(rows.tolist(), together, strict=True))
     return tuple(found[i] for i in range(len(xyxy_px)))
 
 

@@ -1,8 +1,18 @@
-"""Columns that one value fills, and rows by value."""
+"""Columns that one value fills, rows by value, and medians."""
 
 import numpy as np
+import pytest
 
-from recon.arrays import constant, rows_by_value, rows_of, stacked
+from recon.arrays import constant, median, percentiles, rows_by_value, rows_of, stacked
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 10, 101])
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_medians_and_percentiles_are_those_of_numpy(n: int, kind: type) -> None:
+    values = np.random.default_rng(n).normal(5, 2, n).astype(kind)
+    assert median(values) == pytest.approx(float(np.median(values)), rel=1e-6)
+    expected = np.percentile(values.astype(float), [0, 2, 50, 98, 100])
+    np.testing.assert_allclose(percentiles(values, [0, 2, 50, 98, 100]), expected, rtol=1e-12)
 
 
 def test_rows_by_value_are_those_of_a_look_at_each_value() -> None:

@@ -43,6 +43,36 @@ def test_bins_of_a_known_pair() -> None:
     np.testing.assert_allclose(contexts[0][contexts[0] > 0], 0.5)
 
 
+def by_angles(points: np.ndarray, config: ShapeContextConfig) -> np.ndarray:
+    """Shape contexts (m, k) of points (m, 2) from angles and distances, one pair at a time."""
+    offset = points[None] - points[:, None]
+    radius = np.hypot(offset[..., 0], offset[..., 1])
+    mean = radius.sum() / (len(points) * (len(points) - 1))
+    edges = np.geomspace(config.inner_radius, config.outer_radius, config.radial_bins) * (1 + 1e-9)
+    ring = np.searchsorted(edges, radius / mean)
+    turn = np.arctan2(offset[..., 1], offset[..., 0]) / (2 * np.pi) + 1e-9
+    sector = np.floor(turn * config.angular_bins).astype(int) % config.angular_bins
+    counts = np.zeros((len(points), config.radial_bins + 1, config.angular_bins))
+    for i, j in zip(*np.nonzero(~np.eye(len(points), dtype=bool)), strict=True):
+        counts[i, ring[i, j], sector[i, j]] += 1
+    kept = counts[:, : config.radial_bins].reshape(len(points), -1)
+    return kept / kept.sum(axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("angular_bins", [4, 12, 14])
+def test_sectors_are_those_of_angles(angular_bins: int) -> None:
+    config = ShapeContextConfig(angular_bins=angular_bins)
+    # points of a grid lie on the borders of sectors
+    grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0)), axis=-1).reshape(-1, 2)
+    for points in (wobbly(40, 8), grid):
+        np.testing.assert_allclose(shape_contexts(points, config), by_angles(points, config), atol=1e-6)
+
+
+def test_sectors_are_even_in_number() -> None:
+    with pytest.raises(ValueError, match="even number, got 7"):
+        ShapeContextConfig(angular_bins=7)
+
+
 def test_chi_squared_agrees_with_its_definition() -> None:
     a, b = shape_contexts(wobbly(20, 3), CONFIG), shape_contexts(wobbly(25, 4), CONFIG)
     whole = a[:, None] + b[None]

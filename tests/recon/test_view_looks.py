@@ -8,6 +8,7 @@ import pytest
 
 from recon.arrays import FloatArray, UInt8Array
 from recon.errors import RescoreError
+from recon.view_bins import ViewBins
 from recon.view_looks import LooksConfig, ViewLooks, box_features, learn_looks
 
 CONFIG = LooksConfig(headings=4, min_boxes=20)
@@ -59,6 +60,20 @@ def test_headings_of_other_pictures_are_told(looks: ViewLooks) -> None:
 def test_no_heading_is_ruled_out(looks: ViewLooks) -> None:
     for rgb, boxes, _ in pictures(8, 2):
         assert looks.log_density(rgb, boxes).min() >= np.log(CONFIG.doubt / 4) - 1e-6
+
+
+def test_bins_are_seen_from_where_the_nose_points(looks: ViewLooks) -> None:
+    for rgb, boxes, heading in pictures(8, 2):
+        four = looks.bins_log_density(rgb, boxes, ViewBins(4))
+        # nose to the right: seen from its right side, azimuth 270; away: from behind, azimuth 180; and so on
+        by_heading = looks.log_density(rgb, boxes)
+        np.testing.assert_allclose(four, by_heading[:, [TOWARDS, LEFT, AWAY, RIGHT]])
+        assert ViewBins(4).azimuth_rad(int(four[0].argmax())) == pytest.approx(
+            (1.5 * np.pi - heading[0]) % (2 * np.pi)
+        )
+        eight = looks.bins_log_density(rgb, boxes, ViewBins(8))
+        np.testing.assert_allclose(eight[:, ::2], four)
+        np.testing.assert_allclose(eight[:, 1::2], (four + np.roll(four, -1, axis=1)) / 2)
 
 
 def test_files_hold_the_looks(looks: ViewLooks) -> None:

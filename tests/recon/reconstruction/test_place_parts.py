@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from recon.camera import PinholeCamera
-from recon.reconstruction.place_parts import PlacingConfig, place_parts
+from recon.reconstruction.part_labels import PartLabels
+from recon.reconstruction.place_parts import PlacedParts, PlacingConfig, place_parts
 
 CAMERA = PinholeCamera(100.0, 100.0, 20.0, 20.0, 41, 41)
 CONFIG = PlacingConfig()
@@ -26,9 +27,19 @@ def two_planes() -> np.ndarray:
     return labels
 
 
+def place(
+    labels: np.ndarray,
+    normals: dict[int, np.ndarray],
+    ground_points_m: dict[int, np.ndarray],
+    limits_m: tuple[float, float],
+) -> PlacedParts:
+    """The parts of a window at the corner of the picture."""
+    return place_parts(PartLabels(0, 0, labels), CAMERA, normals, ground_points_m, limits_m, CONFIG)
+
+
 def test_two_planes_in_closed_form() -> None:
     foot = np.array([0.3, 1.5, 10.0])
-    placed = place_parts(two_planes(), rays(), {1: FRONT, 2: LEANING}, {1: foot}, LIMITS, CONFIG)
+    placed = place(two_planes(), {1: FRONT, 2: LEANING}, {1: foot}, LIMITS)
     assert list(placed.planes) == [1, 2]
     # plane 1 is z = 10
     np.testing.assert_allclose(placed.planes[1], [0, 0, -1, 10])
@@ -42,8 +53,11 @@ def test_two_planes_in_closed_form() -> None:
 
 
 def test_every_point_lies_on_its_plane() -> None:
-    placed = place_parts(
-        two_planes(), rays(), {1: FRONT, 2: LEANING}, {1: np.array([0.0, 1.5, 10.0])}, LIMITS, CONFIG
+    placed = place(
+        two_planes(),
+        {1: FRONT, 2: LEANING},
+        {1: np.array([0.0, 1.5, 10.0])},
+        LIMITS,
     )
     points = placed.depth[..., None] * rays()
     for label, plane in placed.planes.items():
@@ -56,7 +70,7 @@ def test_a_long_border_outweighs_a_short_one() -> None:
     labels[30:40, 31:41] = 2
     labels[20:30, 0:41] = 3
     known = {1: np.array([0.0, 1.5, 10.0]), 2: np.array([0.0, 1.5, 12.0])}
-    placed = place_parts(labels, rays(), {1: FRONT, 2: FRONT, 3: FRONT}, known, LIMITS, CONFIG)
+    placed = place(labels, {1: FRONT, 2: FRONT, 3: FRONT}, known, LIMITS)
     assert placed.planes[3][3] == pytest.approx(10.0)
 
 
@@ -64,8 +78,11 @@ def test_chain_of_parts_in_rings() -> None:
     labels = np.zeros((41, 41), np.uint8)
     for k in range(4):
         labels[30 - 5 * k : 35 - 5 * k, 10:30] = 4 - k
-    placed = place_parts(
-        labels, rays(), dict.fromkeys(range(1, 5), FRONT), {4: np.array([0, 1.5, 9.0])}, LIMITS, CONFIG
+    placed = place(
+        labels,
+        dict.fromkeys(range(1, 5), FRONT),
+        {4: np.array([0, 1.5, 9.0])},
+        LIMITS,
     )
     assert list(placed.planes) == [4, 3, 2, 1]
     np.testing.assert_allclose(placed.depth[labels > 0], 9.0)
@@ -73,7 +90,7 @@ def test_chain_of_parts_in_rings() -> None:
 
 def test_edge_on_plane_is_not_placed() -> None:
     normals = {1: FRONT, 2: np.array([0.0, -1.0, -0.05]) / np.hypot(1, 0.05)}
-    placed = place_parts(two_planes(), rays(), normals, {1: np.array([0, 1.5, 10.0])}, LIMITS, CONFIG)
+    placed = place(two_planes(), normals, {1: np.array([0, 1.5, 10.0])}, LIMITS)
     assert "edge-on" in placed.unplaced[2]
     assert np.isnan(placed.depth[15:25]).all()
     assert placed.placed_share == 0.5
@@ -82,10 +99,10 @@ def test_edge_on_plane_is_not_placed() -> None:
 def test_depth_beyond_the_limits_is_dropped() -> None:
     # plane 2 runs from 10.0 to 11.05 m: with a limit of 10.4 m less than half of it is left
     normals, foot = {1: FRONT, 2: LEANING}, {1: np.array([0, 1.5, 10.0])}
-    placed = place_parts(two_planes(), rays(), normals, foot, (9.0, 10.4), CONFIG)
+    placed = place(two_planes(), normals, foot, (9.0, 10.4))
     assert "beyond the object" in placed.unplaced[2]
     # with 10.8 m more than half is, and the rest is dropped
-    placed = place_parts(two_planes(), rays(), normals, foot, (9.0, 10.8), CONFIG)
+    placed = place(two_planes(), normals, foot, (9.0, 10.8))
     assert 2 in placed.planes
     assert np.isnan(placed.depth[15]).sum() == 41
     assert np.nanmax(placed.depth) <= 10.8
@@ -94,5 +111,5 @@ def test_depth_beyond_the_limits_is_dropped() -> None:
 def test_parts_apart_and_parts_without_a_plane() -> None:
     labels = two_planes()
     labels[0:5, 0:5] = 3
-    placed = place_parts(labels, rays(), {1: FRONT, 3: FRONT}, {1: np.array([0, 1.5, 10.0])}, LIMITS, CONFIG)
+    placed = place(labels, {1: FRONT, 3: FRONT}, {1: np.array([0, 1.5, 10.0])}, LIMITS)
     assert placed.unplaced == {2: "the class model has no plane for it", 3: "touches no placed part"}

@@ -130,6 +130,18 @@ def test_batch_equals_one_by_one_and_runs_repeat(model: ClassModel) -> None:
         np.testing.assert_array_equal(one.depth.depth, alone.depth.depth)
 
 
+def test_boxes_of_several_views_are_done_together(model: ClassModel) -> None:
+    rgb, box, _ = drawn()
+    bins = np.array([2, 3, 4, 3])
+    together = reconstruct(rgb, np.tile(box, (4, 1)), bins, model, SEEN_FROM)
+    for one, view_bin in zip(together, bins.tolist(), strict=True):
+        (alone,) = reconstruct(rgb, box[None], view_bin, model, SEEN_FROM)
+        assert isinstance(one, Reconstruction)
+        assert isinstance(alone, Reconstruction)
+        np.testing.assert_array_equal(one.outline_px, alone.outline_px)
+        np.testing.assert_array_equal(one.depth.depth, alone.depth.depth)
+
+
 def test_no_candidates(model: ClassModel) -> None:
     assert reconstruct(drawn()[0], np.zeros((0, 4)), 3, model, SEEN_FROM) == ()
 

@@ -15,6 +15,7 @@ from recon.reconstruction.segment import (
     evolve,
     signed_distance,
 )
+from tests.recon.reconstruction.level_set_arrays import evolved_in_arrays
 
 CONFIG = SegmentConfig()
 
@@ -99,6 +100,26 @@ def test_a_stack_gives_what_each_gives_alone() -> None:
             starts[i : i + 1], edge_indicator(picture(disk((18, 22, 24)[i]))[None], CONFIG), CONFIG
         )
         np.testing.assert_array_equal(together[i], alone[0])
+
+
+@pytest.mark.parametrize("shape", [(80, 80), (48, 112)])
+def test_compiled_steps_are_those_of_whole_arrays(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    h, w = shape
+    masks = np.zeros((3, h, w), bool)
+    # one near the border, where differences are one-sided
+    for mask, (x, y, r) in zip(masks, [(30, 24, 15), (w - 22, h - 22, 18), (w // 2, 24, 20)], strict=True):
+        cv2.circle(mask.view(np.uint8), (x, y), r, 1, cv2.FILLED)
+    start = np.stack([signed_distance(mask) for mask in masks])
+    windows = cv2.GaussianBlur(rng.uniform(0, 100, (h, w, 9)).astype(np.float32), (0, 0), 3)
+    edge = edge_indicator(windows.reshape(h, w, 3, 3).transpose(2, 0, 1, 3), CONFIG)
+    config = replace(CONFIG, area_weight=0.3, max_shift=1.0)
+    compiled = evolve(start, edge, config)
+    arrays = evolved_in_arrays(start, edge, np.float32(config.area_weight) * edge, config)
+    near = np.abs(arrays) < 2
+    assert near.any()
+    np.testing.assert_allclose(compiled[near], arrays[near], atol=0.05)
+    np.testing.assert_allclose(compiled, arrays, atol=0.5)
 
 
 def test_edge_indicator_does_not_depend_on_contrast() -> None:

@@ -1,15 +1,25 @@
 """View bins: objects without symmetry are told apart, mirrors mirror costs, failures say why."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
+from recon.arrays import FloatArray, UInt8Array
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.outlines import largest_outline
-from recon.reconstruction.view_selection import ViewChoice, ViewSelectionConfig, best_view_bin
+from recon.reconstruction.part_registration import RegistrationConfig
+from recon.reconstruction.reconstruct import ReconstructConfig
+from recon.reconstruction.view_selection import (
+    ViewChoice,
+    ViewSelectionConfig,
+    best_view_bin,
+    likely_view_bins,
+)
 from recon.view_bins import ViewBins
+from recon.view_looks import ViewLooks, box_features
 from tests.recon.box_car import PART_NAMES, box_car, labelled_view
 from tests.recon.toy_object import paint, toy_model, view_labels
 
@@ -53,7 +63,7 @@ def test_the_cost_is_the_weighted_sum_of_its_terms() -> None:
     choice = chosen(rgb, box)
     good = np.isfinite(choice.cost)
     config = ViewSelectionConfig()
-    weights = [config.aspect_weight, config.borders_weight, config.registration_weight]
+    weights = [config.aspect_weight, config.borders_weight, config.registration_weight, config.looks_weight]
     np.testing.assert_allclose(choice.cost[good], choice.terms[good] @ weights)
     first, second = np.sort(choice.cost[good])[:2]
     assert choice.margin == pytest.approx(second - first)
@@ -61,6 +71,59 @@ def test_the_cost_is_the_weighted_sum_of_its_terms() -> None:
     odds = choice.probability[choice.order[0]] / choice.probability[choice.order[1]]
     assert np.log(odds) == pytest.approx(choice.margin)
     assert choice.probability.sum() == pytest.approx(1)
+
+
+def frame() -> tuple[UInt8Array, FloatArray]:
+    """A picture of six objects in a row, each from another side, and their boxes (6, 4)."""
+    painted = [paint(view_labels(2 * i), seed=i) for i in range(6)]
+    height = max(len(rgb) for rgb, _ in painted)
+    tiles = [np.pad(rgb, ((0, height - len(rgb)), (0, 0), (0, 0)), mode="edge") for rgb, _ in painted]
+    left = np.cumsum([0, *(tile.shape[1] for tile in tiles[:-1])])
+    boxes = [box + np.array([x, 0, x, 0]) for x, (_, box) in zip(left, painted, strict=True)]
+    return np.concatenate(tiles, axis=1), np.stack(boxes)
+
+
+def test_boxes_of_a_frame_get_the_bins_that_a_full_search_gives() -> None:
+    rgb, boxes = frame()
+    found = likely_view_bins(rgb, boxes, model())
+    assert found == (0, 2, 4, 6, 8, 10)
+    assert found == tuple(chosen(rgb, box).view_bin for box in boxes)
+
+
+def test_boxes_that_no_bin_fits_say_why_in_a_frame_too() -> None:
+    rgb, boxes = frame()
+    boxes[1] = [-200.0, 10, 20, 80]
+    boxes[4] = [5.0, 5, 10, 105]
+    found = likely_view_bins(rgb, boxes, model())
+    for i in (1, 4):
+        assert found[i] == best_view_bin(rgb, boxes[i], model())
+    assert [found[i] for i in (0, 2, 3, 5)] == [0, 4, 6, 10]
+    assert likely_view_bins(rgb, np.zeros((0, 4)), model()) == ()
+
+
+def test_where_the_likeliest_bins_fail_the_next_ones_are_registered() -> None:
+    rgb, box = paint(view_labels(3))
+    strict = ReconstructConfig(registration=RegistrationConfig(max_cost=0.0))
+    config = ViewSelectionConfig(reconstruct=strict)
+    (found,) = likely_view_bins(rgb, box[None], model(), config)
+    # all were tried, and the reason is that of the first of them
+    assert found == best_view_bin(rgb, box, model(), config)
+    assert isinstance(found, Failure)
+    assert "mean chi-squared cost" in found.detail
+
+
+def test_looks_tell_where_borders_do_not() -> None:
+    rgb, box = paint(view_labels(2))
+    # nothing but a bias: bin 9 shows the right side, heading 0 points to the right
+    bias = np.full(12, -9.0, np.float32)
+    bias[0] = 9.0
+    looks = ViewLooks(np.zeros((12, len(box_features(rgb, box))), np.float32), bias, doubt=1e-6)
+    knows = replace(model(), looks=looks)
+    choice = chosen(rgb, box, knows)
+    assert choice.terms[9, 3] == pytest.approx(0, abs=1e-3)
+    assert choice.view_bin == 9
+    assert likely_view_bins(rgb, box[None], knows) == (9,)
+    assert chosen(rgb, box).view_bin == 2
 
 
 def test_a_mirrored_picture_of_a_symmetric_object_mirrors_the_costs() -> None:
@@ -126,4 +189,4 @@ def test_a_box_that_no_bin_fits_is_a_failure() -> None:
 
 def test_a_choice_without_a_cost_is_refused() -> None:
     with pytest.raises(ValueError, match="view choice"):
-        ViewChoice(0, np.array([np.nan, 1.0]), np.full((2, 3), np.nan), {})
+        ViewChoice(0, np.array([np.nan, 1.0]), np.full((2, 4), np.nan), {})
