@@ -120,7 +120,7 @@ published-real: setup
 	$(PROSE)
 
 bench: setup
-	$(BIN)/python tests/bench.py
+	$(BIN)/python -m tests.bench
 
 # the documentation, all warnings as errors; nothing in it asks the network
 docs: $(VENV)/.docs-ready
