@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
 
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.errors import RescoreError
@@ -87,6 +86,8 @@ def clopper_pearson(
     hits: IntArray, count: IntArray, confidence: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
     """Ends of the exact binomial interval of a share, each of shape (b,)."""
+    from scipy.stats import beta  # noqa: PLC0415 (half a second to import)
+
     tail = (1 - confidence) / 2
     low = beta.ppf(tail, hits, count - hits + 1)
     high = beta.ppf(1 - tail, hits + 1, count - hits)
