@@ -110,10 +110,10 @@ class HogDetector:
         # OpenCV's threads lock windows and scores one after the other, and so now and then swap the scores of
         # two levels; in one thread the pairs are right, and frames run in parallel anyway
         with one_thread():
-            found, score = self.descriptor().detectMultiScale(picture, **self.scan_arguments())
+            found, found_score = self.descriptor().detectMultiScale(picture, **self.scan_arguments())
         if not len(found):
             return Detections(np.empty((0, 4)), np.empty(0))
-        score = np.asarray(score, dtype=float).ravel()
+        score = np.asarray(found_score, dtype=float).ravel()
         # boxes are made of those alone that ``ordered`` keeps
         kept = best_rows(score, MOST_WINDOWS)
         corner_size, score = np.asarray(found)[kept].astype(float), score[kept]

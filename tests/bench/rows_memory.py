@@ -49,7 +49,7 @@ def _what(command: str, peaks_mb: Sequence[float]) -> str:
 
 
 def write_frames(folder: Path, pair: Pair, n: int) -> None:
-    """A folder of pairs as docs/own-data.md has it, the same pair under n names, with detections."""
+    """A folder of pairs as docs/own-data.md has it: the same pair under n names, labels, detections."""
     for side, rgb in (("left", pair.left_rgb), ("right", pair.right_rgb)):
         (folder / side).mkdir(parents=True)
         first = folder / side / "000000.png"
@@ -64,11 +64,17 @@ def write_frames(folder: Path, pair: Pair, n: int) -> None:
     (folder / "calib.txt").write_text("".join(f"{name}: {row}\n" for name, row in rows), encoding="utf-8")
     boxes, _ = pair.boxes_px(N)
     detections = [
-        {"image_id": i + 1, "category_id": 1, "bbox": [*box[:2], *(box[2:] - box[:2])], "score": float(s)}
+        {"image_id": i, "category_id": 1, "bbox": [*box[:2], *(box[2:] - box[:2])], "score": float(s)}
         for i in range(n)
         for box, s in zip(boxes, np.linspace(0.9, 0.1, N), strict=True)
     ]
     write_json(folder / "detections.json", detections)
+    (folder / "label_2").mkdir()
+    unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
+    cars = (" ".join(f"{edge:.2f}" for edge in box) for box in pair.cars_px)
+    labels = "".join(f"Car 0 0 -10 {box} {unknown}\n" for box in cars)
+    for i in range(n):
+        (folder / "label_2" / f"{i:06d}.txt").write_text(labels, encoding="utf-8")
 
 
 def _calls(root: Path) -> list[tuple[str, list[Path | str]]]:
