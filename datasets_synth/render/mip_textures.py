@@ -45,7 +45,7 @@ class MipTexture:
     def sample_at(
         self, at: NDArray[np.intp], uv: Float32Array, level: Float32Array, colour: Float32Array
     ) -> None:
-        """Write linear colours, as ``sample`` gives them, of some of n points: rows ``at`` of ``colour`` (n, 3)."""
+        """Write linear colours, as ``sample`` gives them, of some of n points: rows of ``colour`` (n, 3)."""
         from datasets_synth.render.shade_loops import sample_mip  # noqa: PLC0415 (half a second to import)
 
         sample_mip(self.picture, self.level_box, linear_of_bytes(), at, uv, level, colour)

@@ -27,7 +27,9 @@ def _exact(loop: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @_exact
-def interpolate(corner_values: Float32Array, face: IntArray, barycentric: Float32Array, out: Float32Array) -> None:
+def interpolate(
+    corner_values: Float32Array, face: IntArray, barycentric: Float32Array, out: Float32Array
+) -> None:
     """Write values (k, n) at hits, between the values (m, 3, k) at the corners of their faces."""
     for i in range(len(face)):
         corners = corner_values[face[i]]
@@ -59,7 +61,7 @@ def _texel(picture: UInt8Array, corner: IntArray, weight: IntArray, channel: int
     x0, y0, x1, y1 = corner
     total = weight[0] * picture[y0, x0, channel] + weight[1] * picture[y0, x1, channel]
     total += weight[2] * picture[y1, x0, channel] + weight[3] * picture[y1, x1, channel]
-    return (total + 512) >> 10
+    return int((total + 512) >> 10)
 
 
 @_exact

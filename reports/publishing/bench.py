@@ -133,8 +133,8 @@ def _page(bench: Bench, command: str) -> str:
         "# Speed and memory",
         f"Made by `{command}` from what `{bench.command}` measured on {m.n_cores} cores of {m.processor} "
         f"with {m.memory_gb:g} GB, {m.system}: `bench.json`. {n_held} of {len(bench.rows)} figures are as "
-        "wanted. Ratios are medians of paired runs in one process with one thread, each side timed in turn, so that "
-        "they say the same on a slower machine; wall times hold for this one.",
+        "wanted. Ratios are medians of paired runs in one process with one thread, each side timed in turn, "
+        "so that they say the same on a slower machine; wall times hold for this one.",
         row_table(bench.rows).markdown().rstrip(),
         "## How time grows",
         "The nearest straight line, fixed part and part of each, and how far the times depart from it.",
