@@ -88,7 +88,7 @@ class Shader:
         distance = hits.t * distance_per_t
         point = rays[:, :3].T + rays[:, 3:].T * hits.t
         smooth = _interpolate(table.corner_normals, hits)
-        flat, normal = _turn_to_viewer(np.ascontiguousarray(hits.normal.T), smooth, view)
+        flat, normal = _turn_to_viewer(hits.normal.T.copy(), smooth, view)
         material = table.material[hits.face]
         albedo = self._albedo(hits, material, distance, -_dot(flat, view))
         sunlit, sun_cos = self._sun(point, flat, normal)

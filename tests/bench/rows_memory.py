@@ -1,12 +1,11 @@
 """Peak memory of the commands that walk over frames, for more and more frames."""
 
-import os
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from subprocess import DEVNULL, Popen
 
 import numpy as np
 from PIL import Image
@@ -16,6 +15,8 @@ from rescore.files import write_json
 from tests.bench.scenes import Pair, across_pairs
 
 FRAMES = (12, 48, 192)
+SIZE_PX = (320, 240)
+"""Small, so that what grows is not hidden beside what a frame takes, and soon done."""
 N = 4
 """Boxes of a frame."""
 COMMANDS = ("apply", "evaluate", "log", "report")
@@ -25,7 +26,7 @@ def memory() -> tuple[list[Row], list[Growth]]:
     """The largest peak over the smallest of each command, and the time of `apply` over frames."""
     peaks: dict[str, list[float]] = {command: [] for command in COMMANDS}
     apply_s = []
-    (pair,) = across_pairs(1)
+    pair = across_pairs(1)[0].resized(*SIZE_PX)
     for n in FRAMES:
         with tempfile.TemporaryDirectory() as folder:
             root = Path(folder)
@@ -88,11 +89,20 @@ def _calls(root: Path) -> list[tuple[str, list[Path | str]]]:
     ]
 
 
+_LAUNCHER = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+"""
+"""A process starts with the peak of the one that starts it, so a small one starts the command."""
+
+
 def measured(command: str, arguments: Sequence[Path | str]) -> tuple[float, float]:
     """Processor seconds and peak megabytes of one command in a process of its own."""
-    words = [sys.executable, "-m", "rescore.cli", command, *map(str, arguments)]
-    process = Popen(words, stdout=DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    if status:
-        sys.exit(f"bench: expected `rescore {command}` to end well, got status {status}; see above")
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+    words = [sys.executable, "-m", "rescore.cli", "--quiet", command, *map(str, arguments)]
+    told = subprocess.run(
+        [sys.executable, "-c", _LAUNCHER, *words], check=True, capture_output=True, text=True
+    )
+    seconds, peak_mb = map(float, told.stdout.split())
+    return seconds, peak_mb
