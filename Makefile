@@ -6,7 +6,7 @@ JOBS ?= 2
 
 .PHONY: demo test fuzz setup paper streets published published-streets published-localization \
 	published-models published-weight published-evidence published-stereo published-recording \
-	published-report published-defaults published-street published-real published-prose bench docs clean
+	published-report published-defaults published-street published-real published-prose published-bench bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -119,8 +119,13 @@ published-real: setup
 	    "make published-real" $(REAL)/kitti_road $(REAL)/kitti
 	$(PROSE)
 
+# seven minutes on two quiet cores; GROUPS= names some of the rows
+GROUPS ?=
 bench: setup
-	$(BIN)/python tests/bench.py
+	$(BIN)/python -m tests.bench $(GROUPS)
+
+published-bench: bench
+	$(BIN)/python -m reports.publishing.bench runs/bench/bench.json reports/published/bench "make published-bench"
 
 # the documentation, all warnings as errors; nothing in it asks the network
 docs: $(VENV)/.docs-ready

@@ -13,18 +13,29 @@ import numba
 
 def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
     """The function as machine code; it runs beside other threads, and a division by zero is infinite."""
-    try:
-        return _made(loop, cache=True)
-    except RuntimeError:  # no place to keep it
-        return _made(loop)
+    return _kept(loop, fastmath=_FREE)
+
+
+def exact(loop: Callable[..., Any]) -> Callable[..., Any]:
+    """The function as machine code that rounds after every operation, as whole arrays do."""
+    return _kept(loop)
 
 
 def within(part: Callable[..., Any]) -> Callable[..., Any]:
     """A part of compiled loops, put into each in place of its calls, which makes small ones twice as fast."""
-    return _made(part, inline="always")
+    return _made(part, inline="always", fastmath=_FREE)
+
+
+_FREE = {"contract", "arcp", "nsz"}
+"""A product and a sum may be rounded once; NaN, which marks what is not measured, stays what it is."""
+
+
+def _kept(loop: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    try:
+        return _made(loop, cache=True, **options)
+    except RuntimeError:  # no place to keep it
+        return _made(loop, **options)
 
 
 def _made(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    # a product and a sum may be rounded once; NaN, which marks what is not measured, stays what it is
-    free = {"contract", "arcp", "nsz"}
-    return numba.njit(function, nogil=True, error_model="numpy", fastmath=free, **options)  # type: ignore[no-any-return]
+    return numba.njit(function, nogil=True, error_model="numpy", **options)  # type: ignore[no-any-return]

@@ -67,7 +67,7 @@ def _folded(xy: FloatArray | Float32Array) -> Float32Array:
 
 def linear_from_srgb(rgb: UInt8Array) -> Float32Array:
     """Linear light in [0, 1] of sRGB bytes, same shape."""
-    return np.asarray(np.take(_linear_of_bytes(), rgb))
+    return np.asarray(np.take(linear_of_bytes(), rgb))
 
 
 def srgb_from_linear(linear: Float32Array) -> UInt8Array:
@@ -91,13 +91,14 @@ def linear_from_encoded(srgb: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=1)
-def _linear_of_bytes() -> Float32Array:
+def linear_of_bytes() -> Float32Array:
+    """Linear light in [0, 1] of each sRGB byte, shape (256,)."""
     return linear_from_encoded(np.arange(256) / 255).astype(np.float32)
 
 
 @lru_cache(maxsize=1)
 def _linear_16bit_of_bytes() -> NDArray[np.uint16]:
-    return np.asarray(np.rint(65535 * _linear_of_bytes()), np.uint16)
+    return np.asarray(np.rint(65535 * linear_of_bytes()), np.uint16)
 
 
 @lru_cache(maxsize=1)

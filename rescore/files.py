@@ -13,10 +13,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pq
-
 from recon.errors import RescoreError
 from recon.files import atomic_path
 from recon.reading import json_of
@@ -143,6 +139,10 @@ class TableFormat(StrEnum):
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:
     """Write columns of one length as a table: CSV where the path ends with .csv, else Parquet."""
+    import pyarrow as pa  # noqa: PLC0415 (a tenth of a second to import)
+    import pyarrow.csv as pa_csv  # noqa: PLC0415
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
     table = pa.table(dict(columns))
     with atomic_path(path) as beside:
         if path.suffix == f".{TableFormat.CSV}":

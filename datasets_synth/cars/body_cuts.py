@@ -14,7 +14,7 @@ from datasets_synth.cars.body import BodyLines
 from datasets_synth.cars.paint import Finish
 from datasets_synth.cars.parts import PART_LABEL
 from datasets_synth.meshes.mesh_build import Soup, cut
-from recon.arrays import BoolArray, FloatArray
+from recon.arrays import BoolArray, FloatArray, IntArray
 
 
 def smooth_max(first: FloatArray, *others: FloatArray, radius: float = 0.04) -> FloatArray:
@@ -52,7 +52,9 @@ def above_curve_level(u: FloatArray, v: FloatArray, curve_u: FloatArray, curve_v
     way = np.concatenate([[0], np.cumsum(np.hypot(np.diff(curve_u), np.diff(curve_v)))])
     fine = np.linspace(0, way[-1], 2 + int(way[-1] / 0.004))
     samples = np.stack([np.interp(fine, way, curve_u), np.interp(fine, way, curve_v)], axis=1)
-    distance, _ = cKDTree(samples).query(np.stack([u, v], axis=-1))
+    # faces share their corners, some six each
+    points, which = np.unique(u.ravel() + 1j * v.ravel(), return_inverse=True)
+    distance = cKDTree(samples).query(np.stack([points.real, points.imag], axis=1))[0][which].reshape(u.shape)
     return np.asarray(np.where(v > np.interp(u, curve_u, curve_v), distance, -distance))
 
 
@@ -77,16 +79,16 @@ class Points:
 Level = Callable[[Points], FloatArray]
 
 
-def _points(soup: Soup, lines: BodyLines) -> Points:
-    c = soup.corners_m
-    return Points(0.5 * lines.shape.length - c[..., 0], c[..., 1], c[..., 2], soup.station)
+def _points(soup: Soup, where: IntArray, lines: BodyLines) -> Points:
+    c = soup.corners_m[where]
+    return Points(0.5 * lines.shape.length - c[..., 0], c[..., 1], c[..., 2], soup.station[where])
 
 
 def _values(soup: Soup, lines: BodyLines, zones: tuple[int, ...], level: Level) -> FloatArray:
     """Level at the corners of the faces in the zones, NaN elsewhere."""
     out = np.full(soup.corners_m.shape[:2], np.nan)
     where = np.flatnonzero(np.isin(soup.zone, zones))
-    out[where] = level(_points(soup.take(where), lines))
+    out[where] = level(_points(soup, where, lines))
     return out
 
 

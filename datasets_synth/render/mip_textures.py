@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from recon.arrays import Float32Array, UInt8Array
 from recon.pixels import (
     linear_16bit_from_srgb,
-    linear_from_srgb,
-    sample_bilinear,
+    linear_of_bytes,
     srgb_from_linear_16bit,
 )
 
@@ -39,20 +38,17 @@ class MipTexture:
             uv: Texture coordinates (n, 2), repeating outside [0, 1]; v = 1 is the top row.
             level: Mip level (n,), 0 for the full texture; clipped to the levels there are.
         """
-        coarsest = len(self.level_box) - 1
-        level = np.clip(level, 0, coarsest).astype(np.float32)
-        lower = level.astype(np.intp)
-        share = (level - lower)[:, None]
-        fraction = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
-        fraction -= np.floor(fraction)
-        fine = self._bilinear(lower, fraction)
-        return fine + share * (self._bilinear(np.minimum(lower + 1, coarsest), fraction) - fine)
+        colour = np.empty((len(uv), 3), np.float32)
+        self.sample_at(np.arange(len(uv)), uv, level, colour)
+        return colour
 
-    def _bilinear(self, level: NDArray[np.intp], fraction: Float32Array) -> Float32Array:
-        """Linear colours at fractions (n, 2) of whole levels (n,), from 0 at the edge of the first texel."""
-        box = np.take(self.level_box, level, axis=0)
-        xy = box[:, :2] + fraction * box[:, 2:] - np.float32(0.5)
-        return linear_from_srgb(sample_bilinear(self.picture, xy, cv2.BORDER_REPLICATE))
+    def sample_at(
+        self, at: NDArray[np.intp], uv: Float32Array, level: Float32Array, colour: Float32Array
+    ) -> None:
+        """Write linear colours, as ``sample`` gives them, of some of n points: rows of ``colour`` (n, 3)."""
+        from datasets_synth.render.shade_loops import sample_mip  # noqa: PLC0415 (half a second to import)
+
+        sample_mip(self.picture, self.level_box, linear_of_bytes(), at, uv, level, colour)
 
 
 def sample_textures(
@@ -72,7 +68,7 @@ def sample_textures(
     for i, texture in enumerate(textures):
         at = order[ends[i] : ends[i + 1]]
         if len(at):
-            colour[at] = texture.sample(np.take(uv, at, axis=0), level[at])
+            texture.sample_at(at, uv, level, colour)
     return colour
 
 

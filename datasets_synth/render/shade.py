@@ -88,7 +88,7 @@ class Shader:
         distance = hits.t * distance_per_t
         point = rays[:, :3].T + rays[:, 3:].T * hits.t
         smooth = _interpolate(table.corner_normals, hits)
-        flat, normal = _turn_to_viewer(np.ascontiguousarray(hits.normal.T), smooth, view)
+        flat, normal = _turn_to_viewer(hits.normal.T.copy(), smooth, view)
         material = table.material[hits.face]
         albedo = self._albedo(hits, material, distance, -_dot(flat, view))
         sunlit, sun_cos = self._sun(point, flat, normal)
@@ -119,7 +119,7 @@ class Shader:
             footprint_m = distance[at] / self.focal_px / np.maximum(cosine[at], 0.02) ** 0.7
             level = np.log2(np.maximum(texels_per_m * footprint_m, 1))
             uv = _interpolate(self.rays.table.corner_uv, part)
-            texel = sample_textures(self.textures, texture[at], uv.T, level)
+            texel = sample_textures(self.textures, texture[at], np.ascontiguousarray(uv.T), level)
             for channel in range(3):
                 albedo[channel, at] *= texel[:, channel]
         return albedo
@@ -226,22 +226,18 @@ def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
 
 def _interpolate(corner_values: Float32Array, hits: Hits) -> Float32Array:
     """Values (k, n) at the hits, interpolated between the values at the corners (m, 3, k)."""
-    u, v = hits.barycentric[:, 0].copy(), hits.barycentric[:, 1].copy()
-    corner = rows(corner_values, hits.face)
-    out = np.empty((corner.shape[2], len(corner)), np.float32)
-    for k, value in enumerate(out):
-        first = corner[:, 0, k]
-        value[:] = first + u * (corner[:, 1, k] - first) + v * (corner[:, 2, k] - first)
+    from datasets_synth.render.shade_loops import interpolate  # noqa: PLC0415 (half a second to import)
+
+    out = np.empty((corner_values.shape[2], len(hits.face)), np.float32)
+    interpolate(corner_values, hits.face, hits.barycentric, out)
     return out
 
 
 def _turn_to_viewer(
     flat: Float32Array, smooth: Float32Array, view: Float32Array
 ) -> tuple[Float32Array, Float32Array]:
-    """Unit geometric and smooth normals (3, n) on the side of the viewer."""
-    length = np.maximum(np.sqrt(_dot(smooth, smooth)), np.float32(1e-6))
-    turn = np.where(_dot(flat, view) > 0, np.float32(-1), np.float32(1))
-    flat = flat * turn
-    # the smooth normal lies on the side of the flat one
-    turn = np.where(_dot(smooth, flat) < 0, np.float32(-1), np.float32(1))
-    return flat, np.asarray(smooth * (turn / length), np.float32)
+    """Unit geometric and smooth normals (3, n) on the side of the viewer; what is given is overwritten."""
+    from datasets_synth.render.shade_loops import turn_to_viewer  # noqa: PLC0415
+
+    turn_to_viewer(flat, smooth, view)
+    return flat, smooth

@@ -75,8 +75,16 @@ class FrameDetector(Protocol):
         """The candidates of a frame, in place of ``Detector.detect``."""
 
 
+MOST_WINDOWS = 2000
+"""Windows of a scan that are kept before suppression, the best."""
+
+
 def ordered(
-    xyxy_px: FloatArray, score: FloatArray, azimuth_deg: FloatArray | None = None, *, max_count: int = 2000
+    xyxy_px: FloatArray,
+    score: FloatArray,
+    azimuth_deg: FloatArray | None = None,
+    *,
+    max_count: int = MOST_WINDOWS,
 ) -> Detections:
     """The best detections, ordered by their values alone: threads deliver them in any order."""
     found = Detections(xyxy_px, score, azimuth_deg).take(best_rows(score, max_count))

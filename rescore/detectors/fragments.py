@@ -134,13 +134,19 @@ def filter_responses(picture: UInt8Array) -> Float32Array:
 
     All kernels are integers, so that responses are exact and a crop has those of the picture it is cut from.
     """
-    x = cv2.Sobel(picture, cv2.CV_32F, 1, 0, ksize=3)
-    y = cv2.Sobel(picture, cv2.CV_32F, 0, 1, ksize=3)
-    laplacian = cv2.Laplacian(picture, cv2.CV_32F, ksize=3)
-    # gains bring noise in all responses near that of the picture
-    bank = np.stack([picture.astype(np.float32) - 128, np.abs(x) / 4, np.abs(y) / 4, np.abs(laplacian) / 8])
     r = FILTER_RADIUS_PX
-    return bank[:, r:-r, r:-r]
+    inside = (slice(r, -r), slice(r, -r))
+    # gains bring noise in all responses near that of the picture
+    edges = (
+        cv2.Sobel(picture, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 4),
+        cv2.Sobel(picture, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 4),
+        cv2.Laplacian(picture, cv2.CV_32F, ksize=3, scale=1 / 8),
+    )
+    bank = np.empty((len(FILTERS), picture.shape[0] - 2 * r, picture.shape[1] - 2 * r), np.float32)
+    np.subtract(picture[inside], np.float32(128), out=bank[0])
+    for response, edge in zip(bank[1:], edges, strict=True):
+        np.abs(edge[inside], out=response)
+    return bank
 
 
 def grid_size(height_px: int, width_px: int, size_px: int, grid_px: int) -> tuple[int, int]:

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet
-from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
+from rescore.detectors.base import (
+    MOST_WINDOWS,
+    Detections,
+    SuppressionConfig,
+    best_candidates,
+    best_rows,
+    ordered,
+)
 from rescore.detectors.files import write_detector
 from rescore.detectors.mining import (
     CropStyle,
@@ -103,16 +110,19 @@ class HogDetector:
         # OpenCV's threads lock windows and scores one after the other, and so now and then swap the scores of
         # two levels; in one thread the pairs are right, and frames run in parallel anyway
         with one_thread():
-            found, score = self.descriptor().detectMultiScale(picture, **self.scan_arguments())
+            found, found_score = self.descriptor().detectMultiScale(picture, **self.scan_arguments())
         if not len(found):
             return Detections(np.empty((0, 4)), np.empty(0))
-        corner_size = np.asarray(found, dtype=float)
+        score = np.asarray(found_score, dtype=float).ravel()
+        # boxes are made of those alone that ``ordered`` keeps
+        kept = best_rows(score, MOST_WINDOWS)
+        corner_size, score = np.asarray(found)[kept].astype(float), score[kept]
         # OpenCV rounds sizes to pixels and cuts windows at the picture's edge: the level tells the size
         step = np.log(self.config.scan.scale_step)
         rough = (corner_size[:, 2:] / [window.width_px, window.height_px]).max(axis=1)
         scale = np.exp(step * np.round(np.log(rough) / step))
         boxes = window.boxes((corner_size[:, :2] - self.config.padding_px) / zoom, scale / zoom)
-        return ordered(boxes, np.asarray(score, dtype=float).ravel())
+        return ordered(boxes, score)
 
     def zoomed(self, rgb: UInt8Array) -> tuple[UInt8Array, float]:
         """The zoomed grey picture that is scanned, with its border, and its size over that of ``rgb``."""

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from joblib import delayed
+
 from recon import part_views
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.learning import learn
 from recon.localization import learn_shapes
 from recon.view_looks import LooksConfig
+from rescore import speech
 from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.detectors import detect, platt
@@ -26,7 +29,7 @@ from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion import rescore_frame, rescore_frames, tune, tuning_file
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.locks import locked
-from rescore.parallel import one_thread
+from rescore.parallel import in_order, one_thread
 from rescore.results import evaluate, run_config_file
 from rescore.results.metrics_file import Metrics, read_metrics
 from rescore.results.run_folder import EVIDENCE_TABLE, RunFolder
@@ -297,28 +300,11 @@ class Experiment:
         return read_metrics(self.folder.metrics)
 
     def write_report(self) -> None:
-        """The report with its curves, and the recording."""
-        from reports.page import report as page  # noqa: PLC0415 (matplotlib and rerun take a second to import)
-        from reports.recording import log  # noqa: PLC0415
-
-        root = self.folder.root
-        self._draw(
-            "report", page, (self.folder.html, root / "curves"), lambda: _ignore(page.build_report(root))
-        )
-        recording = self.folder.recording
-        self._draw("log", log, (recording,), lambda: _ignore(log.write_recording(root, recording)))
-
-    def _draw(
-        self, name: str, module: ModuleType, outputs: tuple[Path, ...], work: Callable[[], None]
-    ) -> None:
-        """A stage that draws what the run folder holds; the words of its templates are part of its code."""
-        root, folder = self.folder.root, self.folder
-        shown = (folder.config, folder.candidates, folder.metrics)
-        folders = tuple(root / name for name in ("evidence", "data", "models", "sweep"))
-        assert module.__file__ is not None
-        words = {"templates": digest_of(Path(module.__file__).with_name("templates"))}
-        stage = Stage(name, words, (*shown, *folders), outputs, (module,))
-        self.report(run_stage_in_place(root, stage, work))
+        """The report with its curves, and the recording, side by side where there are two jobs."""
+        tasks = (delayed(work)(self.folder, speech.is_quiet()) for work in (_write_page, _write_recording))
+        with speech.doing("report and log"):
+            for done in in_order(tasks, min(self.jobs, 2)):
+                self.report(done)
 
     @property
     def _learned(self) -> bool:
@@ -363,6 +349,36 @@ class Experiment:
 
     def _data(self) -> DataSet:
         return read_dataset(self.folder.data, self.config.class_name)
+
+
+def _write_page(folder: RunFolder, quiet: bool) -> Done:
+    """The report, in whatever process this is."""
+    from reports.page import report as page  # noqa: PLC0415 (matplotlib and rerun take a second to import)
+
+    speech.silence(quiet)
+    outputs = (folder.html, folder.curves)
+    return _draw(folder, "report", page, outputs, lambda: _ignore(page.build_report(folder.root)))
+
+
+def _write_recording(folder: RunFolder, quiet: bool) -> Done:
+    """The recording, in whatever process this is."""
+    from reports.recording import log  # noqa: PLC0415
+
+    speech.silence(quiet)
+    file = folder.recording
+    return _draw(folder, "log", log, (file,), lambda: _ignore(log.write_recording(folder.root, file)))
+
+
+def _draw(
+    folder: RunFolder, name: str, module: ModuleType, outputs: tuple[Path, ...], work: Callable[[], None]
+) -> Done:
+    """A stage that draws what the run folder holds; the words of its templates are part of its code."""
+    shown = (folder.config, folder.candidates, folder.metrics)
+    folders = tuple(folder.root / name for name in ("evidence", "data", "models", "sweep"))
+    assert module.__file__ is not None
+    words = {"templates": digest_of(Path(module.__file__).with_name("templates"))}
+    stage = Stage(name, words, (*shown, *folders), outputs, (module,))
+    return run_stage_in_place(folder.root, stage, work)
 
 
 def _ignore(_result: object) -> None:

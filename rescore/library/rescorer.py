@@ -6,12 +6,14 @@ as the number of threads of OpenCV or of the linear algebra.
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
+from recon.shape_matching import load_solvers
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.units import refuse_other_size
 from rescore.detectors.platt import PlattScaling
@@ -22,9 +24,10 @@ from rescore.evidence.predicted_depth import PredictedDepth, another_system, che
 from rescore.evidence.registration import CLASS_MODEL, Registration, check_depth_of
 from rescore.evidence.settings import RescoreConfig
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame, things_of
-from rescore.library.bundles import default_bundle
 from rescore.library.inputs import Boxes, StereoFrame
-from rescore.library.rescorer_files import Parts, parts_of_file, parts_of_run
+
+if TYPE_CHECKING:
+    from rescore.library.rescorer_files import Parts
 
 SIDES = ("front", "front left", "left", "rear left", "rear", "rear right", "right", "front right")
 """Sides from which an object is seen, each 45 degrees wide, from azimuth 0 on."""
@@ -118,6 +121,7 @@ class Rescorer:
 
     def __post_init__(self) -> None:
         _ = self._rescoring
+        load_solvers()  # no frame shall wait for an import
         if self.class_model is not None and isinstance(self.config.view_bin, int):
             self.class_model.view(self.config.view_bin)
         if self.suppress and (self.class_model is None or self.class_model.shape_space is None):
@@ -135,6 +139,8 @@ class Rescorer:
         Raises:
             RescoreError: none comes with it for this class.
         """
+        from rescore.library.bundles import default_bundle  # noqa: PLC0415 (readers take long to import)
+
         bundle = default_bundle(class_name)
         return Rescorer(bundle.class_model, bundle.w, bundle.evidence_model, None, bundle.config)
 
@@ -145,6 +151,8 @@ class Rescorer:
         Raises:
             RescoreError: no such file or another content, here or in the files that it names.
         """
+        from rescore.library.rescorer_files import parts_of_file  # noqa: PLC0415
+
         return _of_parts(parts_of_file(Path(path)))
 
     @staticmethod
@@ -160,6 +168,8 @@ class Rescorer:
         Raises:
             RescoreError: no such run, detector or mode, or a damaged file.
         """
+        from rescore.library.rescorer_files import parts_of_run  # noqa: PLC0415
+
         return _of_parts(parts_of_run(Path(run_dir), detector, mode))
 
     @property
@@ -240,5 +250,5 @@ class Rescorer:
             check_depth_of("rescorer: evidence model", self.evidence_model.depth_of, depth_of)
 
 
-def _of_parts(parts: Parts) -> Rescorer:
+def _of_parts(parts: "Parts") -> Rescorer:
     return Rescorer(parts.class_model, parts.w, parts.evidence_model, parts.scaling, parts.config)

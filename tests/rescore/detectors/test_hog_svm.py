@@ -50,6 +50,17 @@ def test_a_window_of_the_scan_scores_weight_times_descriptor_plus_bias():
     assert np.ptp(found.xyxy_px[:, 2:] - found.xyxy_px[:, :2], axis=0).tolist() == [0, 0]
 
 
+def test_windows_that_are_dropped_early_would_be_dropped_anyway(monkeypatch):
+    detector = random_detector(HogConfig(scan=ScanRange(60, 120, 1.1), floor=-100))
+    picture = np.random.default_rng(1).integers(0, 255, (200, 320), dtype=np.uint8)
+    kept = detector.scan(picture)
+    monkeypatch.setattr("rescore.detectors.hog_svm.MOST_WINDOWS", 10**9)
+    of_all = detector.scan(picture)
+    assert len(kept) == len(of_all) == 2000
+    np.testing.assert_array_equal(kept.xyxy_px, of_all.xyxy_px)
+    np.testing.assert_array_equal(kept.score, of_all.score)
+
+
 def test_boxes_are_windows_less_their_margin():
     window = WindowGeometry(80, 32, 8, 4)
     boxes = window.boxes(np.array([[10.0, 20.0]]), 1.5)

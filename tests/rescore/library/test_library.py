@@ -339,6 +339,10 @@ before = set(sys.modules)
 import rescore
 heavy = {"numpy", "scipy", "cv2", "sklearn", "pydantic"} & (set(sys.modules) - before)
 assert not heavy, heavy
+from rescore import Boxes, Camera, GroundPlane, Rescorer, StereoFrame
+of_others = {"joblib", "matplotlib", "open3d", "pyarrow", "pydantic", "rerun", "sklearn"}
+of_others |= {"scipy.interpolate", "scipy.optimize", "scipy.stats"}
+assert not of_others & set(sys.modules), of_others & set(sys.modules)
 assert all(getattr(rescore, name) for name in rescore.__all__)
 try:
     rescore.nothing
