@@ -108,7 +108,17 @@ def remove(path: Path) -> None:
 
 
 _VERSIONED = (
-    *("rescore", "numpy", "scipy", "opencv-python-headless", "scikit-learn", "joblib", "pydantic", "pyarrow"),
+    *(
+        "rescore",
+        "numpy",
+        "scipy",
+        "opencv-python-headless",
+        "numba",
+        "scikit-learn",
+        "joblib",
+        "pydantic",
+        "pyarrow",
+    ),
     *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow"),
 )
 

@@ -22,6 +22,8 @@ from reports.run.tables import Table
 _LOOKS = tuple(Look.of_mode(mode) for mode in ("metric", "paper"))
 """Looks of the lines of one chart, first to last."""
 _ROOM = 1.08
+_ROOM_ABOVE = 1.25
+"""Of the legend, which stands above the lines."""
 CLOCKS = {"processor": "one core", "wall": "wall", "memory": "memory"}
 
 
@@ -104,7 +106,7 @@ def growth_charts(growth: Sequence[Growth]) -> list[Chart]:
             for one, look in zip(own, _LOOKS, strict=False)
         )
         x = Axis(along, 0, _ROOM * max(max(one.size) for one in own))
-        y = Axis("time, ms", 0, _ROOM * 1e3 * max(max(one.seconds) for one in own))
+        y = Axis("time, ms", 0, _ROOM_ABOVE * 1e3 * max(max(one.seconds) for one in own))
         charts.append(Chart(f"Time over {along}", f"Time over {along}", x, y, lines))
     return charts
 

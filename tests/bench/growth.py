@@ -10,7 +10,7 @@ from tests.bench.timing import median_s
 CANDIDATES = (1, 2, 5, 15, 50, 100, 200)
 SIZES = ((320, 240), (640, 480), (1024, 768), (1600, 1200), (2048, 1536))
 REPEATS = 3
-_WINDOWS = "boxes are looked at in windows of one size, so that larger pictures cost little more"
+_WINDOWS = "the windows of boxes keep one size; what is done for the whole picture grows"
 
 
 def growing() -> list[Growth]:
