@@ -7,21 +7,11 @@ one to one; a thin-plate spline carries what lies between the points along.
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import Float32Array, FloatArray
-
-
-def load_solvers() -> None:
-    """Import what matching and bending take from scipy, half a second; importing this module does without.
-
-    Without this call the first match takes it. Programs that must not wait then, nor read a file, call it.
-    """
-    for name in ("scipy.interpolate", "scipy.optimize", "scipy.spatial.distance"):
-        import_module(name)
 
 
 @dataclass(frozen=True)
@@ -138,7 +128,7 @@ def match(
     a0, b0 = a_points - a_points.mean(axis=0), b_points - b_points.mean(axis=0)
     spread = np.mean(a0**2) + np.mean(b0**2)
     moved = ((a0**2).sum(axis=1)[:, None] + (b0**2).sum(axis=1) - 2 * a0 @ b0.T) / max(float(spread), 1e-12)
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 (see load_solvers)
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 (a third of a second)
 
     rows, partner = linear_sum_assignment(chi + config.position_weight * moved)
     return np.asarray(partner, np.intp), float(chi[rows, partner].mean())
@@ -151,7 +141,7 @@ def thin_plate_operator(controls: FloatArray, points: FloatArray, regularisation
     the more affine. The value is in units of the squared mean control distance. W depends on no target, so
     one matrix serves every candidate of a view bin. Needs three controls that are not on one line.
     """
-    from scipy.interpolate import RBFInterpolator  # noqa: PLC0415 (see load_solvers)
+    from scipy.interpolate import RBFInterpolator  # noqa: PLC0415 (a third of a second)
     from scipy.spatial.distance import pdist  # noqa: PLC0415
 
     scale = pdist(controls).mean()

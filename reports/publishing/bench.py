@@ -23,7 +23,7 @@ _LOOKS = tuple(Look.of_mode(mode) for mode in ("metric", "paper"))
 """Looks of the lines of one chart, first to last."""
 _ROOM = 1.08
 _ROOM_ABOVE = 1.25
-"""Of the legend, which stands above the lines."""
+"""Height of the legend, which stands above the lines."""
 CLOCKS = {"processor": "one core", "wall": "wall", "memory": "memory"}
 
 

@@ -1,7 +1,7 @@
 """Rescoring as a library: loaded once, then arrays in and out, from any number of threads.
 
-A ``Rescorer`` never changes. After loading it reads no file and sets nothing that other code could see, such
-as the number of threads of OpenCV or of the linear algebra.
+A ``Rescorer`` never changes. After its first frame, which loads compiled loops and solvers, it reads no file;
+it sets nothing that other code could see, such as the number of threads of OpenCV or of the linear algebra.
 """
 
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,6 @@ import numpy as np
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
-from recon.shape_matching import load_solvers
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.units import refuse_other_size
 from rescore.detectors.platt import PlattScaling
@@ -121,7 +120,6 @@ class Rescorer:
 
     def __post_init__(self) -> None:
         _ = self._rescoring
-        load_solvers()  # no frame shall wait for an import
         if self.class_model is not None and isinstance(self.config.view_bin, int):
             self.class_model.view(self.config.view_bin)
         if self.suppress and (self.class_model is None or self.class_model.shape_space is None):
