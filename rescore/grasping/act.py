@@ -11,7 +11,7 @@ import numpy as np
 
 from recon.arrays import FloatArray, IntArray
 from recon.localization.standing_box import StandingBox
-from rescore.grasping.arm import PARKED_RAD
+from rescore.grasping.arm import JOINTS
 from rescore.grasping.hands import LEFT, RIGHT, Hand
 from rescore.grasping.plan import Motion, hand_pose
 from rescore.grasping.scene import OBJECT, STEP_S, TOUCHES, pose_of, world
@@ -26,7 +26,7 @@ _CLOSE_WITHIN_S = 0.6
 SHAKE_RAD: FloatArray = np.array([0.03, 0.0, 0.0, 0.03, 0.0, 0.0, 0.0])
 """Amplitude of the shake by joint, shape (7,): the arm swings sidewards and up and down."""
 SHAKE_HZ = 2.0
-TRACE_STEPS = 20
+TRACE_STEPS = 16
 """Steps of the engine from one kept pose to the next."""
 
 PHASES = ("way", "line", "close", "lift", "hold", "shake", "down", "open", "away")
@@ -89,6 +89,7 @@ def _world_of(hand: Hand, solid: Solid) -> "mujoco.MjModel":
 def execute(motion: Motion, hand: Hand, solid: Solid, truth: StandingBox) -> Record:
     """What happens when a motion is carried out at an object that stands at ``truth``."""
     import mujoco  # noqa: PLC0415 - of the extra
+    from mujoco import rollout  # noqa: PLC0415
 
     model = _world_of(hand, solid)
     data = mujoco.MjData(model)
@@ -96,23 +97,24 @@ def execute(motion: Motion, hand: Hand, solid: Solid, truth: StandingBox) -> Rec
     data.qpos[:] = hand_pose(model, hand, motion.opening)
     data.qpos[place : place + 7] = pose_of(truth)
     targets, phase = commands(motion, hand)
-    order = [model.actuator(f"arm_{i + 1}").id for i in range(7)] + [model.actuator(a).id for a in hand.actuators]
     columns = np.empty_like(targets)
-    columns[:, order] = targets
-    n = len(columns)
-    sensors, poses = np.empty((n, model.nsensordata)), np.empty((n, 7))
-    kept = []
-    for k in range(n):
-        data.ctrl = columns[k]
-        mujoco.mj_step(model, data)
-        sensors[k] = data.sensordata
-        poses[k] = data.qpos[place : place + 7]
-        if k % TRACE_STEPS == 0:
-            kept.append(np.array(data.qpos))
-    forces, table = _forces(model, sensors)
+    columns[:, motor_order(model, hand)] = targets
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    start = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data, start, kind)
+    states, sensors = rollout.rollout(model, data, start, columns)
+    # a state begins with the time
+    qpos = states[0][:, 1 : 1 + model.nq]
+    poses = qpos[:, place : place + 7]
+    forces, table = _forces(model, sensors[0])
     up = 1 - 2 * (poses[:, 4] ** 2 + poses[:, 5] ** 2)
     tilt = np.arccos(np.clip(up, -1.0, 1.0))
-    return Record(phase, forces, table, poses[:, :3], tilt, np.array(kept), targets)
+    return Record(phase, forces, table, poses[:, :3].copy(), tilt, qpos[::TRACE_STEPS].copy(), targets)
+
+
+def motor_order(model: "mujoco.MjModel", hand: Hand) -> list[int]:
+    """The engine's number of each motor, those of the arm first, then those of the hand."""
+    return [model.actuator(name).id for name in (*JOINTS, *hand.actuators)]
 
 
 def _forces(model: "mujoco.MjModel", sensors: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -29,7 +29,8 @@ _CLEAR_M = 0.004
 """The estimated box is taken this much larger on all sides where its hand moves freely."""
 _POSITION_M, _ANGLE_RAD = 5e-4, 2e-3
 """How well joint angles have to reach a pose."""
-_SEARCH_S = 2.0
+_CHECKS = 20_000
+"""Poses that a search for a way may check; a limit of time would make results depend on the machine."""
 _RANGE_RAD = 0.6
 _RESOLUTION_RAD = 0.03
 """Greatest step of a joint between two poses that are checked."""
@@ -226,7 +227,7 @@ def _way(room: _Room, goal: FloatArray, seed: int) -> FloatArray | Refusal:
         return np.stack([PARKED_RAD, goal])
     corners = _search(room, goal, seed)
     if corners is None:
-        return Refusal(Cause.NO_PATH, f"a way to the object expected, none was found in {_SEARCH_S:g} s")
+        return Refusal(Cause.NO_PATH, f"a way to the object expected, none was found among {_CHECKS} poses")
     return _shortened(room, corners, seed)
 
 
@@ -243,7 +244,14 @@ def _search(room: _Room, goal: FloatArray, seed: int) -> FloatArray | None:
         bounds.setHigh(i, float(high))
     space.setBounds(bounds)
     info = base.SpaceInformation(space)
-    info.setStateValidityChecker(lambda state: not room.touches(np.array([state[i] for i in range(7)])))
+    checks = 0
+
+    def free(state: Any) -> bool:
+        nonlocal checks
+        checks += 1
+        return not room.touches(np.array([state[i] for i in range(7)]))
+
+    info.setStateValidityChecker(free)
     info.setStateValidityCheckingResolution(_RESOLUTION_RAD / space.getMaximumExtent())
     info.setup()
     problem = base.ProblemDefinition(info)
@@ -256,7 +264,8 @@ def _search(room: _Room, goal: FloatArray, seed: int) -> FloatArray | None:
     planner.setRange(_RANGE_RAD)
     planner.setProblemDefinition(problem)
     planner.setup()
-    if not planner.solve(base.timedPlannerTerminationCondition(_SEARCH_S)):
+    planner.solve(lambda: checks > _CHECKS)
+    if not problem.hasExactSolution():
         return None
     path = problem.getSolutionPath()
     states = [path.getState(k) for k in range(path.getStateCount())]

@@ -1,0 +1,53 @@
+"""The commands ``rescore grasp``, ``grasp-errors`` and ``grasp-basket``: section 5.2 of the report in simulation."""
+
+# ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
+from rescore.speech import say
+
+Out = Annotated[
+    Path, typer.Option(help="Folder for the numbers, the table and the pictures.", callback=folder_target)
+]
+
+
+@app.command()
+def grasp(
+    out: Out,
+    cars: Annotated[int, typer.Option(min=1, help="Model cars, spread over the body types.")] = 20,
+    placements: Annotated[int, typer.Option(min=1, help="Placements of each car within reach.")] = 3,
+    meshes: Annotated[
+        Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to grasp instead.")
+    ] = None,
+    show: Annotated[
+        int | None, typer.Option(min=0, help="Also write a recording of this trial (0 is the first).")
+    ] = None,
+    seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+    as_json: AsJson = False,
+) -> None:
+    """Let a simulated robot grasp model cars that are localised from one picture, as in section 5.2.
+
+    Each car is put on the table within reach, photographed and localised by every method; an arm with seven
+    joints moves a hand to the estimate, closes it, lifts, holds, shakes and puts down. A run that was stopped
+    goes on where it was. Needs the packages of the robot: pip install 'rescore[robot]'.
+
+    Example: [bold]rescore grasp --cars 20 --placements 3 --out runs/grasp[/bold]
+    """
+    from reports.studies.grasping import show_trial, write_grasping
+    from rescore.grasping.experiment import Experiment
+    from rescore.grasping.result_file import grasp_table
+
+    experiment = Experiment.of(cars, placements, meshes, seed)
+    result = experiment.run(out, jobs)
+    write_grasping(experiment, result, out)
+    if show is not None:
+        say(f"recording: {show_trial(experiment, result, show, out)}")
+    if as_json:
+        print_json(result.as_json())
+    else:
+        print(grasp_table(result))
+    say(f"grasps: {out / 'grasp.json'}")
