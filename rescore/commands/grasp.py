@@ -37,6 +37,7 @@ def grasp(
 
     Example: [bold]rescore grasp --cars 20 --placements 3 --out runs/grasp[/bold]
     """
+    from reports.recording.grasp import write_grasp_recording
     from reports.studies.grasping import show_trial, write_grasping
     from rescore.grasping.experiment import Experiment
     from rescore.grasping.result_file import grasp_table
@@ -45,7 +46,8 @@ def grasp(
     result = experiment.run(out, jobs)
     write_grasping(experiment, result, out)
     if show is not None:
-        say(f"recording: {show_trial(experiment, result, show, out)}")
+        shown = show_trial(experiment, result, show)
+        say(f"recording: {write_grasp_recording(shown, out / f'trial_{show}.rrd')}")
     if as_json:
         print_json(result.as_json())
     else:

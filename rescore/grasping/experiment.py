@@ -43,14 +43,19 @@ class Experiment:
         chosen = own_cars(cars_of_splits(test_meshes=meshes)["test"]) if meshes else experiment_cars(cars)
         return Experiment(chosen, placements, seed)
 
-    def run(self, out: Path, jobs: int) -> GraspResult:
-        """The result, also written to ``out/grasp.json``; trials that a stopped run left there are kept."""
+    def run(self, out: Path, jobs: int, table_class: TableClass | None = None) -> GraspResult:
+        """The result, also written to ``out/grasp.json``; trials that a stopped run left there are kept.
+
+        Args:
+            out: the folder.
+            jobs: trials at a time; the result is the same for any number.
+            table_class: what is known of cars; None to learn it where a trial is still to do.
+        """
         kept = _Kept(out / "trials", self)
         todo = [(i, k) for i, k in self._numbers() if kept.row(i, k) is None]
         if todo:
-            table_class = _learned(jobs)
-            rows = track(self._tried(todo, table_class, jobs), "grasp", len(todo))
-            for row in rows:
+            known = table_class or learned_cars(jobs)
+            for row in track(self._tried(todo, known, jobs), "grasp", len(todo)):
                 kept.add(row)
         found = [kept.row(i, k) for i, k in self._numbers()]
         result = GraspResult(
@@ -72,10 +77,11 @@ class Experiment:
         return in_order(tasks, jobs)
 
 
-def _learned(jobs: int) -> TableClass:
+def learned_cars(jobs: int) -> TableClass:
+    """What the training cars teach; front and rear are not told apart, since a grasp from above needs neither."""
     train = cars_of_splits()["train"]
     say(f"learning from {len(train)} cars")
-    return learn_table_class(train, TableClassConfig(), jobs)
+    return learn_table_class(train, TableClassConfig(heading_pictures=0), jobs)
 
 
 class _Kept:

@@ -30,7 +30,7 @@ _CLEAR_M = 0.004
 _POSITION_M, _ANGLE_RAD = 5e-4, 2e-3
 """How well joint angles have to reach a pose."""
 _CHECKS = 20_000
-"""Poses that a search for a way may check; a limit of time would make results depend on the machine."""
+"""Poses that a search for a way may check."""
 _RANGE_RAD = 0.6
 _RESOLUTION_RAD = 0.03
 """Greatest step of a joint between two poses that are checked."""
@@ -221,8 +221,9 @@ def _seeds(grasp: Grasp, turned: bool) -> list[FloatArray]:
 
 def _way(room: _Room, goal: FloatArray, seed: int) -> FloatArray | Refusal:
     """Corners (k, 7) of a way from where the arm waits to a goal, by RRT-Connect (Kuffner and LaValle 2000)."""
-    if room.touches(goal):
-        return Refusal(Cause.NO_PATH, f"a free hand above the object expected, {room.touching(goal)}")
+    for end, where in ((PARKED_RAD, "where it waits"), (goal, "above the object")):
+        if room.touches(end):
+            return Refusal(Cause.NO_PATH, f"a free arm {where} expected, {room.touching(end)}")
     if not _blocked(room, PARKED_RAD, goal):
         return np.stack([PARKED_RAD, goal])
     corners = _search(room, goal, seed)
@@ -264,7 +265,8 @@ def _search(room: _Room, goal: FloatArray, seed: int) -> FloatArray | None:
     planner.setRange(_RANGE_RAD)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(lambda: checks > _CHECKS)
+    # a time limit would make results depend on the machine
+    planner.solve(base.PlannerTerminationCondition(lambda: checks > _CHECKS))
     if not problem.hasExactSolution():
         return None
     path = problem.getSolutionPath()

@@ -1,0 +1,164 @@
+"""The page, the table and the strips of section 5.2: ``python -m reports.studies.grasping RUN FOLDER COMMAND``.
+
+Copies numbers and reduced strips of a finished ``rescore grasp`` and writes a page from the numbers.
+"""
+
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+
+from recon.arrays import UInt8Array
+from recon.errors import Failure, RescoreError
+from recon.files import atomic_path
+from reports.pages import write_page
+from rescore.grasping.choose import GRIP_HEIGHT, MARGIN_M
+from rescore.grasping.experiment import Experiment
+from rescore.grasping.hands import HANDS
+from rescore.grasping.judge import GENTLE_N, LIFTED_M
+from rescore.grasping.perception import METHOD_NAME, METHODS
+from rescore.grasping.pictures import strip
+from rescore.grasping.replay import Replay, replay
+from rescore.grasping.result_file import GraspResult, GraspRow, by_car_table, grasp_table, read_grasps
+
+_JPEG_QUALITY = 88
+STRIPS = {
+    "strip_grasp": "A grasp with three fingers after the joint fit: approach, pre-shape, closed, lifted, shaken, put down",
+    "strip_jaw": "The same trial with the parallel jaw",
+    "strip_failed": "The first trial that fails after the joint fit",
+    "strip_single_plane": "The first trial that fails after the single plane with the hand wide open",
+    "strip_narrow": "The first trial that fails after the single plane, opened by its own width",
+}
+"""Pictures of a run with what a person reads in their place."""
+
+
+def write_grasping(experiment: Experiment, result: GraspResult, out: Path) -> None:
+    """Write ``grasp.md`` and the strips of a finished experiment to a folder."""
+    first = next(iter(HANDS))
+    text = grasp_table(result) + "\nHeld / gently held placements of each car, three fingers:\n\n"
+    with atomic_path(out / "grasp.md") as beside:
+        beside.write_text(text + by_car_table(result, first))
+    for name, row, method, hand in _shown(result):
+        shown = replay(row, experiment.cars[row.index], experiment.seed, method, hand)
+        _save(out / f"{name}.png", strip(shown.record, HANDS[hand], shown.mesh))
+
+
+def show_trial(experiment: Experiment, result: GraspResult, number: int) -> Replay:
+    """The trial of this number, carried out again after the joint fit with three fingers.
+
+    Raises:
+        RescoreError: there is no such trial, or it had no motion.
+    """
+    if number >= len(result.rows):
+        raise RescoreError(
+            f"--show: expected a trial from 0 to {len(result.rows) - 1}, got {number}; choose one of these"
+        )
+    row = result.rows[number]
+    return replay(row, experiment.cars[row.index], experiment.seed, METHODS[0], next(iter(HANDS)))
+
+
+def _shown(result: GraspResult) -> list[tuple[str, GraspRow, str, str]]:
+    """Names of strips with the trial, method and hand that each shows; those without a trial are left out."""
+    three, jaw = list(HANDS)[:2]
+    held = next((r for r in result.rows if all(r.verdicts["3dp"][h].held for h in HANDS)), None)
+    out = [] if held is None else [("strip_grasp", held, "3dp", three), ("strip_jaw", held, "3dp", jaw)]
+    for name, method in (("failed", "3dp"), ("single_plane", "single_plane"), ("narrow", "single_plane_narrow")):
+        failed = next((r for r in result.rows if _moved_and_failed(r, method, three)), None)
+        if failed is not None:
+            out.append((f"strip_{name}", failed, method, three))
+    return out
+
+
+def _moved_and_failed(row: GraspRow, method: str, hand: str) -> bool:
+    verdict = row.verdicts[method][hand]
+    # a refusal has words and no motion that could be shown
+    return not verdict.held and not verdict.detail and not isinstance(row.estimates[method], Failure)
+
+
+def _save(path: Path, rgb: UInt8Array) -> None:
+    with atomic_path(path) as beside:
+        beside.write_bytes(cv2.imencode(".png", rgb[..., ::-1])[1].tobytes())
+
+
+_WHAT = f"""## What is done
+
+A car stands on the black table of the localisation study within reach of an arm, is photographed by the
+calibrated camera, segmented, and localised by every method. From the estimated box alone a grasp from above
+across the width is chosen: the hand is opened by the estimated width plus {1000 * MARGIN_M:.0f} mm (half on each
+side), its pads go down to {GRIP_HEIGHT:g} of the estimated height, and the palm stays 8 mm above the estimated
+top. Inverse kinematics gives the joint angles along a straight line of 20 cm down to the grasp, RRT-Connect a way
+to its top that touches neither table nor estimated box. The hand closes, lifts 20 cm, holds 2 s, shakes 1.5 s at
+2 Hz and puts down. Nothing that happens in the engine changes the motion.
+
+*Held*: at the end of lift, hold and shake the car is at least {100 * LIFTED_M:.0f} cm above where it stood, and
+both sides of the hand touch it. *Gently*: before the hand closed it pushed the car with less than {GENTLE_N:.0f} N.
+One car, the lowest one, is fragile: it breaks where one side presses with more than 40 N. Three of the twenty are
+thin. Intervals are Wilson's.
+
+- *3DP, joint fit* and *the report's construction*: see the page on localisation. Front and rear are not told
+  apart here, since the grasp needs neither.
+- *Single plane*: it has no width. With the *hand wide open* the hand is opened as far as it goes, which is
+  the kinder rule; *opened by its own width* takes the same rule as the others at its word, with a width of
+  nothing. Both rules were fixed before any trial on the twenty cars.
+- *True box*: what the hands do where nothing is estimated.
+
+The arm is seven joints after the published kinematics of the WAM, the first hand three fingers after the
+BarrettHand, the second a parallel jaw of 140 mm. The engine is MuJoCo. Rules and limits were chosen on cars that
+are not among the twenty."""
+
+
+def publish(run_dir: Path, folder: Path, command: str) -> Path:
+    """Copy the numbers and strips of a run to a folder, with a page that shows them; returns the page.
+
+    Args:
+        run_dir: the folder of a finished ``rescore grasp``.
+        folder: where to publish; made where it is missing.
+        command: what made the run, for the page.
+
+    Raises:
+        RescoreError: no finished run there.
+    """
+    result = read_grasps(run_dir / "grasp.json")
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(run_dir / "grasp.json", folder / "grasp.json")
+    drawn = [name for name in STRIPS if (run_dir / f"{name}.png").is_file()]
+    for name in drawn:
+        picture = cv2.imread(str(run_dir / f"{name}.png"))
+        _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        with atomic_path(folder / f"{name}.jpg") as beside:
+            beside.write_bytes(jpeg.tobytes())
+    return write_page(folder, page(result, command, drawn))
+
+
+def page(result: GraspResult, command: str, drawn: Sequence[str]) -> str:
+    """The page from the numbers of ``grasp.json``."""
+    parts = [
+        "# Grasping model cars (section 5.2 of the report)",
+        f"Made by `{command}`: {len(result.cars)} cars, {result.placements} placements of each.\n"
+        "`grasp.json` holds every trial.",
+        grasp_table(result).rstrip(),
+        *(f"![{STRIPS[name]}]({name}.jpg)\n\n{STRIPS[name]}." for name in drawn),
+        _WHAT,
+        "## What fails\n\n" + "\n".join(_failures(result)),
+        "## By car\n\nHeld / gently held, three fingers.\n\n" + by_car_table(result, next(iter(HANDS))).rstrip(),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _failures(result: GraspResult) -> list[str]:
+    """A line for each hand that names the trials that the joint fit does not hold, or not gently."""
+    lines = []
+    for key, hand in HANDS.items():
+        bad = [
+            f"{row.car} {row.placement} ({v.cause.value if v.cause else f'pushed with {v.pushed_n:.0f} N'})"
+            for row in result.rows
+            if (v := row.verdicts["3dp"][key]).ending != "gentle"
+        ]
+        lines.append(f"- {METHOD_NAME['3dp']}, {hand.name}: {', '.join(bad) or 'nothing'}.")
+    return lines
+
+
+if __name__ == "__main__":
+    print(publish(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]))
