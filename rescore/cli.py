@@ -15,6 +15,7 @@ from rescore.commands import (
     evidence_study,
     experiment,
     gallery,
+    grasp,
     inspect_run,
     localize,
     models,
@@ -36,6 +37,7 @@ __all__ = [
     "evidence_study",
     "experiment",
     "gallery",
+    "grasp",
     "inspect_run",
     "localize",
     "main",
@@ -66,7 +68,7 @@ PANELS = {
     "One picture in 3D": ("reconstruct", "popup", "learn-primitives"),
     "Studies": (
         *("sweep", "study-evidence", "study-class-model", "study-relief", "study-places", "study-weight"),
-        *("study-stereo", "study-models", "study-views", "localize", "gallery", "uiuc"),
+        *("study-stereo", "study-models", "study-views", "localize", "grasp", "gallery", "uiuc"),
     ),
 }
 """The commands in the order in which `rescore --help` lists them."""
@@ -118,6 +120,7 @@ def _before_the_command(
 _KEPT = {
     "reproduce": "finished stages and rendered frames are kept; run the command again to go on",
     "synth": "finished frames are kept; run the command again to go on",
+    "grasp": "finished trials are kept; run the command again to go on",
     "study-weight": "candidates under --keep are kept; run the command again to go on",
 }
 """What of a command that was stopped is left, where something is."""

@@ -13,8 +13,8 @@ MARGIN_M = 0.030
 """The hand is opened by this much more than the estimated width: half of it on each side."""
 GRIP_HEIGHT = 0.35
 """Height of the middle of the pads as a share of the estimated height."""
-_ABOVE_M, _OVER_TABLE_M = 0.008, 0.005
-"""The palm stays clear of the estimated top, and the fingers of the table, by this."""
+_ABOVE_M, _OVER_TABLE_M = 0.014, 0.005
+"""Palm and fingers stay clear of the estimated top, and of the table, by this."""
 _LOWEST_M = 0.015
 """An object that rises less above the table cannot be gripped from above."""
 
@@ -75,6 +75,8 @@ def choose_grasp(estimate: Estimate, hand: Hand) -> Grasp | Refusal:
     opening = width + MARGIN_M if estimate.width_known else hand.widest_m
     opening = float(np.clip(opening, hand.narrowest_m, hand.widest_m))
     palm = max(
-        GRIP_HEIGHT * top + hand.depth_m(opening), top + _ABOVE_M, hand.lowest_m(opening) + _OVER_TABLE_M
+        GRIP_HEIGHT * top + hand.depth_m(opening),
+        top + hand.over_m(width, opening) + _ABOVE_M,
+        hand.lowest_m(opening) + _OVER_TABLE_M,
     )
     return Grasp(box.xy_m, box.yaw_rad, palm, opening)

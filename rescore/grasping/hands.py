@@ -51,6 +51,10 @@ class Hand(Protocol):
     def lowest_m(self, opening_m: float) -> float:
         """How far the lowest point lies below the palm at any opening from closed to this one."""
 
+    def over_m(self, width_m: float, opening_m: float) -> float:
+        """How far an object of a width has to stay below the palm at an opening, so that no finger touches its
+        top."""
+
     def opened(self, opening_m: float) -> FloatArray:
         """Targets of the motors at an opening, shape (motors,)."""
 
@@ -121,6 +125,12 @@ class ThreeFingers:
         within = self._table[:, 1] <= opening_m
         return float(self._table[within, 2].max()) + self.pad_m
 
+    def over_m(self, width_m: float, opening_m: float) -> float:
+        """How far an object of a width has to stay below the palm: its inner links slant over its edges."""
+        inner = float(self.opened(opening_m)[0]) + _PHI2_RAD
+        beyond = max(0.0, width_m / 2 - _A1_M)
+        return float(beyond * np.tan(inner) + _INNER_RADIUS_M / np.cos(inner))
+
     def opened(self, opening_m: float) -> FloatArray:
         """Targets of the motors at an opening, shape (3,)."""
         return np.full(3, np.interp(opening_m, self._table[:, 1], self._table[:, 0]))
@@ -171,7 +181,7 @@ class ThreeFingers:
                 damping=0.02 if k == 0 else 0.004,
             )
             joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-            radius = 0.0085 if k == 0 else self.pad_m
+            radius = _INNER_RADIUS_M if k == 0 else self.pad_m
             geom = body.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0.01 * (1 - k), 0, 0, length, 0, 0], size=[radius, 0, 0]
             )
@@ -187,6 +197,7 @@ class ThreeFingers:
 _A1_M, _A2_M, _A3_M = 0.050, 0.070, 0.050
 _PHI2_RAD, _PHI3_RAD = float(np.deg2rad(2.46)), float(np.deg2rad(50.0))
 _COUPLING = 1 / 3
+_INNER_RADIUS_M = 0.0085
 
 
 @dataclass(frozen=True)
@@ -216,6 +227,10 @@ class ParallelJaw:
     def lowest_m(self, opening_m: float) -> float:
         """How far the lowest point lies below the palm."""
         return self.finger_m
+
+    def over_m(self, width_m: float, opening_m: float) -> float:
+        """How far an object has to stay below the palm; the fingers are straight."""
+        return 0.0
 
     def opened(self, opening_m: float) -> FloatArray:
         """Target of the motor at an opening, shape (1,)."""
