@@ -135,7 +135,8 @@ def _words(shown: Replay) -> str:
         f"**{shown.row.car}**, placement {shown.row.placement}: **{verdict.ending.value}{cause}**",
         f"{METHOD_NAME[shown.method]}; {HANDS[shown.hand].name}",
         f"pushed before closing: {verdict.pushed_n:.1f} N; largest force of a side: {verdict.most_n:.1f} N",
-        f"lifted {1000 * verdict.lifted_m:.0f} mm; put down {1000 * verdict.moved_m:.1f} mm from where it stood",
+        f"lifted {1000 * verdict.lifted_m:.0f} mm",
+        f"put down {1000 * verdict.moved_m:.1f} mm from where it stood",
         "orange: the estimated box; green: the true one; yellow: the planned way of the palm",
     ]
     return "\n\n".join(lines)
@@ -217,5 +218,8 @@ def _contacts(model: "mujoco.MjModel", data: "mujoco.MjData") -> rr.Arrows3D:
         origins.append(np.array(touch.pos))
         vectors.append(_M_PER_N * force * (1.0 if bodies[1] == body else -1.0))
     return rr.Arrows3D(
-        origins=origins, vectors=vectors, colors=[rgb(YELLOW)] if origins else [], radii=[0.002] if origins else []
+        origins=origins,
+        vectors=vectors,
+        colors=[rgb(YELLOW)] if origins else [],
+        radii=[0.002] if origins else [],
     )

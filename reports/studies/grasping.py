@@ -1,4 +1,4 @@
-"""The page, the table and the strips of section 5.2: ``python -m reports.studies.grasping RUN FOLDER COMMAND``.
+"""The page and the strips of section 5.2: ``python -m reports.studies.grasping RUN FOLDER COMMAND``.
 
 Copies numbers and reduced strips of a finished ``rescore grasp`` and writes a page from the numbers.
 """
@@ -25,7 +25,7 @@ from rescore.grasping.result_file import GraspResult, GraspRow, by_car_table, gr
 
 _JPEG_QUALITY = 88
 STRIPS = {
-    "strip_grasp": "A grasp with three fingers after the joint fit: approach, pre-shape, closed, lifted, shaken, put down",
+    "strip_grasp": "A grasp with three fingers after the joint fit, from the approach to the car put down",
     "strip_jaw": "The same trial with the parallel jaw",
     "strip_failed": "The first trial that fails after the joint fit",
     "strip_single_plane": "The first trial that fails after the single plane with the hand wide open",
@@ -64,7 +64,11 @@ def _shown(result: GraspResult) -> list[tuple[str, GraspRow, str, str]]:
     three, jaw = list(HANDS)[:2]
     held = next((r for r in result.rows if all(r.verdicts["3dp"][h].held for h in HANDS)), None)
     out = [] if held is None else [("strip_grasp", held, "3dp", three), ("strip_jaw", held, "3dp", jaw)]
-    for name, method in (("failed", "3dp"), ("single_plane", "single_plane"), ("narrow", "single_plane_narrow")):
+    for name, method in (
+        ("failed", "3dp"),
+        ("single_plane", "single_plane"),
+        ("narrow", "single_plane_narrow"),
+    ):
         failed = next((r for r in result.rows if _moved_and_failed(r, method, three)), None)
         if failed is not None:
             out.append((f"strip_{name}", failed, method, three))
@@ -86,27 +90,27 @@ _WHAT = f"""## What is done
 
 A car stands on the black table of the localisation study within reach of an arm, is photographed by the
 calibrated camera, segmented, and localised by every method. From the estimated box alone a grasp from above
-across the width is chosen: the hand is opened by the estimated width plus {1000 * MARGIN_M:.0f} mm (half on each
-side), its pads go down to {GRIP_HEIGHT:g} of the estimated height, and the palm stays 8 mm above the estimated
-top. Inverse kinematics gives the joint angles along a straight line of 20 cm down to the grasp, RRT-Connect a way
-to its top that touches neither table nor estimated box. The hand closes, lifts 20 cm, holds 2 s, shakes 1.5 s at
-2 Hz and puts down. Nothing that happens in the engine changes the motion.
+across the width is chosen: the hand is opened by the estimated width plus {1000 * MARGIN_M:.0f} mm (half on
+each side), its pads go down to {GRIP_HEIGHT:g} of the estimated height where palm and fingers stay clear of
+the estimated top. Inverse kinematics gives the joint angles along a straight line of 20 cm down to the
+grasp, RRT-Connect a way to its top that touches neither table nor estimated box. The hand closes, lifts
+20 cm, holds 2 s, shakes 1.5 s at 2 Hz and puts down. Nothing that happens in the engine changes the motion.
 
-*Held*: at the end of lift, hold and shake the car is at least {100 * LIFTED_M:.0f} cm above where it stood, and
-both sides of the hand touch it. *Gently*: before the hand closed it pushed the car with less than {GENTLE_N:.0f} N.
-One car, the lowest one, is fragile: it breaks where one side presses with more than 40 N. Three of the twenty are
-thin. Intervals are Wilson's.
+*Held*: at the end of lift, hold and shake the car is at least {100 * LIFTED_M:.0f} cm above where it stood,
+and both sides of the hand touch it. *Gently*: before the hand closed it pushed the car with less than
+{GENTLE_N:.0f} N. One car, the lowest one, is fragile: it breaks where one side presses with more than 40 N.
+Every sixth car is thin. Intervals are Wilson's.
 
-- *3DP, joint fit* and *the report's construction*: see the page on localisation. Front and rear are not told
-  apart here, since the grasp needs neither.
+- *3DP, joint fit* and *the report's construction*: see the page on localisation. Front and rear are not
+  told apart here, since the grasp needs neither.
 - *Single plane*: it has no width. With the *hand wide open* the hand is opened as far as it goes, which is
-  the kinder rule; *opened by its own width* takes the same rule as the others at its word, with a width of
-  nothing. Both rules were fixed before any trial on the twenty cars.
-- *True box*: what the hands do where nothing is estimated.
+  the kinder rule; *opened by its own width* takes the rule of the others at its word, with a width of
+  nothing. Both rules were fixed before any trial on these cars.
+- *True box*: what the hands do where nothing has to be estimated.
 
-The arm is seven joints after the published kinematics of the WAM, the first hand three fingers after the
-BarrettHand, the second a parallel jaw of 140 mm. The engine is MuJoCo. Rules and limits were chosen on cars that
-are not among the twenty."""
+The arm has seven joints after the published kinematics of the WAM; the first hand three fingers after the
+BarrettHand; the second is a parallel jaw of 140 mm. The engine is MuJoCo. The arm waits behind the table
+and is not drawn in the camera's picture. Rules and limits were chosen on cars that are not among these."""
 
 
 def publish(run_dir: Path, folder: Path, command: str) -> Path:
@@ -142,7 +146,8 @@ def page(result: GraspResult, command: str, drawn: Sequence[str]) -> str:
         *(f"![{STRIPS[name]}]({name}.jpg)\n\n{STRIPS[name]}." for name in drawn),
         _WHAT,
         "## What fails\n\n" + "\n".join(_failures(result)),
-        "## By car\n\nHeld / gently held, three fingers.\n\n" + by_car_table(result, next(iter(HANDS))).rstrip(),
+        "## By car\n\nHeld / gently held, three fingers.\n\n"
+        + by_car_table(result, next(iter(HANDS))).rstrip(),
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -1,4 +1,4 @@
-"""The commands ``rescore grasp``, ``grasp-errors`` and ``grasp-basket``: section 5.2 of the report in simulation."""
+"""The commands of the robot: section 5.2 of the report in simulation."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 from pathlib import Path

@@ -72,7 +72,9 @@ def commands(motion: Motion, hand: Hand) -> tuple[FloatArray, IntArray]:
     opening = closed + np.minimum(1.0, 2 * share[: _steps(OPEN_S)]) * (opened - closed)
     arm = [motion.way_rad, down, at, up, held, shake, down, release, up]
     fingers = [opened, opened, closing, closed, closed, closed, closed, opening, opened]
-    rows = [np.hstack([a, np.broadcast_to(f, (len(a), len(closed)))]) for a, f in zip(arm, fingers, strict=True)]
+    rows = [
+        np.hstack([a, np.broadcast_to(f, (len(a), len(closed)))]) for a, f in zip(arm, fingers, strict=True)
+    ]
     phase = np.concatenate([np.full(len(r), i) for i, r in enumerate(rows)])
     return np.concatenate(rows), phase
 
@@ -118,7 +120,7 @@ def motor_order(model: "mujoco.MjModel", hand: Hand) -> list[int]:
 
 
 def _forces(model: "mujoco.MjModel", sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forces on the object (n, 3) from left, right and the rest, and on the table (n,), from sensors (n, m)."""
+    """Forces on the object (n, 3) from left, right and the rest, and on the table (n,), from sensors."""
     sums = {LEFT: np.zeros(len(sensors)), RIGHT: np.zeros(len(sensors))}
     rest, table = np.zeros(len(sensors)), np.zeros(len(sensors))
     for s in range(model.nsensor):

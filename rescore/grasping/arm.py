@@ -1,7 +1,7 @@
 """The arm: seven joints after the kinematics that Barrett Technology publishes of the WAM, built in code.
 
-Frames follow the table of Denavit and Hartenberg: joint i turns about z of frame i - 1, and frame i is carried
-by it. The tool frame is frame 7: z points out of the wrist, the hand is mounted on its origin.
+Frames follow the table of Denavit and Hartenberg: joint i turns about z of frame i - 1, and frame i is
+carried by it. The tool frame is frame 7: z points out of the wrist, the hand is mounted on its origin.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ SPEED_RAD_S: FloatArray = np.full(7, 1.5)
 ACCELERATION_RAD_S2: FloatArray = np.full(7, 3.0)
 """Largest acceleration on a planned path, shape (7,). Chosen."""
 SHOULDER_M = 0.346
-"""Height of the shoulder, where the first three axes meet, above the foot of the arm (the manual, figure 35)."""
+"""Height of the shoulder, where the first three axes meet, above the foot of the arm (the manual, fig. 35)."""
 PARKED_RAD: FloatArray = np.array([0.0, -1.2, 0.0, 2.6, 0.0, 0.3, 0.0])
 """Where the arm waits, shape (7,): drawn back, so that it hides nothing on the table from the camera."""
 
@@ -143,7 +143,12 @@ def _geom(
 
     kinds = {"capsule": mujoco.mjtGeom.mjGEOM_CAPSULE, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
     return body.add_geom(
-        type=kinds[kind], fromto=[*start, *end], size=[radius, 0, 0], rgba=rgba, contype=ARM, conaffinity=TOUCHES_ARM
+        type=kinds[kind],
+        fromto=[*start, *end],
+        size=[radius, 0, 0],
+        rgba=rgba,
+        contype=ARM,
+        conaffinity=TOUCHES_ARM,
     )
 
 

@@ -41,7 +41,7 @@ class TableCar:
 
 
 def experiment_cars(count: int, split: str = "test") -> tuple[TableCar, ...]:
-    """``count`` cars of a split spread over the body types, every sixth of them thin, the lowest one fragile."""
+    """``count`` cars of a split spread over the body types, every sixth one thin, the lowest one fragile."""
     cars = cars_of_splits()[split]
     count = min(count, len(cars))
     chosen = [cars[i * len(cars) // count] for i in range(count)]
@@ -68,7 +68,8 @@ def solid_of(car: TableCar) -> Solid | Refusal:
     mesh = car.model.build(np.random.default_rng(0))
     if not is_closed(mesh):
         return Refusal(
-            Cause.NOT_CLOSED, f"{car.model.shape_id}: a closed surface expected, got one that encloses no volume"
+            Cause.NOT_CLOSED,
+            f"{car.model.shape_id}: a closed surface expected, got one that encloses no volume",
         )
     size = np.array(car.size_m)
     breaks = BREAKS_AT_N if car.fragile else float("inf")

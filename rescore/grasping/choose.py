@@ -65,7 +65,8 @@ def choose_grasp(estimate: Estimate, hand: Hand) -> Grasp | Refusal:
     box, top = estimate.box, estimate.bottom_m + float(estimate.box.size_m[2])
     if top < _LOWEST_M:
         return Refusal(
-            Cause.BELOW_TABLE, f"a box that rises {1000 * _LOWEST_M:.0f} mm or more expected, got {1000 * top:.0f}"
+            Cause.BELOW_TABLE,
+            f"a box that rises {1000 * _LOWEST_M:.0f} mm or more expected, got {1000 * top:.0f}",
         )
     width = float(box.size_m[1])
     if width >= hand.widest_m:

@@ -78,7 +78,7 @@ class Experiment:
 
 
 def learned_cars(jobs: int) -> TableClass:
-    """What the training cars teach; front and rear are not told apart, since a grasp from above needs neither."""
+    """What the training cars teach; front and rear are not told apart, since a grasp needs neither."""
     train = cars_of_splits()["train"]
     say(f"learning from {len(train)} cars")
     return learn_table_class(train, TableClassConfig(heading_pictures=0), jobs)

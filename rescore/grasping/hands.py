@@ -1,7 +1,7 @@
 """Two hands: three fingers after the BarrettHand BH8-280, and a parallel jaw.
 
-Frames: the hand is mounted on the tool frame; z points out of the palm, y across the opening. The palm lies at
-``palm_m`` on z. Fingers are told apart as the two sides of the opening, ``LEFT`` at y > 0 and ``RIGHT``.
+Frames: the hand is mounted on the tool frame; z points out of the palm, y across the opening. The palm lies
+at ``palm_m`` on z. Fingers are told apart as the two sides of the opening, ``LEFT`` at y > 0 and ``RIGHT``.
 """
 
 from dataclasses import dataclass
@@ -24,6 +24,8 @@ _STEEL, _RUBBER = (0.55, 0.57, 0.60, 1.0), (0.12, 0.12, 0.13, 1.0)
 
 class Hand(Protocol):
     """What the rest needs to know of a hand."""
+
+    def __hash__(self) -> int: ...
 
     @property
     def name(self) -> str:
@@ -52,8 +54,7 @@ class Hand(Protocol):
         """How far the lowest point lies below the palm at any opening from closed to this one."""
 
     def over_m(self, width_m: float, opening_m: float) -> float:
-        """How far an object of a width has to stay below the palm at an opening, so that no finger touches its
-        top."""
+        """How far an object of a width has to stay below the palm at an opening, for the fingers' sake."""
 
     def opened(self, opening_m: float) -> FloatArray:
         """Targets of the motors at an opening, shape (motors,)."""
@@ -69,10 +70,11 @@ class Hand(Protocol):
 class ThreeFingers:
     """Two fingers beside each other against one, each of two joints that one motor turns.
 
-    Dimensions: BH8-Series User's Manual, D3000, section 9.5 (Aw 25 mm, A1 50 mm, A2 70 mm, A3 50 mm, Dw 76 mm,
-    Phi2 2.46 and Phi3 50 degrees); the outer joint turns a third of the inner one (125 : 93.75 less the inner
-    joint's own turn), up to 140 degrees. The breakaway of the maker's TorqueSwitch is left out. The spread is
-    0 for a grasp across: two fingers face one.
+    Dimensions: BH8-Series User's Manual, D3000, section 9.5 (Aw 25 mm, A1 50 mm, A2 70 mm, A3 50 mm, Dw
+    76 mm, Phi2 2.46 and Phi3 50 degrees). The outer joint turns a third of the inner one: the maker's page of
+    conversion factors has 125 turns of the motor for one of the inner joint, 93.75 for one of the outer link.
+    The breakaway of the maker's TorqueSwitch is left out. The spread is 0 for a grasp across: two fingers
+    face one.
     """
 
     name: str = "three fingers"
@@ -80,7 +82,7 @@ class ThreeFingers:
     spread_rad: float = 0.0
     """Angle by which the two fingers are turned apart about their axes."""
     force_n: float = 15.0
-    """Force of the single finger at its tip, as in the data sheet; the other two press with half of it each."""
+    """Force of the single finger at its tip; the other two press with half of it each."""
     pad_m: float = 0.009
     """Radius of the finger tips."""
 
@@ -145,7 +147,9 @@ class ThreeFingers:
 
         # masses: the maker's page "Mass properties by joint" (BH8-280)
         palm = tool.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[0, 0, 0.004, 0, 0, self.palm_m - 0.002], size=[0.045, 0, 0]
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=[0, 0, 0.004, 0, 0, self.palm_m - 0.002],
+            size=[0.045, 0, 0],
         )
         _make(palm, _RUBBER, 0.589)
         for number, (x, side) in enumerate(((0.025, LEFT), (-0.025, LEFT), (0.0, RIGHT)), start=1):
@@ -163,7 +167,9 @@ class ThreeFingers:
         import mujoco  # noqa: PLC0415
 
         knuckle = base.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0.012, 0, -0.012, _A1_M - 0.004, 0, -0.006], size=[0.011, 0, 0]
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[0.012, 0, -0.012, _A1_M - 0.004, 0, -0.006],
+            size=[0.011, 0, 0],
         )
         _make(knuckle, _STEEL, 0.08)
         lengths, starts = (_A2_M, _A3_M), (_PHI2_RAD, _PHI3_RAD)
@@ -183,7 +189,9 @@ class ThreeFingers:
             joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
             radius = _INNER_RADIUS_M if k == 0 else self.pad_m
             geom = body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0.01 * (1 - k), 0, 0, length, 0, 0], size=[radius, 0, 0]
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                fromto=[0.01 * (1 - k), 0, 0, length, 0, 0],
+                size=[radius, 0, 0],
             )
             _make(geom, _STEEL if k == 0 else _RUBBER, 0.06 if k == 0 else 0.04)
             place = [length, 0.0, 0.0]
@@ -245,7 +253,9 @@ class ParallelJaw:
         import mujoco  # noqa: PLC0415 - of the extra
 
         palm = tool.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0, 0, self.palm_m / 2], size=[0.03, 0.085, self.palm_m / 2 - 0.002]
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[0, 0, self.palm_m / 2],
+            size=[0.03, 0.085, self.palm_m / 2 - 0.002],
         )
         _make(palm, _RUBBER, 0.6)
         half, thick = self.pad_half_m, 0.006
@@ -262,7 +272,9 @@ class ParallelJaw:
             joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
             long = self.finger_m - 2 * half[1]
             arm = body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0, sign * 1.4 * thick, long / 2], size=[half[0], thick / 2, long / 2]
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=[0, sign * 1.4 * thick, long / 2],
+                size=[half[0], thick / 2, long / 2],
             )
             _make(arm, _STEEL, 0.08)
             pad = body.add_geom(

@@ -109,6 +109,6 @@ def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
 
 
 def count_causes(verdicts: Sequence[Verdict]) -> dict[Cause, int]:
-    """How often each cause made a trial fail, in the order of ``Cause``; causes that never did are left out."""
+    """How often each cause made a trial fail, in the order of ``Cause``, without those that never did."""
     counts = {c: sum(v.cause == c for v in verdicts) for c in Cause}
     return {c: n for c, n in counts.items() if n}

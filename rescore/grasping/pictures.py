@@ -15,7 +15,7 @@ from recon.arrays import FloatArray, UInt8Array
 from recon.camera import PinholeCamera
 from rescore.grasping.act import TRACE_STEPS, Record
 from rescore.grasping.hands import Hand
-from rescore.grasping.scene import OBJECT, world
+from rescore.grasping.scene import world
 
 if TYPE_CHECKING:
     import mujoco
@@ -25,7 +25,15 @@ _FOCAL_PX = 430.0
 _DISTANCE_M, _ELEVATION_RAD = 0.85, float(np.deg2rad(14.0))
 _LOOKS_M = 0.17
 """Height above the table that the camera looks at."""
-MOMENTS = (("way", 0.6), ("line", 0.5), ("line", 1.0), ("close", 1.0), ("lift", 1.0), ("shake", 0.5), ("away", 1.0))
+MOMENTS = (
+    ("way", 0.6),
+    ("line", 0.5),
+    ("line", 1.0),
+    ("close", 1.0),
+    ("lift", 1.0),
+    ("shake", 0.5),
+    ("away", 1.0),
+)
 """Moments of a strip: the phase, and which share of it is over."""
 _AROUND = 20
 
@@ -62,7 +70,9 @@ def strip(record: Record, hand: Hand, mesh: Mesh, scale: float = SCALE) -> UInt8
         # without the object, whose joint comes last
         data.qpos[:] = qpos[: model.nq]
         mujoco.mj_kinematics(model, data)
-        items = [Placed(s.mesh, _pose(data.geom_xpos[s.geom], data.geom_xmat[s.geom]), "robot") for s in drawn]
+        items = [
+            Placed(s.mesh, _pose(data.geom_xpos[s.geom], data.geom_xmat[s.geom]), "robot") for s in drawn
+        ]
         items.append(Placed(mesh, _object_pose(qpos[-7:], scale), "car"))
         pictures.append(_picture(items, middle))
     gap = np.full((_HEIGHT_PX, 4, 3), 255, np.uint8)
@@ -136,5 +146,3 @@ def _rings(radius_m: float, half_m: float, round_ends: bool) -> FloatArray:
     return np.concatenate(
         [r[:, None, None] * circle, np.broadcast_to(z[:, None, None], (len(z), _AROUND, 1))], axis=2
     )
-
-

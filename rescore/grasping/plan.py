@@ -1,4 +1,4 @@
-"""The motion to a grasp: joint angles by inverse kinematics, a way there that touches nothing, and its timing.
+"""The motion to a grasp: joint angles by inverse kinematics, a way there that touches nothing, its timing.
 
 Nothing here knows the true object: the estimated box stands in its place.
 """
@@ -6,6 +6,7 @@ Nothing here knows the true object: the estimated box stands in its place.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -116,7 +117,7 @@ class _Room:
         self.data.qpos[:7] = joints_rad
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
-        return self.data.ncon > 0
+        return bool(self.data.ncon > 0)
 
     def touching(self, joints_rad: FloatArray) -> str:
         """What touches what at these joint angles, in words."""
@@ -202,7 +203,9 @@ def _line(room: _Room, grasp: Grasp, turned: bool) -> FloatArray | Refusal:
         else:
             return np.array(found)
     distance = float(np.linalg.norm(grasp.xy_m - np.array(MOUNT.xy_m)))
-    return Refusal(Cause.OUT_OF_REACH, f"a place within reach expected, got one {distance:.2f} m from the arm")
+    return Refusal(
+        Cause.OUT_OF_REACH, f"a place within reach expected, got one {distance:.2f} m from the arm"
+    )
 
 
 def _seeds(grasp: Grasp, turned: bool) -> list[FloatArray]:
@@ -220,7 +223,7 @@ def _seeds(grasp: Grasp, turned: bool) -> list[FloatArray]:
 
 
 def _way(room: _Room, goal: FloatArray, seed: int) -> FloatArray | Refusal:
-    """Corners (k, 7) of a way from where the arm waits to a goal, by RRT-Connect (Kuffner and LaValle 2000)."""
+    """Corners (k, 7) of a way from where the arm waits to a goal: RRT-Connect (Kuffner and LaValle 2000)."""
     for end, where in ((PARKED_RAD, "where it waits"), (goal, "above the object")):
         if room.touches(end):
             return Refusal(Cause.NO_PATH, f"a free arm {where} expected, {room.touching(end)}")
@@ -294,7 +297,7 @@ def _shortened(room: _Room, corners: FloatArray, seed: int) -> FloatArray:
 
 def _timed_way(corners: FloatArray) -> FloatArray:
     """Joint angles (n, 7) at every step of the engine, at rest in every corner (k, 7)."""
-    return np.concatenate([timed(np.stack([a, b]), 0.3) for a, b in zip(corners[:-1], corners[1:], strict=True)])
+    return np.concatenate([timed(np.stack([a, b]), 0.3) for a, b in pairwise(corners)])
 
 
 def timed(points: Sequence[FloatArray] | FloatArray, least_s: float) -> FloatArray:
@@ -312,7 +315,8 @@ def timed(points: Sequence[FloatArray] | FloatArray, least_s: float) -> FloatArr
         speed = np.gradient(joints, STEP_S, axis=0)
         change = np.gradient(speed, STEP_S, axis=0)
         slower = max(
-            float((np.abs(speed) / SPEED_RAD_S).max()), float(np.sqrt((np.abs(change) / ACCELERATION_RAD_S2).max()))
+            float((np.abs(speed) / SPEED_RAD_S).max()),
+            float(np.sqrt((np.abs(change) / ACCELERATION_RAD_S2).max())),
         )
         if slower <= 1.0 + 1e-6:
             return joints

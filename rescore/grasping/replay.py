@@ -43,9 +43,7 @@ def replay(row: GraspRow, car: TableCar, seed: int, method: str, hand: str) -> R
     what = f"trial of {row.car}, placement {row.placement}"
     if isinstance(solid, Refusal):
         raise RescoreError(f"{what}: expected a motion, got {solid.cause}; choose another trial")
-    motion = planned(
-        estimate if isinstance(estimate, Failure) else estimate.estimate, HANDS[hand], seed
-    )
+    motion = planned(estimate if isinstance(estimate, Failure) else estimate.estimate, HANDS[hand], seed)
     if isinstance(motion, Refusal):
         raise RescoreError(f"{what}: expected a motion, got {motion.cause}; choose another trial")
     placed = placed_car(car, row.index, row.placement, seed)

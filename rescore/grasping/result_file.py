@@ -17,7 +17,7 @@ from rescore.grasping.perception import METHOD_NAME, METHODS
 from rescore.results.sweep_file import StudyPart
 
 REPORTED = {"3dp": 57, "single_plane": 6}
-"""Of 60 trials, those in which the report's robot held the car, by method. Its 57 are all but the three of the
+"""Of 60 trials, those in which the report's robot held the car, by method. Its 57 are all but those of the
 fragile racer."""
 
 
@@ -35,7 +35,9 @@ class BoxRow(StudyPart):
         """The row of a box."""
         x, y = (float(v) for v in box.xy_m)
         length, width, height = (float(v) for v in box.size_m)
-        return cls(xy_m=(x, y), yaw_rad=float(box.yaw_rad), size_m=(length, width, height), width_known=width_known)
+        return cls(
+            xy_m=(x, y), yaw_rad=float(box.yaw_rad), size_m=(length, width, height), width_known=width_known
+        )
 
     @property
     def box(self) -> StandingBox:
@@ -100,7 +102,11 @@ def grasp_table(result: GraspResult) -> str:
     for method in METHODS:
         for hand in HANDS:
             reported = f"{REPORTED[method]} of 60" if method in REPORTED and hand == next(iter(HANDS)) else ""
-            lines.append(_line([METHOD_NAME[method], HANDS[hand].name, *counted(result.verdicts(method, hand)), reported]))
+            lines.append(
+                _line(
+                    [METHOD_NAME[method], HANDS[hand].name, *counted(result.verdicts(method, hand)), reported]
+                )
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -133,5 +139,3 @@ def _pair(verdicts: Sequence[Verdict]) -> str:
 
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"
-
-

@@ -1,8 +1,6 @@
 """The scene in the physics engine: the table, the arm with a hand, and one object."""
 
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 

@@ -1,6 +1,7 @@
 """Meshes as bodies that can be touched: whether a mesh is closed, and convex pieces that fill it."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -13,7 +14,7 @@ from recon.arrays import BoolArray, FloatArray, IntArray
 CLOSED_WITHIN = 0.1
 """Largest difference between the volumes of a mesh along the three axes, as a share of the largest."""
 _LARGE = 0.02
-"""A piece with this share of the object's bounding box or more is cut into slabs; a smaller one is one hull."""
+"""A piece with at least this share of the object's box is cut into slabs; a smaller one is one hull."""
 _SMALLEST = 3e-4
 """Pieces below this share of the box, as door handles, are left out."""
 _SLABS = 9
@@ -104,7 +105,7 @@ def _slabs(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
     for i in range(_SLABS):
         first = low[0] + size[0] * i / _SLABS
         slab = _between(corners, 0, first, first + size[0] / _SLABS)
-        for bottom, top in zip(_BANDS[:-1], _BANDS[1:], strict=True):
+        for bottom, top in pairwise(_BANDS):
             band = _between(slab, 2, low[2] + size[2] * bottom, low[2] + size[2] * top)
             if len(band):
                 out.append(band.reshape(-1, 3))
@@ -134,7 +135,9 @@ def _clipped(corners: FloatArray, side: FloatArray) -> FloatArray:
     for i, j in ((0, 1), (1, 2), (2, 0)):
         crosses: BoolArray = side[:, i] * side[:, j] < 0
         a, b = side[crosses, i], side[crosses, j]
-        points.append(corners[crosses, i] + (corners[crosses, j] - corners[crosses, i]) * (a / (a - b))[:, None])
+        points.append(
+            corners[crosses, i] + (corners[crosses, j] - corners[crosses, i]) * (a / (a - b))[:, None]
+        )
     every = np.concatenate(points)
     return np.repeat(every[:, None], 3, axis=1)
 

@@ -1,4 +1,4 @@
-"""The whole chain on two cars, tiny: resumed, the same for the same seed, drawn, recorded, told in a table."""
+"""The whole chain on one car, tiny: resumed, drawn, recorded, told in a table."""
 
 import json
 import sys

@@ -23,7 +23,7 @@ SIZE = np.array([0.25, 0.1, 0.08])
 
 
 def estimate(ahead: float = 0.55, side: float = 0.0, yaw: float = 0.3, size: FloatArray = SIZE) -> Estimate:
-    return Estimate(StandingBox(np.array(MOUNT.xy_m) + [side, -ahead], yaw, size))
+    return Estimate(StandingBox(np.add(MOUNT.xy_m, (side, -ahead)), yaw, size))
 
 
 def grasp_of(e: Estimate, hand: str = "three_fingers") -> Grasp:
