@@ -41,7 +41,7 @@ SPEED_RAD_S: FloatArray = np.full(7, 1.5)
 ACCELERATION_RAD_S2: FloatArray = np.full(7, 3.0)
 """Largest acceleration on a planned path, shape (7,). Chosen."""
 SHOULDER_M = 0.346
-"""Height of the shoulder, where the first three axes meet, above the foot of the arm (the manual, fig. 35)."""
+"""Height of the shoulder, where the first three axes meet, above the arm's foot (the manual, fig. 35)."""
 PARKED_RAD: FloatArray = np.array([0.0, -1.2, 0.0, 2.6, 0.0, 0.3, 0.0])
 """Where the arm waits, shape (7,): drawn back, so that it hides nothing on the table from the camera."""
 

@@ -26,7 +26,7 @@ class Cause(StrEnum):
     MISSED = "missed"
     """After closing, the object is not touched from both sides."""
     SLIPPED = "slipped"
-    """It was touched from both sides, and fell while it was lifted, held or shaken."""
+    """The object was touched from both sides, and fell while it was lifted, held or shaken."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ class Estimate:
     """What perception says of an object on the table, and all that the motion may depend on."""
 
     box: StandingBox
-    """Its length lies along the object."""
+    """The box, whose length lies along the object."""
     width_known: bool = True
     """Whether the method measures the width; the hand is opened as wide as it goes where it does not."""
     bottom_m: float = 0.0

@@ -29,7 +29,7 @@ class Experiment:
 
     cars: tuple[TableCar, ...]
     placements: int
-    """Of each car."""
+    """Placements of each car."""
     seed: int
 
     @staticmethod

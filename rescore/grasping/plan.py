@@ -183,7 +183,7 @@ class _Solver:
 
 
 def _nearer_turn_first(grasp: Grasp) -> tuple[bool, bool]:
-    """Both ways in which the hand may be turned, first that which turns the wrist less."""
+    """The two ways in which the hand may be turned, first that which turns the wrist less."""
     away = (grasp.yaw_rad - MOUNT.yaw_rad + np.pi) % (2 * np.pi) - np.pi
     turned = abs(away) < np.pi / 2
     return turned, not turned

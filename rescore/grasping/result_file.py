@@ -17,8 +17,8 @@ from rescore.grasping.perception import METHOD_NAME, METHODS
 from rescore.results.sweep_file import StudyPart
 
 REPORTED = {"3dp": 57, "single_plane": 6}
-"""Of 60 trials, those in which the report's robot held the car, by method. Its 57 are all but those of the
-fragile racer."""
+"""Trials of 60 in which the report's robot held the car, by method; the 57 are all but those of the fragile
+racer."""
 
 
 class BoxRow(StudyPart):
@@ -70,7 +70,7 @@ class GraspResult(StudyPart):
 
     seed: int
     placements: int
-    """Of each car."""
+    """Placements of each car."""
     cars: tuple[str, ...]
     rows: tuple[GraspRow, ...]
 

@@ -25,7 +25,7 @@ TOUCHES = " touches "
 OBJECT = "object"
 """Name of the body of the object."""
 _OBJECT_FRICTION = (0.4, 0.005, 0.0001)
-"""Of tyres and paint on the table top; the pads have their own."""
+"""Friction of tyres and paint on the table top; the pads have their own."""
 _BLACK, _PAINT = (0.16, 0.16, 0.17, 1.0), (0.75, 0.16, 0.13, 1.0)
 
 
