@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from recon.arrays import UInt8Array
 from recon.errors import Failure, RescoreError
@@ -129,7 +130,7 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
     shutil.copyfile(run_dir / "grasp.json", folder / "grasp.json")
     drawn = [name for name in STRIPS if (run_dir / f"{name}.png").is_file()]
     for name in drawn:
-        picture = cv2.imread(str(run_dir / f"{name}.png"))
+        picture = np.asarray(cv2.imread(str(run_dir / f"{name}.png")))
         _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         with atomic_path(folder / f"{name}.jpg") as beside:
             beside.write_bytes(jpeg.tobytes())

@@ -1,5 +1,6 @@
 """Meshes as bodies that can be touched: whether a mesh is closed, and convex pieces that fill it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -68,8 +69,7 @@ def convex_pieces(mesh: Mesh, scale: float) -> tuple[FloatArray, ...]:
             hulls += _slabs(vertices, faces)
         elif share >= _SMALLEST:
             small.append(points)
-    corners = [_hull_corners(h * scale) for h in hulls + _outer(small)]
-    return tuple(c for c in corners if c is not None)
+    return hulls_of([h * scale for h in hulls + _outer(small)])
 
 
 def _components(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
@@ -98,18 +98,28 @@ def _outer(pieces: list[FloatArray]) -> list[FloatArray]:
 
 def _slabs(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
     """Points (n, 3) whose hulls are the pieces of a surface between levels of length and height."""
-    used = vertices[np.unique(faces)]
-    low, size = used.min(axis=0), np.ptp(used, axis=0)
-    corners = vertices[faces]
-    out = []
-    for i in range(_SLABS):
-        first = low[0] + size[0] * i / _SLABS
-        slab = _between(corners, 0, first, first + size[0] / _SLABS)
-        for bottom, top in pairwise(_BANDS):
-            band = _between(slab, 2, low[2] + size[2] * bottom, low[2] + size[2] * top)
-            if len(band):
-                out.append(band.reshape(-1, 3))
-    return out
+    shares = np.linspace(0.0, 1.0, _SLABS + 1)
+    slabs = cut_between(vertices[faces], 0, shares)
+    return [band.reshape(-1, 3) for slab in slabs for band in cut_between(slab, 2, np.array(_BANDS))]
+
+
+def cut_between(corners: FloatArray, axis: int, shares: FloatArray) -> list[FloatArray]:
+    """Pieces of a surface between levels of an axis, those without any left out.
+
+    Args:
+        corners: triangles (m, 3, 3); those of a piece have its corners, and cover it in no other way.
+        axis: 0, 1 or 2.
+        shares: rising levels (k,) as shares of the surface's extent.
+    """
+    low, size = corners[..., axis].min(), np.ptp(corners[..., axis])
+    pieces = [_between(corners, axis, low + a * size, low + b * size) for a, b in pairwise(shares)]
+    return [p for p in pieces if len(p)]
+
+
+def hulls_of(pieces: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+    """Corners (n, 3) of the hulls of points (m, 3); flat ones are left out."""
+    corners = [_hull_corners(p) for p in pieces]
+    return tuple(c for c in corners if c is not None)
 
 
 def _between(corners: FloatArray, axis: int, low: float, high: float) -> FloatArray:
