@@ -66,7 +66,8 @@ PANELS = {
     "One picture in 3D": ("reconstruct", "popup", "learn-primitives"),
     "Studies": (
         *("sweep", "study-evidence", "study-class-model", "study-relief", "study-places", "study-weight"),
-        *("study-stereo", "study-models", "study-views", "localize", "grasp", "gallery", "uiuc"),
+        *("study-stereo", "study-models", "study-views", "localize", "grasp", "grasp-errors", "grasp-basket"),
+        *("gallery", "uiuc"),
     ),
 }
 """The commands in the order in which `rescore --help` lists them."""

@@ -17,8 +17,8 @@ from reports.recording.entities import picture, pinhole, text
 from rescore.grasping.act import TRACE_STEPS, motor_order
 from rescore.grasping.hands import HANDS
 from rescore.grasping.perception import METHOD_NAME
-from rescore.grasping.replay import Replay
 from rescore.grasping.scene import OBJECT, SCALE, SEEN_FROM, STEP_S, TABLE_M, TABLE_MIDDLE_M, world
+from rescore.grasping.trial import Replay
 
 if TYPE_CHECKING:
     import mujoco

@@ -1,7 +1,7 @@
 """The basket of section 5.2: grasped by its handle, which the camera does not see.
 
-The class model comes from two part-labelled views of one basket. In the photograph a card hides every pixel of
-the handle; the body is localised by the report's construction, and section 4.4 says where the handle is.
+The class model comes from two part-labelled views of one basket. In the photograph a card hides every pixel
+of the handle; the body is localised by the report's construction, and section 4.4 says where the handle is.
 """
 
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ from rescore.grasping.act import Record, execute
 from rescore.grasping.causes import Cause, Refusal
 from rescore.grasping.choose import Estimate, Grasp
 from rescore.grasping.hands import HANDS, Hand
-from rescore.grasping.judge import Verdict, judge, refused
+from rescore.grasping.judge import LIFTED_M, Verdict, judge, refused
 from rescore.grasping.plan import Motion, plan_motion
 from rescore.grasping.result_file import counted
 from rescore.grasping.scene import require_robot
@@ -224,7 +224,10 @@ def _convex_ring(mask: BoolArray) -> FloatArray:
     after = np.roll(corners, -1, axis=0)
     steps = np.maximum(np.linalg.norm(after - corners, axis=1).astype(int), 1)
     return np.concatenate(
-        [a + (b - a) * np.linspace(0, 1, n, endpoint=False)[:, None] for a, b, n in zip(corners, after, steps, strict=True)]
+        [
+            a + (b - a) * np.linspace(0, 1, n, endpoint=False)[:, None]
+            for a, b, n in zip(corners, after, steps, strict=True)
+        ]
     )
 
 
@@ -301,14 +304,18 @@ def _row(basket_id: str, number: int, model: ClassModel, seed: int) -> BasketRow
     for key, hand in HANDS.items():
         motion = handle_motion(found, hand, seed)
         verdicts[key] = (
-            refused(motion) if isinstance(motion, Refusal) else judge(execute(motion, hand, solid, truth), solid)
+            refused(motion)
+            if isinstance(motion, Refusal)
+            else judge(execute(motion, hand, solid, truth), solid)
         )
     top = np.array([*truth.xy_m, truth.size_m[2]])
     off = None if isinstance(found, Failure) else 1000 * float(np.linalg.norm(found.top_m - top))
     return BasketRow(basket=basket_id, placement=number, handle_off_mm=off, verdicts=verdicts)
 
 
-def basket_trial(basket_id: str, number: int, model: ClassModel, seed: int, hand: str) -> BasketTrial | Refusal:
+def basket_trial(
+    basket_id: str, number: int, model: ClassModel, seed: int, hand: str
+) -> BasketTrial | Refusal:
     """One trial with all that was recorded; a refusal where there was no motion."""
     basket = basket_of(basket_id)
     shot = hidden_handle(basket, number, seed)
@@ -319,18 +326,23 @@ def basket_trial(basket_id: str, number: int, model: ClassModel, seed: int, hand
 
 
 def basket_table(result: BasketResult) -> str:
-    """A Markdown table with a row for each basket and hand."""
+    """A Markdown table with a row for each basket and hand.
+
+    *Carried* is lifted and kept aloft, though the handle may hang over fingers of one side alone.
+    """
     lines = [
-        "| basket | hand | handle off, mm (median) | held | gentle | gentle, 95 % interval | failed for |",
-        "|---|---|---:|---:|---:|---:|---|",
+        "| basket | hand | handle off, mm (median) | carried | held | gentle | 95 % interval | failed for |",
+        "|---|---|---:|---:|---:|---:|---:|---|",
     ]
     for basket, name in ((TAUGHT, "the one that taught"), (OTHER, "another")):
         rows = [r for r in result.rows if r.basket == basket]
         offs = [r.handle_off_mm for r in rows if r.handle_off_mm is not None]
         middle = f"{np.median(offs):.0f}" if offs else ""
         for key, hand in HANDS.items():
-            cells = counted([r.verdicts[key] for r in rows])
-            lines.append(f"| {name} ({basket}) | {hand.name} | {middle} | " + " | ".join(cells) + " |")
+            verdicts = [r.verdicts[key] for r in rows]
+            carried = f"{sum(v.lifted_m >= LIFTED_M for v in verdicts)} of {len(verdicts)}"
+            cells = [f"{name} ({basket})", hand.name, middle, carried, *counted(verdicts)]
+            lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 

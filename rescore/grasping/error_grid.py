@@ -1,4 +1,4 @@
-"""Which accuracy a grasp needs: success against errors of the estimate, one kind at a time, for both hands."""
+"""Which accuracy a grasp needs: success against errors of the estimate, a kind at a time, for both hands."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -55,7 +55,7 @@ class ErrorGrid(StudyPart):
     points: tuple[GridPoint, ...]
 
     def points_of(self, kind: str, hand: str) -> tuple[GridPoint, ...]:
-        """The points of one kind of error with one hand; without error first, where it is not a kind's own."""
+        """The points of one kind of error with one hand, rising, with that of no error."""
         none = [p for p in self.points if p.kind == "lateral" and p.level == 0.0 and p.hand == hand]
         own = [p for p in self.points if p.kind == kind and p.hand == hand and p not in none]
         return tuple(sorted([*none, *own], key=lambda p: p.level))
@@ -126,7 +126,7 @@ def with_error(truth: StandingBox, kind: str, level: float) -> Estimate:
 
 
 def error_table(grid: ErrorGrid) -> str:
-    """A Markdown table with a row for each error: shares held and gently held with their intervals, by hand."""
+    """A Markdown table with a row for each error: shares held and gently held with intervals, by hand."""
     head = ["error", "level", *(f"{HANDS[h].name}: {c}" for h in HANDS for c in ("held", "gentle"))]
     lines = ["| " + " | ".join(head) + " |", "|---|---:|" + "---:|" * (2 * len(HANDS))]
     for kind in LEVELS:

@@ -68,7 +68,7 @@ class Experiment:
         return result
 
     def _numbers(self) -> Iterator[tuple[int, int]]:
-        return ((i, k) for i in range(len(self.cars)) for k in range(self.placements))
+        return ((i, k) for k in range(self.placements) for i in range(len(self.cars)))
 
     def _tried(
         self, todo: Sequence[tuple[int, int]], table_class: TableClass, jobs: int

@@ -1,4 +1,4 @@
-"""One trial in the order of the report: place, photograph, reconstruct, plan, grasp, judge."""
+"""One trial in the order of the report: place, photograph, reconstruct, plan, grasp, judge; and once more."""
 
 from copy import deepcopy
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ import numpy as np
 from datasets_synth.meshes.mesh import Mesh
 from datasets_synth.photos.table_scene import Placement, photograph, place_at_random, visible_mesh
 from recon.arrays import UInt8Array
-from recon.errors import Failure
+from recon.errors import Failure, RescoreError
 from recon.localization.standing_box import StandingBox
-from rescore.grasping.act import execute
+from rescore.grasping.act import Record, execute
 from rescore.grasping.cars import TableCar, solid_of
 from rescore.grasping.causes import Cause, Refusal
 from rescore.grasping.choose import Estimate, choose_grasp
@@ -97,3 +97,38 @@ def grasp_and_judge(
     if isinstance(motion, Refusal):
         return refused(motion)
     return judge(execute(motion, hand, solid, truth), solid)
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A finished trial once more, from its stored estimate: the same motion, with all that was recorded."""
+
+    row: GraspRow
+    method: str
+    hand: str
+    motion: Motion
+    record: Record
+    verdict: Verdict
+    solid: Solid
+    rgb: UInt8Array
+    """The photograph, shape (h, w, 3)."""
+    mesh: Mesh
+    """The car as it looks."""
+
+
+def replay(row: GraspRow, car: TableCar, seed: int, method: str, hand: str) -> Replay:
+    """The trial of a row with one method and hand.
+
+    Raises:
+        RescoreError: there was no motion in this trial.
+    """
+    estimate, solid = row.estimates[method], solid_of(car)
+    what = f"trial of {row.car}, placement {row.placement}"
+    if isinstance(solid, Refusal):
+        raise RescoreError(f"{what}: expected a motion, got {solid.cause}; choose another trial")
+    motion = planned(estimate if isinstance(estimate, Failure) else estimate.estimate, HANDS[hand], seed)
+    if isinstance(motion, Refusal):
+        raise RescoreError(f"{what}: expected a motion, got {motion.cause}; choose another trial")
+    placed = placed_car(car, row.index, row.placement, seed)
+    record = execute(motion, HANDS[hand], solid, row.truth.box)
+    return Replay(row, method, hand, motion, record, judge(record, solid), solid, placed.rgb, placed.mesh)
