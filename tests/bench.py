@@ -29,6 +29,7 @@ from datasets_synth.render.truth import visible_objects
 from datasets_synth.street.frame_synth import synth_frame
 from recon.camera import default_camera
 from recon.class_model import ClassModel
+from recon.errors import Failure
 from recon.learning.generic_phase import learn_primitives, primitive_library
 from recon.learning.learn import learn_class_model
 from recon.part_views import load_part_views
@@ -45,10 +46,21 @@ from rescore.evidence.instances import assumed_camera
 from rescore.experiment.config import RunConfig, run_preset
 from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.grasping.act import execute
+from rescore.grasping.cars import experiment_cars, solid_of
+from rescore.grasping.choose import Estimate
+from rescore.grasping.hands import HANDS
+from rescore.grasping.judge import judge
+from rescore.grasping.plan import Motion
+from rescore.grasping.solids import Solid
+from rescore.grasping.trial import grasp_and_judge, placed_car, planned
 from rescore.metrics.bootstrap import BootstrapConfig, bootstrap
 from rescore.metrics.curves import Summary, summarise
 from rescore.metrics.matching import FALSE_ALARM, HIT, MatchTable, greedy_match
 from rescore.parallel import one_thread
+from rescore.studies.localization.learned import TableClassConfig, learn_table_class
+from rescore.studies.localization.segment import segment_table
+from rescore.studies.localization.trials import TrialConfig, empty_table, fit_region
 from tests.coco_boxes import coco_average_precision, coco_sets, random_boxes
 
 SCENES = 4
@@ -317,6 +329,46 @@ def reconstruction() -> list[Timed]:
     return [Timed(what, statistics.median(times), "processor", 0.04)]
 
 
+def grasping() -> list[Timed]:
+    """One trial without rendering, and what precedes it: the joint fit to a picture, and the plan."""
+    car = experiment_cars(8, "validation")[1]
+    placed, solid, hand = placed_car(car, 1, 0, 0), solid_of(car), HANDS["three_fingers"]
+    assert isinstance(solid, Solid)
+    estimate = Estimate(placed.placement.box)
+    table_class = learn_table_class(cars_of_splits()["train"][::4], TableClassConfig(heading_pictures=0), 2)
+    config = TrialConfig()
+    segment_table(placed.rgb, empty_table(config.segment))
+
+    def perceived_and_planned() -> Motion:
+        with one_thread():
+            regions = segment_table(placed.rgb, empty_table(config.segment))
+            assert not isinstance(regions, Failure)
+            fit = fit_region(placed.rgb, regions[0], table_class, config)
+            assert not isinstance(fit, Failure)
+        motion = planned(Estimate(fit.box), hand, 0)
+        assert isinstance(motion, Motion)
+        return motion
+
+    perceived_and_planned()
+    grasp_and_judge(estimate, hand, solid, placed.placement.box, 0)
+    times: dict[str, list[float]] = {"fit": [], "trial": []}
+    for _ in range(REPEATS):
+        start = time.process_time()
+        motion = perceived_and_planned()
+        middle = time.process_time()
+        judge(execute(motion, hand, solid, placed.placement.box), solid)
+        times["fit"].append(middle - start)
+        times["trial"].append(time.process_time() - middle)
+    return [
+        Timed(
+            "a grasp in the engine, approach to put down", statistics.median(times["trial"]), "processor", 0.3
+        ),
+        Timed(
+            "segmentation, joint fit and plan of a grasp", statistics.median(times["fit"]), "processor", 1.5
+        ),
+    ]
+
+
 def learning() -> list[Timed]:
     """The car model of all view bins; the library of primitives is that of the package."""
     primitive_library(ViewBins())
@@ -357,6 +409,7 @@ def measured(chosen: Sequence[str]) -> tuple[list[Row], list[Timed]]:
     for name, work in (
         ("bootstrap", resampling),
         ("reconstruction", reconstruction),
+        ("grasping", grasping),
         ("learning", learning),
         ("generic", generic),
     ):
@@ -373,6 +426,7 @@ ROWS = (
     "evaluation",
     "bootstrap",
     "reconstruction",
+    "grasping",
     "learning",
     "generic",
 )

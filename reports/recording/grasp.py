@@ -28,6 +28,8 @@ TIME = "time"
 _PICTURE_SHARE = 0.5
 _M_PER_N = 0.004
 """Length of the arrows of contact forces."""
+_EYE_M, _LOOKS_M = (0.85, 0.55, 0.7), (0.0, 1.4, 0.15)
+"""Where the view opens, and what it looks at, in the ground frame."""
 _SIDES = (("left", BLUE), ("right", VERMILION), ("rest", GREY))
 
 
@@ -52,7 +54,12 @@ def write_grasp_recording(shown: Replay, out: Path) -> Path:
 
 
 def _blueprint() -> rrb.Blueprint:
-    views = rrb.Spatial3DView(origin="world", name="arm, hand and car", background=rgb(NIGHT_SKY))
+    views = rrb.Spatial3DView(
+        origin="world",
+        name="arm, hand and car",
+        background=rgb(NIGHT_SKY),
+        eye_controls=rrb.EyeControls3D(position=_EYE_M, look_target=_LOOKS_M),
+    )
     side = rrb.Vertical(
         rrb.Spatial2DView(origin="world/camera/image", name="the camera's picture"),
         rrb.TimeSeriesView(origin="forces", name="forces on the car, newtons"),
@@ -95,6 +102,7 @@ def _log_box(rec: rr.RecordingStream, path: str, box: StandingBox, colour: str) 
         quaternions=[rr.Quaternion(xyzw=turn)],
         colors=[rgb(colour)],
         radii=rr.Radius.ui_points(1.5),
+        fill_mode="MajorWireframe",
     )
     rec.log(path, wires, static=True)
 

@@ -41,9 +41,11 @@ from rescore.grasping.result_file import GraspResult, GraspRow, by_car_table, gr
 from rescore.grasping.trial import Replay, replay
 
 _JPEG_QUALITY = 88
+_PICTURES = (".png", ".jpg")
 STRIPS = {
     "strip_grasp": "A grasp with three fingers after the joint fit, from the approach to the car put down",
     "strip_jaw": "The same trial with the parallel jaw",
+    "recording": "A trial in the Rerun viewer (`--show`): orange the estimated box, green the true one",
     "strip_failed": "The first trial that fails after the joint fit",
     "strip_single_plane": "The first trial that fails after the single plane with the hand wide open",
     "strip_narrow": "The first trial that fails after the single plane, opened by its own width",
@@ -195,13 +197,13 @@ def publish(run_dir: Path, folder: Path, command: str) -> Path:
     for name in ("grasp", "errors", "basket"):
         shutil.copyfile(run_dir / f"{name}.json", folder / f"{name}.json")
     write_figure(folder / "errors.png", draw_errors(grid), dpi=110)
-    drawn = [name for name in (*STRIPS, *BASKET_STRIPS) if (run_dir / f"{name}.png").is_file()]
-    for name in drawn:
-        picture = np.asarray(cv2.imread(str(run_dir / f"{name}.png")))
+    drawn = {n: f for n in (*STRIPS, *BASKET_STRIPS) for f in run_dir.glob(f"{n}.*") if f.suffix in _PICTURES}
+    for name, file in drawn.items():
+        picture = np.asarray(cv2.imread(str(file)))
         _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         with atomic_path(folder / f"{name}.jpg") as beside:
             beside.write_bytes(jpeg.tobytes())
-    return write_page(folder, page(result, grid, baskets, command, drawn))
+    return write_page(folder, page(result, grid, baskets, command, tuple(drawn)))
 
 
 def page(

@@ -1,6 +1,7 @@
 """The whole chain on one car, tiny: resumed, drawn, recorded, told in a table."""
 
 import json
+import re
 import sys
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +18,9 @@ from recon.view_bins import ViewBins
 from reports.recording.grasp import write_grasp_recording
 from reports.studies.grasping import publish, show_trial, write_grasping
 from rescore.grasping import experiment as module
+from rescore.grasping.basket import BasketResult, write_baskets
 from rescore.grasping.cars import experiment_cars
+from rescore.grasping.error_grid import LEVELS, ErrorGrid, GridPoint, write_errors
 from rescore.grasping.experiment import Experiment
 from rescore.grasping.hands import HANDS
 from rescore.grasping.perception import METHODS
@@ -108,9 +111,21 @@ def test_pictures_recording_and_page(run: tuple[Experiment, GraspResult, Path], 
     assert recording.read_bytes()[:4] == b"RRF2"
     with pytest.raises(RescoreError, match="--show: expected a trial from 0 to 1, got 2"):
         show_trial(experiment, result, 2)
+    row = GridPoint(kind="lateral", level=0.0, hand="three_fingers", trials=1, held=1, gentle=1)
+    points = [
+        row.model_copy(update={"kind": k, "level": level, "hand": h})
+        for k, levels in LEVELS.items()
+        for level in levels
+        for h in HANDS
+    ]
+    write_errors(out / "errors.json", ErrorGrid(seed=0, points=tuple(points)))
+    write_baskets(out / "basket.json", BasketResult(seed=0, placements=0, rows=()))
     page = publish(out, tmp_path / "page", "make published-grasping").read_text()
     assert "3DP, joint fit" in page
     assert "57 of 60" in page
+    assert (tmp_path / "page" / "strip_grasp.jpg").is_file()
+    for name in re.findall(r"\]\(([\w.]+)\)", page):
+        assert (tmp_path / "page" / name).is_file()
 
 
 def test_the_photograph_and_the_car_have_one_paint() -> None:
