@@ -113,7 +113,7 @@ def remove(path: Path) -> None:
 
 _VERSIONED = (
     *("rescore", "numpy", "scipy", "opencv-python-headless", "scikit-learn", "joblib", "pydantic", "pyarrow"),
-    *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow"),
+    *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow", "mujoco", "mink", "ompl"),
 )
 
 

@@ -141,11 +141,10 @@ def _words(shown: Replay) -> str:
     cause = f", {verdict.cause.value.replace('_', ' ')}" if verdict.cause else ""
     lines = [
         f"**{shown.row.car}**, placement {shown.row.placement}: **{verdict.ending.value}{cause}**",
-        f"{METHOD_NAME[shown.method]}; {HANDS[shown.hand].name}",
-        f"pushed before closing: {verdict.pushed_n:.1f} N; largest force of a side: {verdict.most_n:.1f} N",
-        f"lifted {1000 * verdict.lifted_m:.0f} mm",
-        f"put down {1000 * verdict.moved_m:.1f} mm from where it stood",
-        "orange: the estimated box; green: the true one; yellow: the planned way of the palm",
+        f"{METHOD_NAME[shown.method]}; {HANDS[shown.hand].name}; "
+        f"pushed before closing: {verdict.pushed_n:.1f} N, largest force of a side: {verdict.most_n:.1f} N",
+        f"lifted {1000 * verdict.lifted_m:.0f} mm, put down {1000 * verdict.moved_m:.0f} mm beside its place",
+        "boxes: orange estimated, green true; yellow: the planned way of the palm",
     ]
     return "\n\n".join(lines)
 

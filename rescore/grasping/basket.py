@@ -4,6 +4,7 @@ The class model comes from two part-labelled views of one basket. In the photogr
 of the handle; the body is localised by the report's construction, and section 4.4 says where the handle is.
 """
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from datasets_synth.photos.table_scene import (
     photograph,
     place_at_random,
     project_ground,
+    visible_mesh,
 )
 from datasets_synth.render.part_render import render_part_labels
 from recon.arrays import BoolArray, FloatArray, UInt8Array
@@ -148,8 +150,9 @@ def hidden_handle(basket: TableBasket, number: int, seed: int) -> HiddenHandle:
             break
     else:
         raise AssertionError(f"no place for {basket.shape_id} among {_TRIES}")
+    # the photograph draws the willow first
+    mesh = visible_mesh(basket, deepcopy(rng))
     rgb = photograph([placement], rng)
-    mesh = basket.build(np.random.default_rng([seed, number, 1]))
     card = _card(placement, mesh, rgb.shape[:2])
     rgb[card] = _CARD_RGB
     return HiddenHandle(placement, rgb, card, view_bin, mesh)

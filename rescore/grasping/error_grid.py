@@ -1,4 +1,4 @@
-"""Which accuracy a grasp needs: success against errors of the estimate, a kind at a time, for both hands."""
+"""The accuracy that a grasp needs: success against errors of the estimate, one kind at a time, by hand."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 
 from datasets_synth.cars.models import cars_of_splits
 from recon.errors import RescoreError
-from rescore.files import read_json_object, remove, write_json
+from rescore.files import read_json_object, remove, write_json, write_provenance
 from rescore.formats.checked_json import read_checked
 from rescore.grasping.cars import TableCar, experiment_cars, own_cars
 from rescore.grasping.result_file import GraspResult, GraspRow, write_grasps
@@ -65,6 +65,8 @@ class Experiment:
             rows=tuple(row for row in found if row is not None),
         )
         write_grasps(out / "grasp.json", result)
+        settings = {"cars": list(result.cars), "placements": self.placements}
+        write_provenance(out / "grasp.json", "grasp", settings, self.seed)
         return result
 
     def _numbers(self) -> Iterator[tuple[int, int]]:
