@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 
 .PHONY: demo test fuzz setup paper streets published published-streets published-localization \
+	published-grasping \
 	published-models published-weight published-evidence published-stereo published-recording \
 	published-report published-defaults published-street published-real published-prose published-bench bench docs clean
 .DELETE_ON_ERROR:
@@ -50,6 +51,14 @@ published-localization: setup
 	$(BIN)/rescore localize --out runs/localization --cars 20 --placements 200 --seed 0 --jobs $(JOBS)
 	$(BIN)/python -m reports.studies.localization runs/localization reports/published/localization \
 	    "make published-localization"
+	$(PROSE)
+
+published-grasping: setup
+	$(BIN)/rescore grasp --out runs/grasping --cars 20 --placements 3 --seed 0 --show 0 --jobs $(JOBS)
+	$(BIN)/rescore grasp-errors --out runs/grasping --seed 0 --jobs $(JOBS)
+	$(BIN)/rescore grasp-basket --out runs/grasping --seed 0 --jobs $(JOBS)
+	$(BIN)/python -m reports.publishing.grasp_recording runs/grasping/trial_0.rrd runs/grasping/recording.jpg
+	$(BIN)/python -m reports.studies.grasping runs/grasping reports/published/grasping "make published-grasping"
 	$(PROSE)
 
 published-models: setup

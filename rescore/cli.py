@@ -16,12 +16,12 @@ from rescore.commands import (
     experiment,
     gallery,
     inspect_run,
-    localize,
     models,
     own_data,
     reconstruct,
     results,
     stereo,
+    table,
     tuning,
     uiuc,
     weight,
@@ -37,13 +37,13 @@ __all__ = [
     "experiment",
     "gallery",
     "inspect_run",
-    "localize",
     "main",
     "models",
     "own_data",
     "reconstruct",
     "results",
     "stereo",
+    "table",
     "tuning",
     "uiuc",
     "weight",
@@ -66,7 +66,8 @@ PANELS = {
     "One picture in 3D": ("reconstruct", "popup", "learn-primitives"),
     "Studies": (
         *("sweep", "study-evidence", "study-class-model", "study-relief", "study-places", "study-weight"),
-        *("study-stereo", "study-models", "study-views", "localize", "gallery", "uiuc"),
+        *("study-stereo", "study-models", "study-views", "localize", "grasp", "grasp-errors", "grasp-basket"),
+        *("gallery", "uiuc"),
     ),
 }
 """The commands in the order in which `rescore --help` lists them."""
@@ -118,6 +119,7 @@ def _before_the_command(
 _KEPT = {
     "reproduce": "finished stages and rendered frames are kept; run the command again to go on",
     "synth": "finished frames are kept; run the command again to go on",
+    "grasp": "finished trials are kept; run the command again to go on",
     "study-weight": "candidates under --keep are kept; run the command again to go on",
 }
 """What of a command that was stopped is left, where something is."""

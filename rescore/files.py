@@ -119,7 +119,7 @@ _VERSIONED = (
         "pydantic",
         "pyarrow",
     ),
-    *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow"),
+    *("open3d", "open3d-cpu", "rerun-sdk", "matplotlib", "trimesh", "pillow", "mujoco", "mink", "ompl"),
 )
 
 

@@ -5,6 +5,7 @@ when everything in it grows, and the shade near the ground is made for real cars
 module are those of the table.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -126,10 +127,10 @@ def _empty_radiance() -> Float32Array:
 def _placed(placement: Placement, rng: np.random.Generator) -> Placed:
     x, y = placement.xy_m / SCALE
     car = placement.car
-    return Placed(_visible_mesh(car, rng), pose(x, y, 0.0, placement.yaw_rad), "car", car.shape_id)
+    return Placed(visible_mesh(car, rng), pose(x, y, 0.0, placement.yaw_rad), "car", car.shape_id)
 
 
-def _visible_mesh(car: CarModel, rng: np.random.Generator) -> Mesh:
+def visible_mesh(car: CarModel, rng: np.random.Generator) -> Mesh:
     """The car in a paint that stands out from the table; a user's mesh keeps its own."""
     mesh = car.build(rng)
     while mesh.materials[0].name in _HIDDEN_PAINTS:
@@ -137,11 +138,21 @@ def _visible_mesh(car: CarModel, rng: np.random.Generator) -> Mesh:
     return mesh
 
 
-def _scene(cars: list[Placed], camera: PinholeCamera) -> Scene:
-    world_to_camera = cam_from_ground(GROUND)
+def table_scene(items: Sequence[Placed], camera: PinholeCamera, cam_from_table: FloatArray) -> Scene:
+    """The table with things on it as another camera sees it.
+
+    Args:
+        items: things with their poses, at the size of real cars.
+        camera: the camera.
+        cam_from_table: pose (4, 4) of the ground frame in the camera frame, in metres of the table.
+    """
+    world_to_camera = cam_from_table.copy()
     world_to_camera[:3, 3] /= SCALE
-    eye = StereoCamera(camera, 1.0)
-    return Scene((*cars, *_furniture()), _LIGHT, eye, world_to_camera, _IMAGING)
+    return Scene((*items, *_furniture()), _LIGHT, StereoCamera(camera, 1.0), world_to_camera, _IMAGING)
+
+
+def _scene(cars: list[Placed], camera: PinholeCamera) -> Scene:
+    return table_scene(cars, camera, cam_from_ground(GROUND))
 
 
 @lru_cache(maxsize=1)

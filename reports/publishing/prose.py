@@ -25,8 +25,9 @@ from rescore.results.metrics_file import Metrics, ModeComparison, Row, read_metr
 ROOT = Path(__file__).resolve().parents[2]
 PUBLISHED = ROOT / "reports" / "published"
 PAGES = {
-    "README.md": ("caption", "real", "paper", "more", "localization", "limits"),
+    "README.md": ("caption", "real", "paper", "more", "localization", "grasping", "limits"),
     "docs/class-models.md": ("localization",),
+    "docs/grasping.md": ("grasping",),
     "docs/detectors.md": ("uiuc", "uiuc_intervals", "view_detectors", "modelled_detector"),
     "docs/boxes3d.md": ("second_boxes",),
     "docs/evidence.md": ("even_odds", "guarded_checks", "guarded_steps", "places"),

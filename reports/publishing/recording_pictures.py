@@ -95,6 +95,24 @@ def draw_tabs(recording: Path, folder: Path) -> None:
         viewer.wait(10)
 
 
+def draw_moment(recording: Path, timeline: str, seconds: float, path: Path) -> None:
+    """Draw the viewer's window at a moment of a recording into a JPEG file.
+
+    Raises:
+        RescoreError: the viewer could not draw.
+    """
+    viewer, client = start_viewer(recording.resolve(), headless=True, timeline=timeline)
+    try:
+        client.set_time(timeline, duration=seconds, play_state="paused")
+        for _ in range(_SETTLING_SHOTS):
+            client.take_screenshot(max_size=64)
+            time.sleep(0.25)
+        _write_jpeg(client.take_screenshot(), path)
+    finally:
+        viewer.terminate()
+        viewer.wait(10)
+
+
 def _tabs(layout: dict[str, Any]) -> tuple[str, list[str]]:
     """The container of the tabs in a blueprint, and its tabs in order."""
     for path, entry in layout.items():

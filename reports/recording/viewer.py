@@ -47,8 +47,12 @@ def open_recording(
     return viewer
 
 
-def start_viewer(recording: Path, headless: bool) -> tuple[subprocess.Popen[bytes], ViewerClient]:
-    """The viewer's process with a recording, and its client; ``headless`` is without a window.
+def start_viewer(
+    recording: Path, headless: bool, timeline: str = TIMELINE
+) -> tuple[subprocess.Popen[bytes], ViewerClient]:
+    """The viewer's process with a recording, and its client, once it shows one of its timelines.
+
+    ``headless`` is without a window.
 
     Raises:
         RescoreError: the viewer does not start.
@@ -68,7 +72,7 @@ def start_viewer(recording: Path, headless: bool) -> tuple[subprocess.Popen[byte
         start_new_session=True,
     )
     try:
-        return viewer, _connected(viewer, port)
+        return viewer, _connected(viewer, port, timeline)
     except BaseException:
         viewer.terminate()
         raise
@@ -119,7 +123,7 @@ def _free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def _connected(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
+def _connected(viewer: subprocess.Popen[bytes], port: int, timeline: str) -> ViewerClient:
     """A client of the viewer once it shows the recording."""
     deadline = time.monotonic() + _STARTS_WITHIN_S
     while time.monotonic() < deadline:
@@ -127,7 +131,7 @@ def _connected(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
             break
         try:
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            if any(t.name == TIMELINE for r in client.get_state().recordings for t in r.timelines):
+            if any(t.name == timeline for r in client.get_state().recordings for t in r.timelines):
                 return client
         except ConnectionError:
             # not up yet

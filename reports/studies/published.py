@@ -1,6 +1,7 @@
 """What published studies say: their pages from their JSON alone, and the figures that prose tells."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,8 @@ from reports.studies.localization import mean_without_flips
 from reports.studies.relief import relief_page
 from reports.studies.sweep import sweep_text
 from rescore.formats.checked_json import read_checked
+from rescore.grasping.basket import BasketResult, read_baskets
+from rescore.grasping.result_file import GraspResult, counted, read_grasps
 from rescore.results.sweep_file import read_sweep
 from rescore.studies.class_model_worth import read_worth
 from rescore.studies.localization.result_file import read_localization
@@ -36,6 +39,7 @@ def study_figures(published: Path) -> dict[str, Any]:
     """The figures of the studies of localisation, of w and of view bins, by the names that templates use."""
     return {
         "localization": _localization(published / "localization" / "localization.json"),
+        "grasping": GraspingFigures.of(published / "grasping"),
         "weights": {(w.detector, w.registration): w for w in _weights(published / "weight" / "weight.json")},
         "views": {name: _right_view(published / "view_bins" / f"{name}.json") for name in VIEW_STUDIES},
     }
@@ -51,6 +55,50 @@ def _localization(file: Path) -> SimpleNamespace:
         n_cars=len({row.car for row in rows}),
         without_flips=mean_without_flips(result, "3dp_report"),
     )
+
+
+@dataclass(frozen=True)
+class GraspingFigures:
+    """The published figures of section 5.2."""
+
+    result: GraspResult
+    baskets: BasketResult
+
+    @classmethod
+    def of(cls, folder: Path) -> "GraspingFigures":
+        """The figures in a folder."""
+        return cls(read_grasps(folder / "grasp.json"), read_baskets(folder / "basket.json"))
+
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return len(self.result.rows)
+
+    @property
+    def cars(self) -> int:
+        """Number of cars."""
+        return len(self.result.cars)
+
+    @property
+    def placements(self) -> int:
+        """Placements of each car."""
+        return self.result.placements
+
+    def held(self, method: str, hand: str) -> str:
+        """How many trials held the car, of how many."""
+        return counted(self.result.verdicts(method, hand))[0]
+
+    def gentle(self, method: str, hand: str) -> str:
+        """How many trials held the car gently, of how many."""
+        return counted(self.result.verdicts(method, hand))[1]
+
+    def interval(self, method: str, hand: str) -> str:
+        """Wilson's interval of the share gently held."""
+        return counted(self.result.verdicts(method, hand))[2]
+
+    def basket(self, basket: str, hand: str) -> str:
+        """How many trials held a basket, of how many."""
+        return counted([r.verdicts[hand] for r in self.baskets.rows if r.basket == basket])[0]
 
 
 def _weights(file: Path) -> tuple[WeightRecord, ...]:

@@ -51,7 +51,8 @@ class TableClassConfig:
     """Rounds of refining the planes of the class model (see ``LearnConfig``)."""
     space: ShapeSpaceConfig = field(default_factory=ShapeSpaceConfig)
     heading_pictures: int = 24
-    """Pictures of each training car at random places, from which front and rear are told."""
+    """Pictures of each training car at random places, from which front and rear are told; 0 where it does not
+    matter which is which, as for a grasp."""
     heading_error: tuple[float, float, float] = (0.005, 0.03, 0.05)
     """Standard deviations of the errors of the box in heading pictures, as fits have: place in metres,
     direction in radians, logarithms of the size."""
@@ -65,7 +66,8 @@ class TableClass:
     model: ClassModel
     """Class model of the report, learned from views at the camera's elevation."""
     space: ShapeSpace
-    heading: Heading
+    heading: Heading | None
+    """None where no pictures were learned from."""
 
 
 def learn_table_class(
@@ -93,7 +95,8 @@ def learn_table_class(
     # sums over several threads differ in the last digits, and the fits with them
     with one_thread():
         space = principal_shapes([one.shape for one in learned], config.space)
-        heading = learn_heading([r for one in learned for r in one.readings], config.heading)
+        readings = [r for one in learned for r in one.readings]
+        heading = learn_heading(readings, config.heading) if readings else None
         views = [view for i in chosen for view in learned[i].views]
         model = learn_class_model(
             views, "car", CAR_PARTS, LearnConfig(bins=bins, refine_rounds=config.refine_rounds), library

@@ -1,0 +1,141 @@
+"""What the experiment of section 5.2 found, as typed values, and the files that hold it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from recon.errors import Failure
+from recon.localization.standing_box import StandingBox
+from rescore.files import write_json
+from rescore.formats.checked_json import read_checked
+from rescore.grasping.choose import Estimate
+from rescore.grasping.hands import HANDS
+from rescore.grasping.judge import Verdict, count_causes, wilson
+from rescore.grasping.perception import METHOD_NAME, METHODS
+from rescore.results.sweep_file import StudyPart
+
+REPORTED = {"3dp": 57, "single_plane": 6}
+"""Trials of 60 in which the report's robot held the car, by method; the 57 are all but those of the fragile
+racer."""
+
+
+class BoxRow(StudyPart):
+    """A box on the table in the ground frame."""
+
+    xy_m: tuple[float, float]
+    yaw_rad: float
+    size_m: tuple[float, float, float]
+    """Length, width and height."""
+    width_known: bool = True
+
+    @classmethod
+    def of(cls, box: StandingBox, width_known: bool = True) -> "BoxRow":
+        """The row of a box."""
+        x, y = (float(v) for v in box.xy_m)
+        length, width, height = (float(v) for v in box.size_m)
+        return cls(
+            xy_m=(x, y), yaw_rad=float(box.yaw_rad), size_m=(length, width, height), width_known=width_known
+        )
+
+    @property
+    def box(self) -> StandingBox:
+        """The box of the row."""
+        return StandingBox(np.array(self.xy_m), self.yaw_rad, np.array(self.size_m))
+
+    @property
+    def estimate(self) -> Estimate:
+        """The estimate of the row."""
+        return Estimate(self.box, self.width_known)
+
+
+class GraspRow(StudyPart):
+    """One placement of one car, with what became of every method and hand."""
+
+    car: str
+    index: int
+    """Number of the car."""
+    placement: int
+    """Number of the placement of this car."""
+    truth: BoxRow
+    estimates: dict[str, BoxRow | Failure]
+    """By method."""
+    verdicts: dict[str, dict[str, Verdict]]
+    """By method and hand."""
+
+
+class GraspResult(StudyPart):
+    """The content of grasp.json."""
+
+    seed: int
+    placements: int
+    """Placements of each car."""
+    cars: tuple[str, ...]
+    rows: tuple[GraspRow, ...]
+
+    def verdicts(self, method: str, hand: str) -> list[Verdict]:
+        """The verdicts on one method with one hand, in the order of the trials."""
+        return [row.verdicts[method][hand] for row in self.rows]
+
+
+def write_grasps(path: Path, result: GraspResult) -> None:
+    """Write grasp.json."""
+    write_json(path, result.as_json())
+
+
+def read_grasps(path: Path) -> GraspResult:
+    """The results of a finished `rescore grasp`.
+
+    Raises:
+        RescoreError: no such file, or something else in it.
+    """
+    return read_checked(path, TypeAdapter(GraspResult), "a finished `rescore grasp`")
+
+
+def grasp_table(result: GraspResult) -> str:
+    """A Markdown table with a row for each method and hand: held, gentle, interval, causes of failure."""
+    lines = [
+        "| method | hand | held | gentle | gentle, 95 % interval | failed for | report: held |",
+        "|---|---|---:|---:|---:|---|---:|",
+    ]
+    for method in METHODS:
+        for hand in HANDS:
+            reported = f"{REPORTED[method]} of 60" if method in REPORTED and hand == next(iter(HANDS)) else ""
+            lines.append(
+                _line(
+                    [METHOD_NAME[method], HANDS[hand].name, *counted(result.verdicts(method, hand)), reported]
+                )
+            )
+    return "\n".join(lines) + "\n"
+
+
+def counted(verdicts: Sequence[Verdict]) -> list[str]:
+    """Cells of a table: how many of them held, gently held, the interval of these, and causes of failure."""
+    n, gentle = len(verdicts), sum(v.ending == "gentle" for v in verdicts)
+    low, high = wilson(gentle, n)
+    causes = ", ".join(f"{c.value} {k}" for c, k in count_causes(verdicts).items())
+    return [
+        f"{sum(v.held for v in verdicts)} of {n}",
+        f"{gentle} of {n}",
+        f"{100 * low:.1f} to {100 * high:.1f} %",
+        causes or "none",
+    ]
+
+
+def by_car_table(result: GraspResult, hand: str) -> str:
+    """A Markdown table with a row for each car: held and gently held placements by method, with one hand."""
+    lines = [_line(["car", *(METHOD_NAME[m] for m in METHODS)]), "|---|" + "---:|" * len(METHODS)]
+    for car in result.cars:
+        rows = [r for r in result.rows if r.car == car]
+        cells = [_pair([r.verdicts[m][hand] for r in rows]) for m in METHODS]
+        lines.append(_line([car, *cells]))
+    return "\n".join(lines) + "\n"
+
+
+def _pair(verdicts: Sequence[Verdict]) -> str:
+    return f"{sum(v.held for v in verdicts)} / {sum(v.ending == 'gentle' for v in verdicts)}"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

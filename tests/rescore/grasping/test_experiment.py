@@ -1,0 +1,153 @@
+"""The whole chain on one car, tiny: resumed, drawn, recorded, told in a table."""
+
+import json
+import re
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from datasets_synth.cars.models import cars_of_splits
+from recon.errors import Failure, RescoreError
+from recon.localization.learn_shapes import ShapeSpaceConfig
+from recon.localization.standing_box import StandingBox
+from recon.view_bins import ViewBins
+from reports.recording.grasp import write_grasp_recording
+from reports.studies.grasping import publish, show_trial, write_grasping
+from rescore.grasping import experiment as module
+from rescore.grasping.basket import BasketResult, write_baskets
+from rescore.grasping.cars import experiment_cars
+from rescore.grasping.error_grid import LEVELS, ErrorGrid, GridPoint, write_errors
+from rescore.grasping.experiment import Experiment
+from rescore.grasping.hands import HANDS
+from rescore.grasping.perception import METHODS
+from rescore.grasping.result_file import GraspResult, grasp_table, read_grasps
+from rescore.grasping.scene import MOUNT, require_robot
+from rescore.grasping.trial import REACH_M, placed_car
+from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
+from tests.exact_primitives import exact_library
+
+pytest.importorskip("mujoco")
+
+
+@lru_cache(maxsize=1)
+def small_class() -> TableClass:
+    """Learned from four sedans and estates in one ring of views."""
+    config = TableClassConfig(
+        elevations_rad=(float(np.deg2rad(35)),),
+        view_px=120,
+        class_model_cars=1,
+        refine_rounds=0,
+        space=ShapeSpaceConfig(cells=(56, 20, 24), modes=2),
+        heading_pictures=0,
+    )
+    sedans = [c for c in cars_of_splits()["train"] if c.shape_id.startswith(("sedan", "estate"))]
+    return learn_table_class(sedans[:4], config, 1, exact_library(ViewBins(12, config.elevations_rad[0])))
+
+
+SEDANS = tuple(c for c in experiment_cars(8, "calibration") if c.name.startswith(("sedan", "estate")))[:1]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, GraspResult, Path]:
+    out = tmp_path_factory.mktemp("grasp")
+    experiment = Experiment(SEDANS, 2, seed=0)
+    return experiment, experiment.run(out, 1, small_class()), out
+
+
+def test_a_car_is_grasped_from_its_picture_alone(run: tuple[Experiment, GraspResult, Path]) -> None:
+    _, result, out = run
+    assert read_grasps(out / "grasp.json") == result
+    assert [(r.index, r.placement) for r in result.rows] == [(0, 0), (0, 1)]
+    for row in result.rows:
+        distance = np.linalg.norm(np.array(row.truth.xy_m) - MOUNT.xy_m)
+        assert REACH_M[0] <= distance <= REACH_M[1]
+        assert set(row.verdicts) == set(METHODS)
+        for hand in HANDS:
+            assert row.verdicts["3dp"][hand].held
+            assert row.verdicts["truth"][hand].ending == "gentle"
+        own = row.estimates["3dp"]
+        assert not isinstance(own, Failure)
+        assert np.linalg.norm(own.box.xy_m - row.truth.box.xy_m) < 0.02
+    lines = grasp_table(result).splitlines()
+    assert len(lines) == 2 + len(METHODS) * len(HANDS)
+    assert "| 3DP, joint fit | three fingers | 2 of 2 |" in lines[2]
+    assert lines[2].endswith("| 57 of 60 |")
+
+
+def test_a_stopped_run_goes_on_and_other_settings_start_anew(
+    run: tuple[Experiment, GraspResult, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    experiment, result, out = run
+    whole = (out / "grasp.json").read_bytes()
+    (out / "trials" / "000_001.json").unlink()
+    assert experiment.run(out, 1, small_class()) == result
+    assert (out / "grasp.json").read_bytes() == whole
+    # all trials are there, so that nothing is tried
+    monkeypatch.setattr(module, "run_trial", None)
+    monkeypatch.setattr(module, "learn_table_class", None)
+    assert experiment.run(out, 1) == result
+    settings = json.loads((out / "trials" / "settings.json").read_text())
+    assert settings["seed"] == 0
+    kept = module._Kept(tmp_path / "trials", experiment)
+    kept.add(result.rows[0])
+    assert module._Kept(tmp_path / "trials", experiment).row(0, 0) == result.rows[0]
+    assert module._Kept(tmp_path / "trials", Experiment(SEDANS, 2, seed=1)).row(0, 0) is None
+
+
+def test_pictures_recording_and_page(run: tuple[Experiment, GraspResult, Path], tmp_path: Path) -> None:
+    experiment, result, out = run
+    write_grasping(experiment, result, out)
+    assert (out / "grasp.md").read_text().count("\n") > 10
+    strips = sorted(out.glob("strip_*.png"))
+    assert strips
+    picture = cv2.imread(str(strips[0]))
+    assert picture.shape[1] > 6 * picture.shape[0]
+    assert picture.std() > 20
+    recording = write_grasp_recording(show_trial(experiment, result, 1), out / "trial_1.rrd")
+    assert recording.read_bytes()[:4] == b"RRF2"
+    with pytest.raises(RescoreError, match="--show: expected a trial from 0 to 1, got 2"):
+        show_trial(experiment, result, 2)
+    row = GridPoint(kind="lateral", level=0.0, hand="three_fingers", trials=1, held=1, gentle=1)
+    points = [
+        row.model_copy(update={"kind": k, "level": level, "hand": h})
+        for k, levels in LEVELS.items()
+        for level in levels
+        for h in HANDS
+    ]
+    write_errors(out / "errors.json", ErrorGrid(seed=0, points=tuple(points)))
+    write_baskets(out / "basket.json", BasketResult(seed=0, placements=0, rows=()))
+    page = publish(out, tmp_path / "page", "make published-grasping").read_text()
+    assert "3DP, joint fit" in page
+    assert "57 of 60" in page
+    assert (tmp_path / "page" / "strip_grasp.jpg").is_file()
+    for name in re.findall(r"\]\(([\w.]+)\)", page):
+        assert (tmp_path / "page" / name).is_file()
+
+
+def test_the_photograph_and_the_car_have_one_paint() -> None:
+    placed = placed_car(SEDANS[0], 0, 0, 0)
+    again = placed_car(SEDANS[0], 0, 0, 0)
+    assert placed.rgb.tobytes() == again.rgb.tobytes()
+    paint = np.array(placed.mesh.materials[0].rgb)
+    middle = pixel_of_roof(placed.placement.box, placed.rgb)
+    # hues agree: the paint's strongest channel is the picture's
+    if np.ptp(paint) > 0.1:
+        assert int(np.argmax(paint)) == int(np.argmax(middle))
+
+
+def pixel_of_roof(box: StandingBox, rgb: np.ndarray) -> np.ndarray:
+    from datasets_synth.photos.table_scene import project_ground  # noqa: PLC0415
+
+    u, v = project_ground(np.array([[*box.xy_m, box.size_m[2]]]))[0].astype(int)
+    return np.asarray(rgb[v - 2 : v + 3, u - 2 : u + 3].mean(axis=(0, 1)))
+
+
+def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(RescoreError, match=r"pip install 'rescore\[robot\]'") as caught:
+        require_robot()
+    assert "\n" not in str(caught.value)
