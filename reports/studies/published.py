@@ -1,7 +1,7 @@
 """What published studies say: their pages from their JSON alone, and the figures that prose tells."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +14,7 @@ from reports.studies.relief import relief_page
 from reports.studies.sweep import sweep_text
 from rescore.formats.checked_json import read_checked
 from rescore.grasping.basket import BasketResult, read_baskets
-from rescore.grasping.result_file import GraspResult, counted, read_grasps
+from rescore.grasping.result_file import REPORTED_PLACEMENTS, GraspResult, counted, read_grasps
 from rescore.results.sweep_file import read_sweep
 from rescore.studies.class_model_worth import read_worth
 from rescore.studies.localization.result_file import read_localization
@@ -70,9 +70,9 @@ class GraspingFigures:
         return cls(read_grasps(folder / "grasp.json"), read_baskets(folder / "basket.json"))
 
     @property
-    def trials(self) -> int:
-        """Number of trials."""
-        return len(self.result.rows)
+    def as_reported(self) -> "GraspingFigures":
+        """The figures of as many placements as the report has."""
+        return replace(self, result=self.result.first(REPORTED_PLACEMENTS))
 
     @property
     def cars(self) -> int:

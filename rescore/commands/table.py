@@ -72,7 +72,7 @@ def grasp(
 
     Each car is put on the table within reach, photographed and localised by every method; an arm with seven
     joints moves a hand to the estimate, closes it, lifts, holds, shakes and puts down. A run that was stopped
-    goes on where it was. Needs the packages of the robot: pip install 'rescore[robot]'.
+    goes on where it was. Needs the package's extra "robot".
 
     Example: [bold]rescore grasp --cars 20 --placements 3 --out runs/grasp[/bold]
     """
@@ -82,6 +82,7 @@ def grasp(
     from rescore.grasping.result_file import grasp_table
 
     experiment = Experiment.of(cars, placements, meshes, seed)
+    experiment.require_trial(show)
     result = experiment.run(out, jobs)
     write_grasping(experiment, result, out)
     if show is not None:
@@ -105,7 +106,7 @@ def grasp_errors(
     """Measure which accuracy a grasp needs: success against errors of the estimate, for both hands.
 
     Errors across and along the car, of its height and of its heading are put on the true box, one at a time,
-    on cars that are not those of `rescore grasp`. Needs the packages of the robot.
+    on cars that are not those of `rescore grasp`. Needs the package's extra "robot".
 
     Example: [bold]rescore grasp-errors --out runs/grasping[/bold]
     """
@@ -131,8 +132,8 @@ def grasp_basket(
     """Let the robot grasp baskets by a handle that the camera does not see, as in section 5.2.
 
     The class model comes from two part-labelled views of one basket; a card hides the handle in the
-    photograph, and section 4.4 places it. A second basket is none that taught the model. Needs the packages
-    of the robot.
+    photograph, and section 4.4 places it. A second basket is none that taught the model. Needs the package's
+    extra "robot".
 
     Example: [bold]rescore grasp-basket --out runs/grasping[/bold]
     """

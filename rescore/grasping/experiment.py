@@ -69,6 +69,18 @@ class Experiment:
         write_provenance(out / "grasp.json", "grasp", settings, self.seed)
         return result
 
+    def require_trial(self, number: int | None) -> None:
+        """Nothing, where there is a trial of this number or none is asked for.
+
+        Raises:
+            RescoreError: there is no such trial.
+        """
+        last = len(self.cars) * self.placements - 1
+        if number is not None and number > last:
+            raise RescoreError(
+                f"--show: expected a trial from 0 to {last}, got {number}; choose one of these"
+            )
+
     def _numbers(self) -> Iterator[tuple[int, int]]:
         return ((i, k) for k in range(self.placements) for i in range(len(self.cars)))
 

@@ -16,6 +16,8 @@ from rescore.grasping.judge import Verdict, count_causes, wilson
 from rescore.grasping.perception import METHOD_NAME, METHODS
 from rescore.results.sweep_file import StudyPart
 
+REPORTED_PLACEMENTS = 3
+"""Placements of each of twenty cars in the report."""
 REPORTED = {"3dp": 57, "single_plane": 6}
 """Trials of 60 in which the report's robot held the car, by method; the 57 are all but those of the fragile
 racer."""
@@ -73,6 +75,11 @@ class GraspResult(StudyPart):
     """Placements of each car."""
     cars: tuple[str, ...]
     rows: tuple[GraspRow, ...]
+
+    def first(self, placements: int) -> "GraspResult":
+        """The result of the first placements of each car alone."""
+        rows = tuple(r for r in self.rows if r.placement < placements)
+        return self.model_copy(update={"placements": min(placements, self.placements), "rows": rows})
 
     def verdicts(self, method: str, hand: str) -> list[Verdict]:
         """The verdicts on one method with one hand, in the order of the trials."""
