@@ -241,7 +241,7 @@ class Changes:
     @property
     def stayed(self) -> BoolArray:
         """Candidates that keep their place and are accepted or not as before, shape (n,)."""
-        return (self.after.accepted == self.before.accepted) & (self.delta == 0)
+        return np.asarray((self.after.accepted == self.before.accepted) & (self.delta == 0))
 
     @property
     def tally(self) -> ChangeCounts:

@@ -1,7 +1,8 @@
-"""Boxes that are whole in another form than left, top, width and height in pixels, and what is no box file."""
+"""Boxes that are whole in another form than left, top, width and height in pixels, and odd files."""
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ EDGES = [[30, 20, 80, 60], [40, 30, 70, 62], [10, 15, 90, 50]]
 KITTI_SHARES = own.KITTI_CAR.replace("10.0 20.0 40.5 44.0", ".1 .2 .4 .5")
 
 
-def rows(boxes: list[list[float]]) -> list[Json]:
+def rows(boxes: Sequence[Sequence[float]]) -> list[Json]:
     return [{"image_id": 1, "category_id": 1, "bbox": box, "score": 0.5} for box in boxes]
 
 
