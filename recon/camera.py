@@ -124,6 +124,20 @@ class GroundPlane:
                 f"ground plane: the camera must be above the ground, got height_m={self.height_m}"
             )
 
+    @staticmethod
+    def stated(height_m: float, pitch_rad: float | None, roll_rad: float | None) -> "GroundPlane":
+        """A plane that a user states, level where no angle is.
+
+        Raises:
+            RescoreError: the height or an angle can be none in metres and radians.
+        """
+        for name, angle in (("pitch_rad", pitch_rad or 0.0), ("roll_rad", roll_rad or 0.0)):
+            if not abs(angle) < np.pi / 2:
+                raise RescoreError(
+                    f"ground plane: expected {name} below a right angle (1.57), got {angle:g}; write radians"
+                )
+        return GroundPlane(height_m, pitch_rad or 0.0, roll_rad or 0.0)
+
     @cached_property
     def up(self) -> FloatArray:
         """Unit normal (ag, bg, cg), pointing up, in the camera frame, shape (3,)."""

@@ -148,6 +148,12 @@ def main() -> None:
     except RescoreError as error:
         print(f"rescore: {shown(' '.join(str(error).split()))}", file=sys.stderr)
         sys.exit(1)
+    except UnicodeEncodeError as error:
+        print(
+            f"rescore: expected names of files in UTF-8, got {error.object[-60:]!a}; rename it",
+            file=sys.stderr,
+        )
+        sys.exit(1)
     except OSError as error:
         print(
             f"rescore: {error.filename or 'system'}: expected to read or write here, got "

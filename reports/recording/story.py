@@ -215,9 +215,9 @@ def _explained(
     rows, config = run.of(detector), explain_config(run)
     try:
         model = model_of(run, detector, mode)
-        return explain(rows, mode, changes.rose, model, config), model
+        return explain(rows, mode, changes.rose, model, config, changes.stayed), model
     except RescoreError:
-        return explain(rows, mode, changes.rose, None, config), None
+        return explain(rows, mode, changes.rose, None, config, changes.stayed), None
 
 
 def _share(part: int, whole: int) -> float:

@@ -20,7 +20,7 @@ from rescore.commands.base import (
     print_json,
     read_data,
 )
-from rescore.speech import say
+from rescore.speech import say, shown
 
 
 def _boxes_target(out: Path) -> Path | None:
@@ -146,7 +146,7 @@ def doctor(
     if as_json:
         print_json([asdict(finding) for finding in findings])
     for finding in () if as_json else findings:
-        print(finding)
+        print(shown(str(finding)))
     wrong = sum(f.level is Level.ERROR for f in findings)
     doubtful = sum(f.level is Level.WARNING for f in findings)
     say(f"{wrong} errors, {doubtful} warnings")

@@ -125,12 +125,24 @@ def files_in(folder: Path, suffixes: Sequence[str], what: str) -> list[Path]:
     """The files of a folder that end so, in the order of their names; hidden files are left out.
 
     Raises:
-        RescoreError: there is none, or two bear one name; ``what`` names them.
+        RescoreError: there is none, two bear one name, or one cannot be opened or written down; ``what``
+        names them.
     """
+    _refuse_odd(folder, suffixes)
     found = sorted(p for p in folder.iterdir() if _ends(p, suffixes) and not p.name.startswith("."))
     if not found:
         raise RescoreError(f"{folder}: expected {what} ({', '.join(suffixes)}), found none; check the folder")
     return list(by_stem(found).values())
+
+
+def _refuse_odd(folder: Path, suffixes: Sequence[str]) -> None:
+    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes):
+        if path.is_symlink() and not path.exists():
+            raise RescoreError(f"{path}: expected a file, got a link to none; fetch what it stands for")
+        try:
+            path.name.encode()
+        except UnicodeEncodeError as error:
+            raise RescoreError(f"{folder}: expected names in UTF-8, got {path.name!a}; rename it") from error
 
 
 def pictures_in(folder: Path) -> list[Path]:

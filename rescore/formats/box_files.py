@@ -39,15 +39,22 @@ def read_voc(path: Path, width_px: int, height_px: int) -> list[LabelRow]:
 
 def _voc_row(where: str, element: ElementTree.Element) -> LabelRow:
     texts = [element.findtext(f"bndbox/{side}") for side in ("xmin", "ymin", "xmax", "ymax")]
-    name = (element.findtext("name") or "").strip()
+    name = " ".join((element.findtext("name") or "").split())
     if not name or None in texts:
         raise RescoreError(f"{where}: expected name and bndbox with xmin, ymin, xmax, ymax; add them")
     x0, y0, x1, y1 = (number(where, "bndbox", text or "") for text in texts)
     return LabelRow(
         name=name,
         xyxy_px=checked_box(where, (x0 - 1, y0 - 1, x1, y1)),
-        ignore=(element.findtext("difficult") or "0").strip() == "1",
+        ignore=_difficult(where, element.findtext("difficult") or "0"),
     )
+
+
+def _difficult(where: str, text: str) -> bool:
+    told = text.strip().casefold()
+    if told not in ("0", "1", "false", "true"):
+        raise RescoreError(f"{where}: difficult: expected 0 or 1, got {text[:40]!r}; mend it")
+    return told in ("1", "true")
 
 
 @dataclass(frozen=True)
@@ -93,7 +100,12 @@ def _named(path: Path) -> YoloClasses:
     """The names that a file has."""
     text = read_text(path, "names of classes")
     if path.suffix not in (".yaml", ".yml"):
-        lines = [n.strip().strip("'\"") for n in text.splitlines() if n.strip()]
+        lines = [n.strip().strip("'\"") for n in text.rstrip().splitlines()]
+        if not all(lines):
+            raise RescoreError(
+                f"{path}: expected the names of classes 0, 1, 2, ... a line each, got an empty line "
+                f"{lines.index('') + 1}; name that class, or remove the line"
+            )
         found = YoloClasses(dict(enumerate(lines)))
     else:
         documents = read_yaml(path, text)

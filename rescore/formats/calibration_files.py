@@ -3,17 +3,17 @@
 Nothing is rectified here: the numbers are those of rectified pictures.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from recon.arrays import FloatArray
-from recon.camera import DepthCamera, PinholeCamera, StereoCamera
+from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
 from rescore.formats.calibrations.numbers import Values, matrix_of, number_of
 from rescore.formats.calibrations.raw_pair import RawPair
-from rescore.formats.calibrations.values import ONE_CAMERA, calibration_values
+from rescore.formats.calibrations.values import GROUND, ONE_CAMERA, calibration_values
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class Calibration:
     width_px: int | None = None
     """Width and height of the pictures as the file says; None where it does not say."""
     height_px: int | None = None
+    ground: GroundPlane | None = None
+    """The ground where the file states the camera's height; else None."""
 
     def camera(self, where: Path, width_px: int, height_px: int) -> StereoCamera:
         """The pair for pictures of a size.
@@ -96,6 +98,24 @@ def calibration_of(path: Path, values: Values, kitti_pair: tuple[str, str] = ("P
     Raises:
         RescoreError: they say none, or that of pictures that are not rectified.
     """
+    return replace(_cameras_of(path, values, kitti_pair), ground=_ground_of(path, values))
+
+
+def _ground_of(path: Path, values: Values) -> GroundPlane | None:
+    height_m, pitch_rad, roll_rad = (
+        number_of(path, values, name) if name in values else None for name in GROUND
+    )
+    if height_m is None:
+        if (pitch_rad, roll_rad) != (None, None):
+            raise RescoreError(f"{path}: expected height_m beside pitch_rad and roll_rad, got none; add it")
+        return None
+    try:
+        return GroundPlane.stated(height_m, pitch_rad, roll_rad)
+    except RescoreError as error:
+        raise RescoreError(f"{path}: {error}") from error
+
+
+def _cameras_of(path: Path, values: Values, kitti_pair: tuple[str, str]) -> Calibration:
     if "cam0" in values:
         return _middlebury(path, values)
     if path.suffix.lower() == ".txt" and "P0" in values:

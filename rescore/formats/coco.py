@@ -25,7 +25,7 @@ from rescore.evidence.registration import Registration
 from rescore.files import refuse_unsafe_name
 from rescore.formats.checked_json import Box, Box3D, Box3DDeviations, Number, Rows
 from rescore.formats.json_lists import read_pieces
-from rescore.formats.labels import ClassMap, flat_note, has_size
+from rescore.formats.labels import ClassMap, flat_note, has_size, refuse_other_form
 
 MAX_CANDIDATES = 15
 """The report keeps the 15 highest-scoring candidates of an image."""
@@ -178,6 +178,7 @@ def detection_file(
     joined = _Part.joined(parts)
     # as large as what is joined
     parts.clear()
+    _refuse_other_form(path, joined.table, data)
     rows, rank = _best_rows(joined.table, images, max_candidates)
     kept = joined.take(rows)
     del joined
@@ -194,6 +195,12 @@ def detection_file(
         n_beyond_max=n_ours - n_flat - len(rows),
         notes=flat_note(path, n_flat),
     )
+
+
+def _refuse_other_form(path: Path, table: CandidateTable, data: DataSet) -> None:
+    size_px = {f.image_id: (f.width_px, f.height_px) for f in data.frames}
+    sizes_px = np.array([size_px[i] for i in table.image_id.tolist()], float).reshape(-1, 2)
+    refuse_other_form(path, table.xyxy_px, sizes_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,9 +282,12 @@ def _first(rows: Sequence[Detection], name: str, keys: set[str]) -> Any:
 
 def _takes(category_id: int | None, data: DataSet, classes: ClassMap) -> bool:
     """Whether a detection of a category counts as one of the class."""
-    if category_id is None or category_id == data.category_id or category_id in data.class_ids:
+    if category_id is None:
         return True
-    return classes.takes(_category_name(category_id, data))
+    name = _category_name(category_id, data)
+    if name.casefold() in classes.renamed:
+        return classes.takes(name)
+    return category_id == data.category_id or category_id in data.class_ids or classes.takes(name)
 
 
 def _category_name(category_id: int | None, data: DataSet) -> str:

@@ -18,7 +18,7 @@ from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
 from rescore.formats.checked_json import Box, Box3D, Number, Rows, read_checked
-from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, flat_note, has_size
+from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, flat_note, has_size, refuse_other_truth
 
 
 class _Camera(BaseModel):
@@ -130,12 +130,14 @@ def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = N
         counts[names[category_id]] += 1
         if category_id in class_ids:
             cars[image_id].append(a)
+    frames, truth = tuple(_frame(file, root, image) for image in parsed.images), _truths(cars)
+    refuse_other_truth(file, frames, truth)
     return DataSet(
         root=root,
         category_id=class_ids[0],
         category=name,
-        frames=tuple(_frame(file, root, image) for image in parsed.images),
-        truth=_truths(cars),
+        frames=frames,
+        truth=truth,
         notes=(*flat_note(file, flat), *replace(classes, target=name).notes(file, counts)),
         category_names=names,
         class_ids=frozenset(class_ids),
@@ -186,7 +188,7 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
             left = PinholeCamera(c.fx, c.fy, c.cx, c.cy, image["width"], image["height"])
             camera = DepthCamera(left) if c.baseline_m is None else StereoCamera(left, c.baseline_m)
             if c.height_m is not None:
-                ground = GroundPlane(c.height_m, c.pitch_rad or 0.0, c.roll_rad or 0.0)
+                ground = GroundPlane.stated(c.height_m, c.pitch_rad, c.roll_rad)
         except RescoreError as error:
             raise RescoreError(f"{file}: image {number}: {error}") from error
     m = image.get("measured")

@@ -11,7 +11,7 @@ from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
 from rescore.data.pictures import by_stem, picture_size
 from rescore.formats.calibration_files import Calibration, doubts
-from rescore.formats.labels import ClassMap, LabelRow, image_ids, text_lines, truth_of
+from rescore.formats.labels import ClassMap, LabelRow, image_ids, refuse_other_truth, text_lines, truth_of
 
 NAME_FILES = ("classes.txt", "obj.names", "data.yaml", "dataset.yaml", "data.yml")
 """Where YOLO keeps the names of its class numbers."""
@@ -71,6 +71,7 @@ def data_set(
         frames.append(_frame(image_id, pictures, split[pictures.stem]))
         truth[image_id] = truth_of(own, first_id)
         first_id += len(own)
+    refuse_other_truth(layout.root, frames, truth)
     return DataSet(
         layout.root,
         1,
@@ -92,7 +93,7 @@ def _frame(image_id: int, pictures: Pictures, split: str) -> FrameRecord:
         width_px=width,
         height_px=height,
         camera=pictures.camera(width, height),
-        ground=None,
+        ground=pictures.calibration.ground if pictures.calibration else None,
         measured=pictures.measured,
         disparity_offset_px=pictures.calibration.disparity_offset_px if pictures.calibration else 0.0,
     )
@@ -160,13 +161,19 @@ def _named_in(line: str, known: Collection[str]) -> str | None:
 
 
 def box_files_in(folder: Path, suffix: str) -> list[Path]:
-    """The files of boxes of a folder in the order of their names; hidden files and YOLO's names are none."""
+    """The files of boxes of a folder in the order of their names.
+
+    Hidden files, YOLO's names, and what is no file, such as a pipe that nobody writes to, are none.
+    """
     if not folder.is_dir():
         return []
     return sorted(
         p
         for p in folder.iterdir()
-        if p.suffix.lower() == suffix and p.name not in NAME_FILES and not p.name.startswith(".")
+        if p.suffix.lower() == suffix
+        and p.name not in NAME_FILES
+        and not p.name.startswith(".")
+        and p.is_file()
     )
 
 

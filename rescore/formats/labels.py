@@ -8,13 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.reading import read_text
 from rescore.data.boxes3d import Boxes3D, BoxValues
-from rescore.data.frames import Truth
+from rescore.data.frames import FrameRecord, Truth
 
 UNKNOWN_OCCLUSION = 3
 """KITTI's level of occlusion where nothing is known."""
+
+SHARE_MOST = 1.001
+"""Largest coordinate of a box as a share of the picture, with what rounding adds."""
+MIN_EDGES = 3
+"""Number of boxes from which they tell edges from sizes; one may be cut by the picture."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,11 @@ class ClassMap:
             lines.append(text)
         counts = +counts
         mapped = Counter(
-            {f"{n} as {self.name(n)}": c for n, c in counts.items() if n.casefold() in self.renamed}
+            {
+                f"{_category(n)} as {self.name(n)}": c
+                for n, c in counts.items()
+                if n.casefold() in self.renamed
+            }
         )
         left_out = Counter({n: c for n, c in counts.items() if not self.takes(n)})
         if mapped:
@@ -113,9 +123,13 @@ class ClassMap:
 
 
 def _counted(counts: Counter[str]) -> str:
-    # a category that only its number is known of
-    named = {f"of category {name}" if name.isdecimal() else name: n for name, n in counts.items()}
+    named = {_category(name): n for name, n in counts.items()}
     return ", ".join(f"{n} {name}" for name, n in sorted(named.items()))
+
+
+def _category(name: str) -> str:
+    # a category that only its number is known of
+    return f"of category {name}" if name.isdecimal() else name
 
 
 def flat_note(where: object, n: int) -> tuple[str, ...]:
@@ -142,6 +156,46 @@ def has_size(file: Path, what: str, xywh_px: Sequence[float], *, counts: bool = 
         )
     # sums, since a size far below the place adds nothing to it
     return x + w > x and y + h > y
+
+
+def refuse_other_form(where: object, xyxy_px: FloatArray, size_px: FloatArray) -> None:
+    """Refuse boxes that are whole in another form than left, top, width and height in pixels.
+
+    Args:
+        where: the file, for the message.
+        xyxy_px: edges of the boxes as they were read, shape (n, 4).
+        size_px: width and height of the picture of each, shape (n, 2).
+
+    Raises:
+        RescoreError: all are shares of the picture, or would be boxes as edges and half of them reach out of
+            it as sizes.
+    """
+    if not len(xyxy_px):
+        return
+    if (np.abs(xyxy_px) <= SHARE_MOST).all():
+        raise RescoreError(
+            f"{where}: expected boxes in pixels, got shares of the picture in all {len(xyxy_px)}, as "
+            f"{xyxy_px[0].tolist()} (edges); multiply by width and height"
+        )
+    sizes_px = xyxy_px[:, 2:] - xyxy_px[:, :2]
+    as_edges = (sizes_px > xyxy_px[:, :2]).all(1) & (sizes_px <= size_px + 1).all(1)
+    reach_out = (xyxy_px[:, 2:] > 1.05 * size_px).any(1)
+    if len(xyxy_px) >= MIN_EDGES and as_edges.all() and reach_out.mean() >= 0.5:
+        raise RescoreError(
+            f"{where}: expected bbox as left, top, width, height, got what looks like left, top, right, "
+            f"bottom in all {len(xyxy_px)} (as sizes {int(reach_out.sum())} reach out of the picture); "
+            "subtract left and top"
+        )
+
+
+def refuse_other_truth(where: object, frames: Sequence[FrameRecord], truth: Mapping[int, Truth]) -> None:
+    """Raises RescoreError where the annotated boxes are whole in another form (``refuse_other_form``)."""
+    n = [len(truth[f.image_id].annotation_id) for f in frames]
+    sizes_px = np.repeat(
+        np.array([(f.width_px, f.height_px) for f in frames], float).reshape(-1, 2), n, axis=0
+    )
+    xyxy_px = [truth[f.image_id].xyxy_px for f in frames]
+    refuse_other_form(where, np.concatenate([np.zeros((0, 4)), *xyxy_px]), sizes_px)
 
 
 def with_size(

@@ -248,6 +248,9 @@ def _labels(layout: Layout, classes: ClassMap) -> tuple[list[list[LabelRow]], tu
     voc, kitti = _voc_folder(root), root / "label_2"
     there = [root / "labels"] if texts else []
     there += [folder for folder in (voc, kitti) if folder is not None and folder.is_dir()]
+    if not there:
+        places = "labels (YOLO), label_2 (KITTI) or Annotations (VOC)"
+        return [[] for _ in layout.pictures], (f"{root}: no boxes in {places}, so no frame has a car",)
     unused = tuple(f"{there[0]}: taken in place of the boxes in {p.name}" for p in there[1:])
     if texts and not is_kitti_text(texts):
         names, notes = yolo_classes(root / "labels", texts, classes)

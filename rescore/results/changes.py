@@ -239,6 +239,11 @@ class Changes:
         return np.where(switched, self.after.accepted, self.delta > 0)
 
     @property
+    def stayed(self) -> BoolArray:
+        """Candidates that keep their place and are accepted or not as before, shape (n,)."""
+        return np.asarray((self.after.accepted == self.before.accepted) & (self.delta == 0))
+
+    @property
     def tally(self) -> ChangeCounts:
         """The counts."""
         one, two = self.before, self.after

@@ -64,6 +64,7 @@ def explain(
     rose: BoolArray,
     model: EvidenceModel | None = None,
     config: ExplainConfig | None = None,
+    stayed: BoolArray | None = None,
 ) -> tuple[Explanation, ...]:
     """Why each candidate (n,) of one detector rose or fell in a mode.
 
@@ -74,6 +75,8 @@ def explain(
             others, what speaks against.
         model: what D was made with, in the modes that learn it; None where it is not known.
         config: settings of the run; None for the defaults.
+        stayed: candidates that neither rose nor fell, shape (n,), such as ``Changes.stayed``; of these what
+            their own depth says is told, whatever ``rose`` has. None where all moved.
 
     Raises:
         RescoreError: the model is that of another mode or does not give the D of the rows.
@@ -90,10 +93,13 @@ def explain(
         weights = np.zeros_like(cues)
     has = (why == OK) & np.isfinite(d)
     median = float(np.median(d[has])) if has.any() else float("nan")
+    stays = np.zeros(len(d), dtype=bool) if stayed is None else stayed
     found: list[Explanation] = []
     for i in range(len(d)):
         if not has[i]:
-            text = told.without_evidence(str(why[i]), str(detail[i] or ""), cues[i], bool(rose[i]))
+            text = told.without_evidence(
+                str(why[i]), str(detail[i] or ""), cues[i], bool(rose[i] or stays[i])
+            )
             found.append(Explanation(text))
             continue
         head = f"D {d[i]:.3f} (median {median:.3f})"
@@ -101,8 +107,9 @@ def explain(
             found.append(Explanation(head + (f", {_eq_6(rows, i)}" if mode == Registration.PAPER else "")))
             continue
         parts = told.parts(cues[i], weights[i])
-        kind = "" if rose[i] or d[i] < _DOUBTED else told.taken_for(cues[i])
-        found.append(Explanation(f"{told.leading(parts, float(d[i]), bool(rose[i]))}{kind}", parts))
+        up = sum(p.log_odds for p in parts) > 0 if stays[i] else bool(rose[i])
+        kind = "" if up or d[i] < _DOUBTED else told.taken_for(cues[i])
+        found.append(Explanation(f"{told.leading(parts, float(d[i]), up)}{kind}", parts))
     return tuple(found)
 
 

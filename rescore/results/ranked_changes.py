@@ -101,7 +101,9 @@ class Inspection:
         before, after = (match_table(rows, m, n_images, n_cars) for m in (ALONE, mode))
         changes = Changes.between(before, after, point)
         detector = str(rows["detector"][0]) if len(rows["detector"]) else ""
-        return cls(detector, mode, rows, changes, explain(rows, mode, changes.rose, model, config))
+        return cls(
+            detector, mode, rows, changes, explain(rows, mode, changes.rose, model, config, changes.stayed)
+        )
 
     def listed(
         self, only: Only = Only.CHANGED, sort: Sort = Sort.DELTA, image_id: int | None = None

@@ -23,6 +23,8 @@ ONE_CAMERA = (
 """Names of the matrix of one camera, best first."""
 UNITS = ("depth_factor", "DepthMapFactor", "disparity_factor")
 """Names of the values that files of depth or disparity have for one metre or pixel."""
+GROUND = ("height_m", "pitch_rad", "roll_rad")
+"""Names of the camera's height over the ground and of its angles."""
 _SAME = {
     **{"M1": "K1", "M2": "K2", "cameraMatrix1": "K1", "cameraMatrix2": "K2"},
     **{"distCoeffs1": "D1", "distCoeffs2": "D2", "distCoeffs": "D", "dist_coeffs": "D"},
@@ -39,6 +41,7 @@ _WANTED = frozenset(
         *_SAME,
         *_PAIR,
         *UNITS,
+        *GROUND,
         *("P0", "P3", "P_rect_02", "P_rect_03", "Q", "R", "T", "D", "cam0", "doffs", "rectification_matrix"),
         *("baseline", "baseline_m", "fx", "fy", "cx", "cy", "T_BS", "intrinsics"),
         *("width", "height", "image_width", "image_height", "imageSize", "image_size", "resolution"),

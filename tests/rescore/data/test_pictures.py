@@ -1,5 +1,6 @@
 """Pictures on disk: pixels as they are stored, whatever EXIF says."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from rescore.doctor.findings import Level
 from rescore.formats.open import read_dataset
 from rescore.library.single_picture import read_photo
 from tests.rescore import own_data as own
+from tests.rescore.spoiling import Run
 
 ORIENTATION = 0x0112
 
@@ -83,3 +85,32 @@ def test_a_tiff_with_an_orientation_is_refused(tmp_path: Path) -> None:
         read_rgb(tmp_path / "a.tif", own.WIDTH, own.HEIGHT)
     write_turned(tmp_path / "a.tif", 1, "TIFF")
     assert read_rgb(tmp_path / "a.tif", own.WIDTH, own.HEIGHT)[..., 0].tolist() == own.pair()[0].tolist()
+
+
+def test_a_link_to_no_picture_is_one_line(tmp_path: Path) -> None:
+    """Pictures that are yet to be fetched; before, they were left out without a word."""
+    own.pair_folder(tmp_path)
+    (tmp_path / "left" / "c.png").symlink_to("nowhere.png")
+    with pytest.raises(RescoreError, match=r"left/c.png: expected a file, got a link to none; fetch"):
+        read_dataset(tmp_path)
+
+
+def test_a_name_that_is_not_utf8_is_one_line(tmp_path: Path, run: Run) -> None:
+    """Before, `import` and `evaluate` ended in a traceback."""
+    own.pair_folder(tmp_path)
+    for side in ("left", "right"):
+        (tmp_path / side / "a.png").rename(tmp_path / side / os.fsdecode(b"a\xff.png"))
+    assert run("import", tmp_path, "--out", tmp_path / "out") == (
+        1,
+        "",
+        f"rescore: {tmp_path}/left: expected names in UTF-8, got 'a\\udcff.png'; rename it\n",
+    )
+
+
+def test_a_folder_whose_name_is_not_utf8_is_one_line(tmp_path: Path, run: Run) -> None:
+    data = own.pair_folder(tmp_path / os.fsdecode(b"d\xff"))
+    code, _, err = run("--quiet", "import", data, "--out", tmp_path / "out")
+    assert code == 1
+    assert err.count("\n") == 1
+    assert "expected names of files in UTF-8, got" in err
+    assert not (tmp_path / "out" / "annotations.json").exists()

@@ -15,6 +15,7 @@ from recon.stereo.sgbm import write_disparity
 from rescore.doctor import examine_dataset, examine_installation
 from rescore.doctor.findings import Finding, Level
 from tests.rescore import own_data as own
+from tests.rescore.spoiling import Run
 
 Json = dict[str, Any]
 
@@ -230,3 +231,10 @@ def wall(root: Path, **stated: float) -> list[str]:
 def test_the_real_frames_are_in_order(kitti: Path) -> None:
     found = examine_dataset(kitti, "car", 2)
     assert {f.level for f in found} == {Level.OK}
+
+
+def test_a_path_does_not_steer_the_terminal(tmp_path: Path, run: Run) -> None:
+    code, out, _ = run("doctor", tmp_path / "\x1b[31mnone")
+    assert code == 1
+    assert "\\x1b[31mnone" in out
+    assert "\x1b" not in out

@@ -288,7 +288,7 @@ def test_class_numbers_without_names(tmp_path: Path) -> None:
         read_dataset(tmp_path)
     mapped = read_dataset(tmp_path, "car", ClassMap.of("car", ["2=car"]))
     assert [len(t.annotation_id) for t in mapped.truth.values()] == [0, 1]
-    assert any("took boxes of 1 2 as car" in n for n in mapped.notes)
+    assert any("took boxes of 1 of category 2 as car" in n for n in mapped.notes)
 
 
 def test_of_two_kinds_of_labels_the_reader_says_which_it_takes(tmp_path: Path) -> None:

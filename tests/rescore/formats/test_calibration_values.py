@@ -1,13 +1,16 @@
 """Calibrations in every form of YAML that other tools and hands write, and what is refused in one line."""
 
+import re
 from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from recon.camera import GroundPlane
 from recon.errors import RescoreError
 from rescore.formats.calibration_files import Calibration, read_calibration
+from rescore.formats.open import read_dataset
 from tests.rescore import own_data as own
 
 PAIR = Calibration(700.0, 701.0, 320.0, 240.0, 0.12, 0.0, 640, 480)
@@ -210,3 +213,29 @@ def test_what_opencv_writes_comes_back(tmp_path: Path) -> None:
     found = read(tmp_path, own.opencv_yaml({"cameraMatrix": k, "baseline_m": 1 / 7}))
     assert (found.fx_px, found.fy_px, found.cx_px, found.cy_px) == (k[0, 0], k[1, 1], k[0, 2], k[1, 2])
     assert found.baseline_m == 1 / 7
+
+
+BY_HAND = "fx: 80\nfy: 80\ncx: 48\ncy: 32\nbaseline_m: 0.5\n"
+
+
+def test_a_calibration_states_the_ground(tmp_path: Path) -> None:
+    """What the doctor asks for where stereo measures no ground; before, it was read past."""
+    own.write_text(own.pair_folder(tmp_path) / "calib.yaml", f"{BY_HAND}height_m: 1.6\npitch_rad: 0.02\n")
+    assert {f.ground for f in read_dataset(tmp_path).frames} == {GroundPlane(1.6, 0.02, 0.0)}
+    assert read(tmp_path, BY_HAND).ground is None
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (
+            "height_m: 1.6\npitch_rad: 5\n",
+            "expected pitch_rad below a right angle (1.57), got 5; write radians",
+        ),
+        ("height_m: -1.6\n", "the camera must be above the ground, got height_m=-1.6"),
+        ("pitch_rad: 0.1\n", "expected height_m beside pitch_rad and roll_rad, got none; add it"),
+    ],
+)
+def test_a_stated_ground_that_is_none(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(RescoreError, match=rf"^{re.escape(str(tmp_path))}\S+: .*{re.escape(problem)}"):
+        read(tmp_path, BY_HAND + text)

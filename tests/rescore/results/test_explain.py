@@ -66,6 +66,20 @@ def test_one_that_fell_though_depth_is_for_it_says_so() -> None:
     )
 
 
+def test_one_that_keeps_its_place_is_passed_by_nobody() -> None:
+    model = metric_model()
+    cues = np.stack(
+        [
+            cues_with(height=0.0, foot=0.0, relief_scale=0.0),
+            cues_with(height=2 * np.log(1.25), foot=0.0, relief_scale=np.log(3.0)),
+        ]
+    )
+    still = np.array([True, True])
+    first, second = explain(rows_of(model, cues), "metric", ~still, model, stayed=still)
+    assert first.text.startswith("depth speaks for a car (D 0.40): it")
+    assert second.text == "depth speaks against a car (D 0.83): it is 2.3 m tall (cars: 1.2 to 1.9 m)"
+
+
 def test_one_that_rose_though_depth_is_against_it_says_so() -> None:
     model = metric_model()
     tall = cues_with(height=2 * np.log(1.25), foot=0.2, relief_scale=0.0)[None]
