@@ -389,18 +389,47 @@ def add_haze(face: IntArray, haze: Float32Array, horizon: Float32Array, colour: 
 
 
 @exact
-def _texel(picture: UInt8Array, corner: IntArray, weight: IntArray, channel: int) -> int:
-    """The byte of one channel between four texels."""
-    x0, y0, x1, y1 = corner
-    total = weight[0] * picture[y0, x0, channel] + weight[1] * picture[y0, x1, channel]
-    total += weight[2] * picture[y1, x0, channel] + weight[3] * picture[y1, x1, channel]
-    return int((total + 512) >> 10)
+def _byte(
+    texels: UInt8Array, first: int, right: int, down: int, weight: tuple[int, int, int, int], channel: int
+) -> Any:
+    """One channel's byte between four texels, in a list of all bytes: the first, and steps to the others."""
+    k = first + channel
+    total = weight[0] * texels[k] + weight[1] * texels[k + right]
+    total += weight[2] * texels[k + down] + weight[3] * texels[k + down + right]
+    return (total + np.uint32(512)) >> np.uint32(10)
 
 
 @exact
 def _rounded(value: float) -> int:
     """The nearest whole number, even where two are as near."""
     return int(np.rint(value))
+
+
+@exact
+def _between_texels(
+    texels: UInt8Array,
+    width: int,
+    height: int,
+    box: Float32Array,
+    x_share: float,
+    y_share: float,
+    linear: Float32Array,
+) -> tuple[Any, Any, Any]:
+    """Linear red, green and blue between the texels of one level, in a list of all bytes of a picture."""
+    x32 = _rounded((box[0] + x_share * box[2] - _HALF) * _STEPS)
+    y32 = _rounded((box[1] + y_share * box[3] - _HALF) * _STEPS)
+    x, y = x32 >> 5, y32 >> 5
+    fx, fy = np.uint32(x32 & 31), np.uint32(y32 & 31)
+    x1, y1 = min(max(x + 1, 0), width - 1), min(max(y + 1, 0), height - 1)
+    x, y = min(max(x, 0), width - 1), min(max(y, 0), height - 1)
+    near_x, near_y = np.uint32(32) - fx, np.uint32(32) - fy
+    weight = (near_x * near_y, fx * near_y, near_x * fy, fx * fy)
+    first, right, down = 3 * (y * width + x), 3 * (x1 - x), 3 * width * (y1 - y)
+    return (
+        linear[_byte(texels, first, right, down, weight, 0)],
+        linear[_byte(texels, first, right, down, weight, 1)],
+        linear[_byte(texels, first, right, down, weight, 2)],
+    )
 
 
 @exact
@@ -424,9 +453,8 @@ def tint_by_mip(
         level: mip level (n,), 0 or more.
         colour: linear colours (n, 3).
     """
-    coarsest = len(level_box) - 1
-    corner = np.empty((2, 4), np.int64)
-    weight = np.empty((2, 4), np.int64)
+    coarsest, (height, width, _) = len(level_box) - 1, picture.shape
+    texels = picture.reshape(-1)
     for i in at:
         wanted = min(level[i], np.float32(coarsest))
         lower = int(wanted)
@@ -434,20 +462,12 @@ def tint_by_mip(
         x_share = uv[i, 0] - np.floor(uv[i, 0])
         y_flipped = _ONE - uv[i, 1]
         y_share = y_flipped - np.floor(y_flipped)
-        for k in range(2 if share else 1):
-            box = level_box[min(lower + k, coarsest)]
-            x32 = _rounded((box[0] + x_share * box[2] - _HALF) * _STEPS)
-            y32 = _rounded((box[1] + y_share * box[3] - _HALF) * _STEPS)
-            x, y, fx, fy = x32 >> 5, y32 >> 5, x32 & 31, y32 & 31
-            x1 = min(max(x + 1, 0), picture.shape[1] - 1)
-            y1 = min(max(y + 1, 0), picture.shape[0] - 1)
-            x, y = min(max(x, 0), picture.shape[1] - 1), min(max(y, 0), picture.shape[0] - 1)
-            corner[k, 0], corner[k, 1], corner[k, 2], corner[k, 3] = x, y, x1, y1
-            weight[k, 0], weight[k, 1] = (32 - fx) * (32 - fy), fx * (32 - fy)
-            weight[k, 2], weight[k, 3] = (32 - fx) * fy, fx * fy
-        for channel in range(3):
-            texel = linear[_texel(picture, corner[0], weight[0], channel)]
-            if share:
-                coarse = linear[_texel(picture, corner[1], weight[1], channel)]
-                texel = np.float32(texel + share * np.float64(coarse - texel))
-            colour[i, channel] *= texel
+        r, g, b = _between_texels(texels, width, height, level_box[lower], x_share, y_share, linear)
+        if share:
+            coarse = _between_texels(texels, width, height, level_box[lower + 1], x_share, y_share, linear)
+            r = np.float32(r + share * np.float64(coarse[0] - r))
+            g = np.float32(g + share * np.float64(coarse[1] - g))
+            b = np.float32(b + share * np.float64(coarse[2] - b))
+        colour[i, 0] *= r
+        colour[i, 1] *= g
+        colour[i, 2] *= b
