@@ -82,7 +82,7 @@ def linear_16bit_from_srgb(rgb: UInt8Array) -> NDArray[np.uint16]:
 
 def srgb_from_linear_16bit(linear: NDArray[np.uint16]) -> UInt8Array:
     """The sRGB bytes of linear light in [0, 65535], same shape."""
-    return np.take(_bytes_of_linear(), linear)
+    return np.take(bytes_of_linear_16bit(), linear)
 
 
 def linear_from_encoded(srgb: FloatArray) -> FloatArray:
@@ -102,7 +102,8 @@ def _linear_16bit_of_bytes() -> NDArray[np.uint16]:
 
 
 @lru_cache(maxsize=1)
-def _bytes_of_linear() -> UInt8Array:
+def bytes_of_linear_16bit() -> UInt8Array:
+    """The sRGB byte of each linear light in [0, 65535], shape (65536,)."""
     x = np.arange(65536) / 65535
     encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
     return np.asarray(np.rint(255 * encoded), np.uint8)

@@ -41,15 +41,23 @@ class ContactShade:
 
         Ground takes it from the map. Sides close to the ground see less light too, down to 60 % at its level.
         """
-        height = point[:, 2]
-        if self.grade is not None:
-            height = np.asarray(height - self.grade.height_m(point[:, 1]), np.float32)
-        low = np.clip(height / np.float32(0.6), 0, 1)
-        share = np.where(normal[:, 2] < 0.5, np.float32(0.6) + np.float32(0.4) * low, np.float32(1))
-        ground = np.flatnonzero((normal[:, 2] >= 0.5) & (height < NEAR_GROUND_M))
-        cell = (point[ground, :2] - self.low_xy_m) / np.float32(self.cell_m)
-        cell = np.clip(cell, -9, 2 * MAX_CELLS)  # far points must not overflow OpenCV's fixed point
-        share[ground] = sample_bilinear(self.arriving, cell, cv2.BORDER_CONSTANT, 1.0)
+        from datasets_synth.render.shade_loops import find_contact  # noqa: PLC0415 (half a second to import)
+
+        n = len(point)
+        share, at, cell = np.empty(n, np.float32), np.empty(n, np.int64), np.empty((n, 2), np.float32)
+        n_ground = find_contact(
+            point,
+            normal,
+            np.zeros(n) if self.grade is None else self.grade.height_m(point[:, 1]),
+            np.float32(NEAR_GROUND_M),
+            self.low_xy_m,
+            np.float32(self.cell_m),
+            np.float32(2 * MAX_CELLS),
+            share,
+            at,
+            cell,
+        )
+        share[at[:n_ground]] = sample_bilinear(self.arriving, cell[:n_ground], cv2.BORDER_CONSTANT, 1.0)
         return share
 
 

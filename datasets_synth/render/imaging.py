@@ -5,10 +5,7 @@ import numpy as np
 
 from datasets_synth.meshes.mesh import Imaging
 from recon.arrays import Float32Array, UInt8Array
-from recon.pixels import srgb_from_linear
-
-_MIDDLE_GREY = np.float32(0.18)
-"""Share of full scale that contrast leaves as it is."""
+from recon.pixels import bytes_of_linear_16bit
 
 
 def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Generator) -> UInt8Array:
@@ -24,7 +21,9 @@ def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Ge
         eye: 0 for the left, 1 for the right.
         rng: Source of the noise; draws h * w * 3 normal numbers.
     """
-    signal = radiance
+    from datasets_synth.render.picture_loops import expose_pixels  # noqa: PLC0415 (half a second to import)
+
+    signal = np.ascontiguousarray(radiance)
     sigma = imaging.blur_sigma_px[eye]
     if sigma > 0:
         signal = np.asarray(
@@ -32,12 +31,18 @@ def expose(radiance: Float32Array, imaging: Imaging, eye: int, rng: np.random.Ge
         )
     height, width = radiance.shape[:2]
     gain = np.float32(imaging.exposure[eye]) * vignette(height, width, imaging.vignetting)
-    signal = signal * gain[..., None]
-    variance = np.float32(imaging.read_noise**2) + np.float32(imaging.shot_noise**2) * np.clip(signal, 0, 1)
-    signal += np.sqrt(variance) * rng.standard_normal(signal.shape, dtype=np.float32)
-    if imaging.contrast != 1:
-        signal = _MIDDLE_GREY * (np.clip(signal, 0, None) / _MIDDLE_GREY) ** np.float32(imaging.contrast)
-    return srgb_from_linear(signal)
+    rgb = np.empty(signal.shape, np.uint8)
+    expose_pixels(
+        signal,
+        gain,
+        rng.standard_normal(signal.shape, dtype=np.float32),
+        np.float32(imaging.read_noise**2),
+        np.float32(imaging.shot_noise**2),
+        np.float32(imaging.contrast),
+        bytes_of_linear_16bit(),
+        rgb,
+    )
+    return rgb
 
 
 def vignette(height_px: int, width_px: int, loss: float) -> Float32Array:
@@ -55,8 +60,10 @@ def rectification_shift(uv_px: Float32Array, imaging: Imaging, width_px: int, he
     ``rectification_error_px[1]`` over half the width. Rays are bent instead of resampling the picture, which
     would blur it.
     """
+    from datasets_synth.render.picture_loops import shift_places  # noqa: PLC0415
+
     offset, growth = imaging.rectification_error_px
-    roll = np.float32(growth / (width_px / 2))
-    x = uv_px[:, 0] - np.float32((width_px - 1) / 2)
-    y = uv_px[:, 1] - np.float32((height_px - 1) / 2)
-    return np.stack([uv_px[:, 0] + roll * y, uv_px[:, 1] - np.float32(offset) - roll * x], axis=1)
+    middle = np.array([(width_px - 1) / 2, (height_px - 1) / 2], np.float32)
+    moved = uv_px.astype(np.float32)
+    shift_places(moved, middle, np.float32(offset), np.float32(growth / (width_px / 2)))
+    return moved

@@ -38,38 +38,40 @@ class MipTexture:
             uv: Texture coordinates (n, 2), repeating outside [0, 1]; v = 1 is the top row.
             level: Mip level (n,), 0 for the full texture; clipped to the levels there are.
         """
-        colour = np.empty((len(uv), 3), np.float32)
-        self.sample_at(np.arange(len(uv)), uv, level, colour)
+        colour = np.ones((len(uv), 3), np.float32)
+        self.tint(np.arange(len(uv)), uv, level, colour)
         return colour
 
-    def sample_at(
-        self, at: NDArray[np.intp], uv: Float32Array, level: Float32Array, colour: Float32Array
+    def tint(
+        self, at: NDArray[np.int64], uv: Float32Array, level: Float32Array, colour: Float32Array
     ) -> None:
-        """Write linear colours, as ``sample`` gives them, of some of n points: rows of ``colour`` (n, 3)."""
-        from datasets_synth.render.shade_loops import sample_mip  # noqa: PLC0415 (half a second to import)
+        """Multiply some of n colours, rows ``at`` of ``colour`` (n, 3), by what ``sample`` gives them."""
+        from datasets_synth.render.shade_loops import tint_by_mip  # noqa: PLC0415 (half a second to import)
 
-        sample_mip(self.picture, self.level_box, linear_of_bytes(), at, uv, level, colour)
+        tint_by_mip(self.picture, self.level_box, linear_of_bytes(), at, uv, level, colour)
 
 
-def sample_textures(
-    textures: Sequence[MipTexture], index: NDArray[np.int32], uv: Float32Array, level: Float32Array
-) -> Float32Array:
-    """Linear colours (n, 3) of points that lie on different textures.
+def tint_by_textures(
+    textures: Sequence[MipTexture],
+    order: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    uv: Float32Array,
+    level: Float32Array,
+    colour: Float32Array,
+) -> None:
+    """Multiply colours (n, 3) of points that lie on different textures by these.
 
     Args:
         textures: The textures.
-        index: Which of them each point lies on, shape (n,).
+        order: The points that lie on textures, those of one texture side by side.
+        ends: Where those of each texture begin in ``order``, and of the last end.
         uv: Texture coordinates (n, 2).
         level: Mip levels (n,).
+        colour: What is multiplied.
     """
-    colour = np.empty((len(index), 3), np.float32)
-    order = np.argsort(index, kind="stable")
-    ends = np.searchsorted(index[order], np.arange(len(textures) + 1))
     for i, texture in enumerate(textures):
-        at = order[ends[i] : ends[i + 1]]
-        if len(at):
-            texture.sample_at(at, uv, level, colour)
-    return colour
+        if ends[i] < ends[i + 1]:
+            texture.tint(order[ends[i] : ends[i + 1]], uv, level, colour)
 
 
 _known: dict[int, tuple[weakref.ref[UInt8Array], MipTexture]] = {}

@@ -104,25 +104,29 @@ def _render_eye(
     scene: Scene, shader: Shader, eye: int, subsamples_px: Float32Array = SUBSAMPLES_PX
 ) -> tuple[Float32Array, Hits]:
     """Linear radiance (h, w, 3) of one eye with smooth edges, and the hits of its pixel centres (h * w)."""
+    from datasets_synth.render.picture_loops import mix  # noqa: PLC0415 (half a second to import)
+
     width, height = scene.camera.left.width_px, scene.camera.left.height_px
-    v, u = np.mgrid[:height, :width].astype(np.float32)
-    uv = np.stack([u.ravel(), v.ravel()], axis=1)
-    rays = eye_rays(scene, uv, eye)
+    rays = _pixel_rays(scene, np.arange(height * width), np.zeros((1, 2), np.float32), eye)
     hits = shader.rays.cast(rays)
     colour, sunlit = shader.radiance(rays, hits)
 
-    edge = np.flatnonzero(_edges(hits, sunlit, shader.rays, (height, width)))
+    edge = np.flatnonzero(_edges(hits, sunlit, shader.rays, width))
     # the pixel's centre is known already
     extra = subsamples_px[np.any(subsamples_px != 0, axis=1)]
-    fine_uv = (uv[edge, None, :] + extra).reshape(-1, 2)
-    fine_rays = eye_rays(scene, fine_uv, eye)
+    fine_rays = _pixel_rays(scene, edge, extra, eye)
     fine, _ = shader.radiance(fine_rays, shader.rays.cast(fine_rays))
-    total = fine.reshape(-1, len(extra), 3)
-    if len(extra) == len(subsamples_px):
-        colour[edge] = total.mean(axis=1)
-    else:
-        colour[edge] = (colour[edge] + total.sum(axis=1)) / np.float32(len(extra) + 1)
+    mix(edge, fine, len(extra), len(extra) < len(subsamples_px), colour)
     return colour.reshape(height, width, 3), hits
+
+
+def _pixel_rays(scene: Scene, pixel: NDArray[np.intp], offset_px: Float32Array, eye: int) -> Float32Array:
+    """World rays (n * k, 6) of places around pixels (n,), the offsets (k, 2) of one pixel side by side."""
+    from datasets_synth.render.picture_loops import pixel_places  # noqa: PLC0415
+
+    uv = np.empty((len(pixel) * len(offset_px), 2), np.float32)
+    pixel_places(pixel, scene.camera.left.width_px, offset_px, uv)
+    return eye_rays(scene, uv, eye)
 
 
 def eye_rays(scene: Scene, uv_px: Float32Array, eye: int) -> Float32Array:
@@ -133,6 +137,8 @@ def eye_rays(scene: Scene, uv_px: Float32Array, eye: int) -> Float32Array:
         uv_px: Pixels, whole numbers at pixel centres.
         eye: 0 for the left, 1 for the right, which carries the rectification error.
     """
+    from datasets_synth.render.picture_loops import rays_of_places  # noqa: PLC0415
+
     camera = scene.camera.left
     if eye:
         uv_px = rectification_shift(uv_px, scene.imaging, camera.width_px, camera.height_px)
@@ -140,11 +146,8 @@ def eye_rays(scene: Scene, uv_px: Float32Array, eye: int) -> Float32Array:
     origin = world_from_left[:3, 3] + world_from_left[:3, 0] * (scene.camera.baseline_m * eye)
     world_from_pixel = (world_from_left[:3, :3] @ np.linalg.inv(camera.matrix)).astype(np.float32)
     rays = np.empty((len(uv_px), 6), np.float32)
-    rays[:, :3] = origin
     # written out, since a matrix product with so few columns is slow and its bits may depend on the threads
-    for axis in range(3):
-        per_u, per_v, constant = world_from_pixel[axis]
-        rays[:, 3 + axis] = uv_px[:, 0] * per_u + uv_px[:, 1] * per_v + constant
+    rays_of_places(uv_px, origin.astype(np.float32), world_from_pixel, rays)
     return rays
 
 
@@ -155,29 +158,14 @@ def _instances(hits: Hits, rays: SceneRays) -> NDArray[np.uint16]:
     return instance
 
 
-def _edges(hits: Hits, sunlit: BoolArray, rays: SceneRays, shape: tuple[int, int]) -> BoolArray:
+def _edges(hits: Hits, sunlit: BoolArray, rays: SceneRays, width_px: int) -> BoolArray:
     """Pixels (h * w) whose neighbours show another thing, material, slope, depth or side of a shadow."""
-    hit = hits.face != MISS
-    if not hit.any():
-        return np.zeros(len(hit), np.bool_)
-    key = (
-        np.where(
-            hit, rays.table.item[hits.face] * len(rays.table.materials) + rays.table.material[hits.face], -1
-        )
-        * 2
-        + sunlit
-    )
-    key = key.reshape(shape)
-    normal = hits.normal.reshape(*shape, 3)
-    # in inverse depth a plane is linear over the picture, so only a real jump or bend shows up
-    with np.errstate(divide="ignore"):
-        inverse = np.where(np.isfinite(hits.t), 1 / hits.t, 0).reshape(shape)
-    edge = np.zeros(shape, np.bool_)
-    for axis in (0, 1):
-        a: tuple[slice, ...] = (slice(None),) * axis + (slice(None, -1),)
-        b: tuple[slice, ...] = (slice(None),) * axis + (slice(1, None),)
-        jump = (key[a] != key[b]) | (np.einsum("ijk,ijk->ij", normal[a], normal[b]) < 0.85)
-        jump |= np.abs(inverse[a] - inverse[b]) > 0.1 * np.maximum(inverse[a], inverse[b])
-        edge[a] |= jump
-        edge[b] |= jump
-    return edge.ravel()
+    from datasets_synth.render.picture_loops import face_keys, mark_edges  # noqa: PLC0415
+
+    n, table = len(hits.face), rays.table
+    edge = np.zeros(n, np.bool_)
+    if (hits.face != MISS).any():
+        key = np.empty(n, np.int64)
+        face_keys(hits.face, sunlit, table.item, table.material, len(table.materials), key)
+        mark_edges(key, hits.normal, hits.t, width_px, np.empty(n, np.float32), edge)
+    return edge

@@ -1,18 +1,22 @@
 """Radiance of what rays hit: sun with cast shadows, sky light, highlights, mirrored sky, haze."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Light, Placed
 from datasets_synth.render.contact import ContactShade, contact_shade
-from datasets_synth.render.mip_textures import MipTexture, mip_texture, sample_textures
-from datasets_synth.render.scene_rays import MISS, FaceTable, Hits, SceneRays, build_scene_rays, rows
-from datasets_synth.render.sky import environment_radiance, ground_radiance, mean_sky, sky_radiance
+from datasets_synth.render.mip_textures import MipTexture, mip_texture, tint_by_textures
+from datasets_synth.render.scene_rays import FaceTable, Hits, SceneRays, build_scene_rays
+from datasets_synth.render.sky import CLOUD_PX, cloud_noise, cloud_shift, light_colours
 from recon.arrays import BoolArray, Float32Array, UInt8Array
+from recon.pixels import sample_bilinear
+
+if TYPE_CHECKING:
+    from datasets_synth.render.shade_loops import Materials, Surfaces
 
 SHADOW_OFFSET_M = 4e-3
 """Shadow rays start this far off the surface, so that it does not shade itself."""
@@ -21,29 +25,11 @@ BLOCK = 65_536
 
 
 @dataclass(frozen=True, eq=False)
-class MaterialTable:
-    """The materials of a scene as arrays over the index of the material."""
-
-    rgb: Float32Array
-    """Linear albedo in [0, 1], shape (k, 3)."""
-    texture: NDArray[np.int32]
-    """Index into the textures, -1 for none."""
-    texture_px: Float32Array
-    """Root of the number of texels of the texture."""
-    specular: Float32Array
-    """Share of light reflected as a highlight, in [0, 1], shape (k,)."""
-    shininess: Float32Array
-    """Blinn-Phong exponent, shape (k,)."""
-    mirror: Float32Array
-    """Share of the sky that is mirrored at normal incidence, in [0, 1], shape (k,)."""
-
-
-@dataclass(frozen=True, eq=False)
 class Shader:
     """Everything that turns hits into radiance."""
 
     rays: SceneRays
-    materials: MaterialTable
+    materials: "Materials"
     textures: tuple[MipTexture, ...]
     contact: ContactShade
     light: Light
@@ -53,117 +39,108 @@ class Shader:
         """Linear radiance (n, 3) along rays (n, 6) with their hits, and where the sun reaches (n,)."""
         colour = np.empty((len(rays), 3), np.float32)
         sunlit = np.empty(len(rays), np.bool_)
+        block = _Block(self, min(len(rays), BLOCK))
         for start in range(0, len(rays), BLOCK):
-            block = slice(start, start + BLOCK)
-            shaded, sunlit[block] = self._radiance(rays[block], hits.part(block))
-            colour[block] = shaded.T
+            part = slice(start, start + BLOCK)
+            block.shade(rays[part], hits.part(part), colour[part], sunlit[part])
         return colour, sunlit
 
-    def _radiance(self, rays: Float32Array, hits: Hits) -> tuple[Float32Array, BoolArray]:
-        """Radiance (3, n) and where the sun reaches (n,).
 
-        Inside, vectors are (3, n): each operation then runs along the rays, many times as fast as along three
-        components.
-        """
-        direction = np.ascontiguousarray(rays[:, 3:].T)
-        distance_per_t = np.sqrt(_dot(direction, direction))
-        view = np.asarray(direction / distance_per_t, np.float32)
-        hit = np.flatnonzero(hits.face != MISS)
-        if len(hit) == len(rays):
-            return self._surfaces(rays, view, distance_per_t, hits)
-        sky = np.flatnonzero(hits.face == MISS)
-        colour = np.empty((3, len(rays)), np.float32)
-        sunlit = np.zeros(len(rays), np.bool_)
-        colour[:, sky] = sky_radiance(_columns(view, sky).T, self.light).T
-        if len(hit):
-            colour[:, hit], sunlit[hit] = self._surfaces(
-                rows(rays, hit), _columns(view, hit), distance_per_t[hit], hits.at(hit)
-            )
-        return colour, sunlit
+class _Block:
+    """Rays that are shaded at a time, and room for what lies between the steps."""
 
-    def _surfaces(
-        self, rays: Float32Array, view: Float32Array, distance_per_t: Float32Array, hits: Hits
-    ) -> tuple[Float32Array, BoolArray]:
-        table, light = self.rays.table, self.light
-        distance = hits.t * distance_per_t
-        point = rays[:, :3].T + rays[:, 3:].T * hits.t
-        smooth = _interpolate(table.corner_normals, hits)
-        flat, normal = _turn_to_viewer(hits.normal.T.copy(), smooth, view)
-        material = table.material[hits.face]
-        albedo = self._albedo(hits, material, distance, -_dot(flat, view))
-        sunlit, sun_cos = self._sun(point, flat, normal)
+    def __init__(self, shader: Shader, size: int) -> None:
+        from datasets_synth.render import shade_loops  # noqa: PLC0415 (half a second to import)
 
-        sky_share = 0.5 + 0.5 * normal[2]
-        fill = _column(light.ambient * mean_sky(light)) * sky_share
-        fill += _column(ground_radiance(light)) * (1 - sky_share)
-        fill *= self.contact.sky_share(point.T, normal.T)
-        colour = albedo * (fill + _column(light.sun_rgb) * sun_cos)
-        self._add_gloss(colour, material, view, normal, sun_cos)
-        if light.haze_per_m > 0:
-            haze = 1 - np.exp(-np.float32(light.haze_per_m) * distance)
-            colour += haze * (_column(light.sky_horizon_rgb) - colour)
-        return colour, sunlit
+        self._loops = shade_loops
+        self._shader = shader
+        self._light = light_colours(shader.light)
+        self._shift = cloud_shift(shader.light)
+        self._clouds = cloud_noise()
+        self._vectors = np.empty((3, size, 3), np.float32)
+        self._numbers = np.empty((5, size), np.float32)
+        self._pairs = np.empty((2, size, 2), np.float32)
+        self._at = np.empty(size, np.int64)
+        self._shadow_rays = np.empty((size, 6), np.float32)
 
-    def _albedo(
-        self, hits: Hits, material: NDArray[np.int32], distance: Float32Array, cosine: Float32Array
-    ) -> Float32Array:
-        """Linear albedo (3, n); textures at the mip level of the pixel's footprint."""
-        albedo = np.ascontiguousarray(rows(self.materials.rgb, material).T)
-        texture = self.materials.texture[material]
-        at = np.flatnonzero(texture >= 0)
-        if len(at):
-            part = hits.at(at)
-            texels_per_m = self.rays.table.uv_per_m[part.face] * self.materials.texture_px[material[at]]
-            # the footprint is cos times longer along the slope than across; a level between the two keeps
-            # some of the texture of a road without much aliasing
-            footprint_m = distance[at] / self.focal_px / np.maximum(cosine[at], 0.02) ** 0.7
-            level = np.log2(np.maximum(texels_per_m * footprint_m, 1))
-            uv = _interpolate(self.rays.table.corner_uv, part)
-            texel = sample_textures(self.textures, texture[at], np.ascontiguousarray(uv.T), level)
-            for channel in range(3):
-                albedo[channel, at] *= texel[:, channel]
-        return albedo
+    def shade(self, rays: Float32Array, hits: Hits, colour: Float32Array, sunlit: BoolArray) -> None:
+        """Write the linear radiance (n, 3) of rays (n, 6), and where the sun reaches (n,)."""
+        n = len(rays)
+        view, point, normal = self._vectors[:3, :n]
+        distance, slope_cos, sun_cos, sky_share = self._numbers[:4, :n]
+        surfaces = self._loops.Surfaces(view, distance, point, normal, slope_cos, sun_cos, sky_share, colour)
+        self._find_sun(rays, hits, surfaces, sunlit)
+        sky_share[:] = self._shader.contact.sky_share(point, normal)
+        self._find_albedo(hits, surfaces)
+        self._light_up(hits, surfaces)
+        if self._shader.light.haze_per_m > 0:
+            # not in a loop, since the exponential of arrays has other bits
+            haze = 1 - np.exp(-np.float32(self._shader.light.haze_per_m) * distance)
+            self._loops.add_haze(hits.face, haze, self._light.horizon, colour)
+        n_sky = self._loops.find_sky(
+            hits.face, view, self._shift, np.float32(CLOUD_PX), self._at, self._pairs[0]
+        )
+        at, noise = self._at[:n_sky], self._noise(self._pairs[0, :n_sky])
+        self._loops.paint_sky(at, view, noise, self._light, colour)
 
-    def _sun(
-        self, point: Float32Array, flat: Float32Array, normal: Float32Array
-    ) -> tuple[BoolArray, Float32Array]:
-        """Where the sun reaches (n,), and the cosine of its angle there (n,), 0 in the shade."""
-        to_sun = _column(self.light.sun_direction)
-        cosine = np.clip(_dot(normal, to_sun), 0, 1)
-        facing = np.flatnonzero(cosine > 0)
-        rays = np.empty((len(facing), 6), np.float32)
-        rays[:, :3] = (_columns(point, facing) + _columns(flat, facing) * np.float32(SHADOW_OFFSET_M)).T
-        rays[:, 3:] = to_sun.T
-        sunlit = np.zeros(point.shape[1], np.bool_)
-        sunlit[facing] = ~self.rays.shadowed(rays)
-        return sunlit, np.where(sunlit, cosine, np.float32(0))
+    def _find_sun(self, rays: Float32Array, hits: Hits, surfaces: "Surfaces", sunlit: BoolArray) -> None:
+        scene = self._shader.rays
+        n_facing = self._loops.find_surfaces(
+            rays,
+            hits.t,
+            hits.face,
+            hits.barycentric,
+            hits.normal,
+            scene.table.corner_normals,
+            self._light.to_sun,
+            np.float32(SHADOW_OFFSET_M),
+            surfaces,
+            self._at,
+            self._shadow_rays,
+        )
+        shadowed = scene.shadowed(self._shadow_rays[:n_facing])
+        self._loops.shade(self._at[:n_facing], shadowed, surfaces.sun_cos, sunlit)
 
-    def _add_gloss(
-        self,
-        colour: Float32Array,
-        material: NDArray[np.int32],
-        view: Float32Array,
-        normal: Float32Array,
-        sun_cos: Float32Array,
-    ) -> None:
-        """Add the highlight of the sun (Blinn-Phong) and the mirrored sky (Schlick's Fresnel) in place."""
-        m = self.materials
-        at = np.flatnonzero((m.specular[material] > 0) & (sun_cos > 0))
-        half = _column(self.light.sun_direction) - _columns(view, at)
-        half /= np.sqrt(_dot(half, half))
-        shine = np.clip(_dot(half, _columns(normal, at)), 0, 1) ** m.shininess[material[at]]
-        colour[:, at] += m.specular[material[at]] * shine * _column(self.light.sun_rgb)
+    def _find_albedo(self, hits: Hits, surfaces: "Surfaces") -> None:
+        """Write the linear albedo; textures at the mip level of the pixel's footprint."""
+        table, textures = self._shader.rays.table, self._shader.textures
+        ends = np.empty(len(textures) + 1, np.int64)
+        uv, level = self._pairs[0], self._numbers[4]
+        self._loops.find_texels(
+            hits.face,
+            hits.barycentric,
+            table.material,
+            self._shader.materials,
+            table.corner_uv,
+            table.uv_per_m,
+            np.float32(self._shader.focal_px),
+            surfaces,
+            ends,
+            self._at,
+            uv,
+            level,
+        )
+        tint_by_textures(textures, self._at, ends, uv, level, surfaces.colour)
 
-        at = np.flatnonzero(m.mirror[material] > 0)
-        towards, facing = _columns(view, at), _columns(normal, at)
-        cosine = np.clip(-_dot(towards, facing), 0, 1)
-        base = m.mirror[material[at]]
-        share = base + (1 - base) * (1 - cosine) ** 5
-        mirrored = towards + 2 * cosine * facing
-        mirrored /= np.sqrt(_dot(mirrored, mirrored))
-        seen = environment_radiance(mirrored.T, self.light).T
-        before = _columns(colour, at)
-        colour[:, at] = before + share * (seen - before)
+    def _light_up(self, hits: Hits, surfaces: "Surfaces") -> None:
+        mirrored, cloud = self._pairs
+        n_mirrors = self._loops.light_surfaces(
+            hits.face,
+            self._shader.rays.table.material,
+            self._shader.materials,
+            self._light,
+            self._shift,
+            np.float32(CLOUD_PX),
+            surfaces,
+            self._at,
+            mirrored,
+            cloud,
+        )
+        at, noise = self._at[:n_mirrors], self._noise(cloud[:n_mirrors])
+        self._loops.add_mirrored(at, mirrored, noise, self._light, surfaces.colour)
+
+    def _noise(self, cloud: Float32Array) -> Float32Array:
+        return sample_bilinear(self._clouds, cloud, cv2.BORDER_WRAP)
 
 
 def build_shader(
@@ -191,10 +168,12 @@ def build_shader(
     )
 
 
-def _material_table(table: FaceTable, index: dict[int, int]) -> MaterialTable:
+def _material_table(table: FaceTable, index: dict[int, int]) -> "Materials":
+    from datasets_synth.render.shade_loops import Materials  # noqa: PLC0415
+
     materials = table.materials
-    return MaterialTable(
-        np.array([m.rgb for m in materials], np.float32),
+    return Materials(
+        np.array([m.rgb for m in materials], np.float32).reshape(-1, 3),
         np.array([-1 if m.texture is None else index[id(m.texture)] for m in materials], np.int32),
         np.array(
             [
@@ -207,37 +186,3 @@ def _material_table(table: FaceTable, index: dict[int, int]) -> MaterialTable:
         np.array([m.shininess for m in materials], np.float32),
         np.array([m.mirror for m in materials], np.float32),
     )
-
-
-def _column(vector: Sequence[float] | Float32Array) -> Float32Array:
-    """A vector (3, 1) that goes with vectors (3, n)."""
-    return np.asarray(vector, np.float32).reshape(3, 1)
-
-
-def _columns(vectors: Float32Array, index: NDArray[np.intp]) -> Float32Array:
-    """The vectors (3, k) at an index (k,) of vectors (3, n)."""
-    return np.take(vectors, index, axis=1)
-
-
-def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
-    """Inner products (n,) of vectors (3, n)."""
-    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], np.float32)
-
-
-def _interpolate(corner_values: Float32Array, hits: Hits) -> Float32Array:
-    """Values (k, n) at the hits, interpolated between the values at the corners (m, 3, k)."""
-    from datasets_synth.render.shade_loops import interpolate  # noqa: PLC0415 (half a second to import)
-
-    out = np.empty((corner_values.shape[2], len(hits.face)), np.float32)
-    interpolate(corner_values, hits.face, hits.barycentric, out)
-    return out
-
-
-def _turn_to_viewer(
-    flat: Float32Array, smooth: Float32Array, view: Float32Array
-) -> tuple[Float32Array, Float32Array]:
-    """Unit geometric and smooth normals (3, n) on the side of the viewer; what is given is overwritten."""
-    from datasets_synth.render.shade_loops import turn_to_viewer  # noqa: PLC0415
-
-    turn_to_viewer(flat, smooth, view)
-    return flat, smooth

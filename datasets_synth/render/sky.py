@@ -1,36 +1,34 @@
 """Radiance of the sky in a direction: a gradient, soft clouds, and the far ground below the horizon."""
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from datasets_synth.meshes.mesh import Light
 from recon.arrays import Float32Array
-from recon.pixels import sample_bilinear
 
-_CLOUD_PX = 512
+if TYPE_CHECKING:
+    from datasets_synth.render.shade_loops import LightColours
 
-
-def sky_radiance(direction: Float32Array, light: Light) -> Float32Array:
-    """Linear radiance (n, 3) seen along unit world directions (n, 3)."""
-    # one row a channel, since operations along three channels are slow
-    horizon = np.array(light.sky_horizon_rgb, np.float32)[:, None]
-    zenith = np.array(light.sky_zenith_rgb, np.float32)[:, None]
-    clear = horizon + (zenith - horizon) * np.sqrt(np.clip(direction[:, 2], 0, 1))
-    cover = _cloud_cover(direction, light)
-    # clouds take their white from the sun and fade into the haze of the horizon
-    white = 0.55 * horizon + 0.35 * np.array(light.sun_rgb, np.float32)[:, None]
-    return np.asarray(clear + cover * (white - clear) * 0.7, np.float32).T
+CLOUD_PX = 512
 
 
-def environment_radiance(direction: Float32Array, light: Light) -> Float32Array:
-    """Radiance (n, 3) that a mirror shows along unit world directions (n, 3): sky above, street below."""
-    sky = sky_radiance(direction, light).T
-    street = ground_radiance(light)[:, None]
-    # a soft band of houses and trees stands between the two, up to some 12 degrees
-    share = np.clip((direction[:, 2] - 0.02) / 0.2, 0, 1)
-    return np.asarray(street + (sky - street) * (share * share * (3 - 2 * share)), np.float32).T
+def light_colours(light: Light) -> "LightColours":
+    """The colours of a light as the loops of shading take them."""
+    from datasets_synth.render.shade_loops import LightColours  # noqa: PLC0415 (half a second to import)
+
+    horizon, sun = np.array(light.sky_horizon_rgb, np.float32), np.array(light.sun_rgb, np.float32)
+    return LightColours(
+        to_sun=np.array(light.sun_direction, np.float32),
+        sun=sun,
+        fill=np.float32(light.ambient) * mean_sky(light),
+        ground=ground_radiance(light),
+        horizon=horizon,
+        zenith=np.array(light.sky_zenith_rgb, np.float32),
+        # clouds take their white from the sun
+        cloud=np.float32(0.55) * horizon + np.float32(0.35) * sun,
+    )
 
 
 def mean_sky(light: Light) -> Float32Array:
@@ -47,25 +45,19 @@ def ground_radiance(light: Light) -> Float32Array:
     )
 
 
-def _cloud_cover(direction: Float32Array, light: Light) -> Float32Array:
-    """Share of cloud (n,) in [0, 1]: fractal noise on a flat layer, moved by the position of the sun."""
-    height = np.maximum(direction[:, 2], 0.02)
-    shift = np.array(light.sun_direction[:2], np.float32) * 1013.0
-    xy = direction.T[:2] / height * 40.0 + shift[:, None]
-    xy = (xy - np.floor(xy / _CLOUD_PX) * _CLOUD_PX).astype(np.float32)
-    noise = sample_bilinear(_cloud_noise(), xy.T, cv2.BORDER_WRAP)
-    cover = np.clip((noise - 0.45) * 3, 0, 1)
-    return np.asarray(cover * np.clip((direction[:, 2] - 0.05) * 6, 0, 1), np.float32)
+def cloud_shift(light: Light) -> Float32Array:
+    """How far the layer of clouds is moved in the picture of clouds, shape (2,): by the place of the sun."""
+    return np.array(light.sun_direction[:2], np.float32) * np.float32(1013)
 
 
 @lru_cache(maxsize=1)
-def _cloud_noise() -> Float32Array:
+def cloud_noise() -> Float32Array:
     """Tiling fractal noise in [0, 1], the same in every run."""
     rng = np.random.default_rng(20090601)
-    frequency = np.fft.fftfreq(_CLOUD_PX)
+    frequency = np.fft.fftfreq(CLOUD_PX)
     radius = np.hypot(*np.meshgrid(frequency, frequency))
     radius[0, 0] = 1
-    spectrum = np.fft.fft2(rng.standard_normal((_CLOUD_PX, _CLOUD_PX))) / radius**1.7
+    spectrum = np.fft.fft2(rng.standard_normal((CLOUD_PX, CLOUD_PX))) / radius**1.7
     spectrum[0, 0] = 0
     noise = np.fft.ifft2(spectrum).real
     return np.asarray(np.clip(0.5 + noise / (5 * noise.std()), 0, 1), np.float32)

@@ -56,7 +56,8 @@ def recorded_casts(work: Call) -> list[Callable[[], object]]:
     cast, occluded = RayTree.cast, RayTree.occluded
 
     def tensor(rays):  # type: ignore[no-untyped-def]
-        return o3d.core.Tensor.from_numpy(np.ascontiguousarray(rays, dtype=np.float32))
+        # a copy, since the room for rays may be used again
+        return o3d.core.Tensor.from_numpy(np.array(rays, dtype=np.float32))
 
     def note_cast(self, rays):  # type: ignore[no-untyped-def]
         if self.n_faces and len(rays):

@@ -6,7 +6,7 @@ import pytest
 from datasets_synth.meshes.grade import Grade
 from datasets_synth.meshes.mesh import Placed
 from datasets_synth.render.contact import DARKEST, contact_shade
-from datasets_synth.render.mip_textures import _known, mip_texture, sample_textures
+from datasets_synth.render.mip_textures import _known, mip_texture, tint_by_textures
 from tests.datasets_synth.simple_scenes import box, ground, pose
 
 UP = np.array([[0, 0, 1]], np.float32)
@@ -67,9 +67,11 @@ def test_levels_of_a_texture_keep_its_mean_light():
 def test_points_take_the_colour_of_their_own_texture_whatever_their_order():
     textures = [np.full((8, 8, 3), v, np.uint8) for v in (0, 255)]
     mips = [mip_texture(t) for t in textures]
-    index = np.array([1, 0, 0, 1, 1], np.int32)
-    colour = sample_textures(mips, index, np.full((5, 2), 0.3, np.float32), np.full(5, 1.3, np.float32))
-    np.testing.assert_array_equal(colour[:, 0], index)
+    colour = np.full((6, 3), 0.5, np.float32)
+    uv, level = np.full((6, 2), 0.3, np.float32), np.full(6, 1.3, np.float32)
+    # the last point lies on no texture
+    tint_by_textures(mips, np.array([1, 2, 0, 3, 4]), np.array([0, 2, 5]), uv, level, colour)
+    np.testing.assert_array_equal(colour[:, 0], [0.5, 0, 0, 0.5, 0.5, 0.5])
 
 
 def test_levels_live_as_long_as_their_texture():
