@@ -53,7 +53,7 @@ def wait_for(what: str, condition: "Iterator[bool]", limit_s: float = 90.0) -> N
     until = time.monotonic() + limit_s
     while not next(condition):
         assert time.monotonic() < until, f"{what}: not in {limit_s} s"
-        time.sleep(0.1)
+        time.sleep(0.02)
 
 
 def frames_in(folder: Path, n: int) -> "Iterator[bool]":
@@ -68,7 +68,7 @@ def gone(processes: list[int]) -> "Iterator[bool]":
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Path:
-    splits = {name: {"n_images": 2, "n_cars": 2} for name in ("train", "calibration", "validation", "test")}
+    splits = {name: {"n_images": 5, "n_cars": 5} for name in ("train", "calibration", "validation", "test")}
     return own.write_text(tmp_path / "small.json", json.dumps({"synth": {"n_pictures": 1, "splits": splits}}))
 
 
@@ -102,7 +102,7 @@ def test_a_stopped_build_says_so_goes_on_and_is_locked_meanwhile(tmp_path: Path,
     last = start(*build)
     last.communicate(timeout=120)
     assert last.returncode == 0
-    assert len(list((out / "records").glob("*.json"))) == 8
+    assert len(list((out / "records").glob("*.json"))) == 20
     again = {p.stem for p, t in kept.items() if p.stat().st_mtime_ns != t}
     assert again <= {"test_0000"}
     assert is_whole_png_file(out / "left" / "test_0000.png")
