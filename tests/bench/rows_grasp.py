@@ -2,6 +2,7 @@
 
 from datasets_synth.cars.models import cars_of_splits
 from recon.errors import Failure
+from recon.localization.learn_shapes import ShapeSpaceConfig
 from reports.publishing.bench_file import Row
 from rescore.grasping.act import execute
 from rescore.grasping.cars import experiment_cars, solid_of
@@ -23,7 +24,11 @@ def grasping() -> list[Row]:
     car = experiment_cars(8, "validation")[1]
     placed, solid, hand = placed_car(car, 1, 0, 0), solid_of(car), HANDS["three_fingers"]
     assert isinstance(solid, Solid)
-    table_class = learn_table_class(cars_of_splits()["train"][::4], TableClassConfig(heading_pictures=0), 2)
+    table_class = learn_table_class(
+        cars_of_splits()["train"][::4],
+        TableClassConfig(space=ShapeSpaceConfig(modes=4), heading_pictures=0),
+        2,
+    )
     config, box = TrialConfig(), placed.placement.box
 
     def perceived_and_planned() -> Motion:
