@@ -195,9 +195,9 @@ class DisparityFit:
                 boxes.samples[i],
                 placed[i],
                 placed[n + i],
-                float(_shares(ratio[parts[i]]) @ overlap[parts[i]]),
+                float(np.exp(ratio[parts[i]] - np.logaddexp.reduce(ratio[parts[i]])) @ overlap[parts[i]]),
                 # headings change fastest on the grid
-                _log_sum(score[parts[i]].reshape(-1, c.search.headings)),
+                np.logaddexp.reduce(score[parts[i]].reshape(-1, c.search.headings)),
                 float(framed_mass[i]),
             )
             for i in range(n)
@@ -355,18 +355,6 @@ def _best(poses: Poses, value: FloatArray, spare: BoolArray, count: int) -> tupl
     left = np.argsort(-ranked, axis=1, kind="stable")[:, :count]
     row = np.arange(len(spare))[:, None] * spare.shape[1]
     return poses[(row + left).ravel()], np.take_along_axis(spare, left, axis=1)
-
-
-def _shares(log_weight: FloatArray) -> FloatArray:
-    """Weights (m,) of given logarithms that sum to 1."""
-    weight = np.exp(log_weight - log_weight.max())
-    return np.asarray(weight / weight.sum())
-
-
-def _log_sum(log_weight: FloatArray) -> FloatArray:
-    """Logarithm of the sum of weights (m, k) of given logarithms, shape (k,)."""
-    most = log_weight.max(axis=0)
-    return np.asarray(most + np.log(np.exp(log_weight - most).sum(axis=0)))
 
 
 def _between(looks: FloatArray, heading_rad: FloatArray) -> FloatArray:

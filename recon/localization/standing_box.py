@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.arrays import FloatArray
-from recon.camera import GroundPlane
+from recon.camera import GroundPlane, cross
 
 
 def cam_from_ground(ground: GroundPlane) -> FloatArray:
     """The pose (4, 4) of the ground frame in the camera frame."""
     up, right = ground.up, ground.right
     pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(up, right), up], axis=1)
+    pose[:3, :3] = np.stack([right, cross(up, right), up], axis=1)
     pose[:3, 3] = -ground.height_m * up
     return pose
 
