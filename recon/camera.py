@@ -107,6 +107,10 @@ class DepthCamera:
     """Camera of the picture that depth is registered to."""
 
 
+MOST_HEIGHT_M = 200.0
+"""Height in metres up to which a camera is said to stand: a mast or a drone, and no millimetres."""
+
+
 @dataclass(frozen=True)
 class GroundPlane:
     """The ground Qg of eq. 5 as height and angles of the camera: ``up . X + height_m = 0`` in its frame."""
@@ -136,6 +140,11 @@ class GroundPlane:
                 raise RescoreError(
                     f"ground plane: expected {name} below a right angle (1.57), got {angle:g}; write radians"
                 )
+        if height_m > MOST_HEIGHT_M:
+            raise RescoreError(
+                f"ground plane: expected height_m up to {MOST_HEIGHT_M:g} m, got {height_m:g}; write metres, "
+                "not millimetres"
+            )
         return GroundPlane(height_m, pitch_rad or 0.0, roll_rad or 0.0)
 
     @cached_property

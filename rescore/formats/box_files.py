@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -65,6 +65,8 @@ class YoloClasses:
     """The name of each number."""
     key_points: bool = False
     """Whether key points follow each box."""
+    tracks: bool = False
+    """Whether the number of a track ends each line, behind the score."""
 
 
 def yolo_classes(
@@ -80,8 +82,18 @@ def yolo_classes(
     """
     places = [place / name for place in (folder, folder.parent) for name in NAME_FILES]
     path = next((p for p in places if p.is_file()), None)
-    if path is not None:
-        return _named(path), ()
+    found, notes = (_named(path), ()) if path is not None else _numbered(folder, files, classes)
+    return replace(found, tracks=_has_tracks(files)), notes
+
+
+def _has_tracks(files: Sequence[Path]) -> bool:
+    """Whether a box, its score and a whole number that is no corner's stand in a line: a tracker wrote it."""
+    ends = (words[-1] for file in files for _, words in read_lines(file) if len(words) == 7)
+    return any(text.isdecimal() and int(text) > 1 for text in ends)
+
+
+def _numbered(folder: Path, files: Sequence[Path], classes: ClassMap) -> tuple[YoloClasses, tuple[str, ...]]:
+    """The numbers of the classes for their names."""
     numbers = Counter(_class_number(words[0]) for file in files for _, words in read_lines(file))
     texts = {n: str(n) for n in numbers if n is not None}
     if set(classes.renamed) & set(texts.values()):
@@ -168,6 +180,8 @@ def _yolo_row(where: str, words: list[str], size: tuple[int, int], classes: Yolo
         )
     if classes.key_points:
         words = words[:5]
+    elif classes.tracks and len(words) == 7:
+        words = words[:6]
     # coordinates come in pairs, so that an even count of columns has a score behind them
     scored = len(words) % 2 == 0
     told = words[1:-1] if scored else words[1:]
@@ -197,6 +211,16 @@ def _of_centre(shares: Sequence[float]) -> tuple[float, float, float, float]:
 def _around(shares: Sequence[float]) -> tuple[float, float, float, float]:
     x, y = shares[::2], shares[1::2]
     return (min(x), min(y), max(x), max(y))
+
+
+def refuse_track_numbers(folder: Path, rows: Sequence[LabelRow]) -> None:
+    """Raises RescoreError where the scores of all boxes are whole numbers above 0, as trackers number."""
+    scores = [r.score or 0.0 for r in rows]
+    if all(s.is_integer() and s > 0 for s in scores) and max(scores, default=0.0) > 1:
+        raise RescoreError(
+            f"{folder}: expected a score in the last column, got whole numbers in all {len(rows)} lines, as "
+            "of tracks; write scores too (save_conf=True)"
+        )
 
 
 def _numbers(names: Mapping[int, str]) -> str:

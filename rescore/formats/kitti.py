@@ -17,7 +17,7 @@ from recon.errors import RescoreError
 from recon.files import atomic_path
 from rescore.data.boxes3d import Boxes3D, BoxValues
 from rescore.data.frames import DataSet, frame_names
-from rescore.data.pictures import pictures_in
+from rescore.data.pictures import PICTURES, pictures_in
 from rescore.evidence.candidates import CandidateTable
 from rescore.formats.calibration_files import read_calibration
 from rescore.formats.folders import Layout, Pictures, data_set, files_of_frames, splits_of
@@ -182,11 +182,23 @@ def _class_notes(root: Path, classes: ClassMap, counts: Counter[str]) -> tuple[s
     return (*notes, *classes.notes(root / "label_2", rest))
 
 
+def _refuse_pictures(folder: Path) -> None:
+    """Raises RescoreError where a folder holds pictures: a file of boxes beside each would mix with them."""
+    held = folder.iterdir() if folder.is_dir() else ()
+    first = next((p for p in held if p.suffix.casefold() in PICTURES), None)
+    if first is not None:
+        raise RescoreError(
+            f"{folder}: expected a folder for files of boxes, got one of pictures, as {first.name}; name "
+            "another"
+        )
+
+
 def write_kitti_labels(folder: Path, data: DataSet) -> None:
     """Write the boxes of a data set, a file a frame; what is ignored is written as DontCare.
 
     Sizes and places in 3D are written as unknown where the data set does not state them.
     """
+    _refuse_pictures(folder)
     names = frame_names(data)
     for image_id, truth in data.truth.items():
         n = len(truth.annotation_id)
@@ -213,6 +225,7 @@ def write_kitti_detections(folder: Path, table: CandidateTable, score: FloatArra
 
     Alpha is that of the 3D box, where there is one, so that the two agree; else that of the azimuth.
     """
+    _refuse_pictures(folder)
     names = frame_names(data)
     lines: dict[int, list[str]] = {image_id: [] for image_id in names}
     boxes3d = Boxes3D.filled(table.boxes3d, len(table))

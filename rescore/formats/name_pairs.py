@@ -11,19 +11,20 @@ from rescore.formats.time_pairs import MAX_SECONDS_APART, nearest_pairs
 
 
 class Side(Enum):
-    """The words by which names tell a side: ``left``, an ``l`` that stands alone, an ``L`` behind a small
-    letter or before a number."""
+    """The words by which names tell a side: ``left``, an ``l`` that stands alone, an ``L`` behind a letter or
+    before a number, ``cam0``."""
 
-    LEFT = ("left", "l")
-    RIGHT = ("right", "r")
+    LEFT = ("left", "l", "0")
+    RIGHT = ("right", "r", "1")
 
     @property
     def words(self) -> re.Pattern[str]:
         """What a name of this side holds and one of the other does not."""
-        word, letter = self.value
+        word, letter, number = self.value
         alone = rf"(?<![A-Za-z]){letter}(?![A-Za-z])|(?<![A-Za-z]){letter.upper()}(?![A-Za-z])"
-        joined = rf"(?<=[a-z]){letter.upper()}(?=\d|[_-]|$)"
-        return re.compile(rf"(?i:{word})|{alone}|{joined}")
+        joined = rf"(?<=[A-Za-z]){letter.upper()}(?=\d|[_-]|$)"
+        camera = rf"(?i:cam(?:era)?[_-]?){number}(?!\d)"
+        return re.compile(rf"(?i:{word})|{camera}|{alone}|{joined}")
 
 
 def paired(lefts: Sequence[Path], others: Sequence[Path], side: Side) -> list[tuple[Path, Path]]:

@@ -16,7 +16,7 @@ from rescore.data.frames import DataSet, frame_names
 from rescore.data.pictures import by_stem
 from rescore.formats import coco, coco_dataset
 from rescore.formats.bags.reader import is_bag
-from rescore.formats.box_files import is_kitti_text, read_yolo, yolo_classes
+from rescore.formats.box_files import is_kitti_text, read_yolo, refuse_track_numbers, yolo_classes
 from rescore.formats.checked_json import first_difference
 from rescore.formats.folders import box_files_in, calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
@@ -143,7 +143,9 @@ def _rows(
         return [read_rows(p) for p in files], ()
     sizes = {f.image_id: (f.width_px, f.height_px) for f in data.frames}
     known, notes = yolo_classes(folder, files, classes)
-    return [read_yolo(p, *sizes[names[p.stem]], known) for p in files], notes
+    rows = [read_yolo(p, *sizes[names[p.stem]], known) for p in files]
+    refuse_track_numbers(folder, [r for own in rows for r in own])
+    return rows, notes
 
 
 def _detections(

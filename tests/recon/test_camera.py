@@ -167,6 +167,11 @@ def test_a_camera_under_the_ground_is_refused():
         GroundPlane(-1.0)
 
 
+def test_a_height_in_millimetres_is_refused():
+    with pytest.raises(RescoreError, match="expected height_m up to 200 m, got 1500; write metres"):
+        GroundPlane.stated(1500.0, None, None)
+
+
 def test_a_camera_that_leans_to_its_right_sees_the_ground_nearer_there():
     ground = GroundPlane(1.6, pitch_rad=0.02, roll_rad=0.03)
     pair = GroundedStereo(StereoCamera(CAMERA, 0.5), ground)

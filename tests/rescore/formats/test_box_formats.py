@@ -277,6 +277,24 @@ def test_a_polygon_with_a_score(tmp_path: Path) -> None:
     assert (table.xyxy_px.tolist(), table.score.tolist()) == ([[12, 16, 48, 32]], [0.75])
 
 
+def test_numbers_of_tracks_are_no_scores_and_no_corners(tmp_path: Path) -> None:
+    """With a score before it the number is left out, even where it could be a corner; alone it is refused."""
+    data = yolo(tmp_path / "data", "0 0.25 0.5 0.25 0.25 0.9 1\n0 0.5 0.5 0.25 0.25 0.8 2\n")
+    assert data.truth[1].xyxy_px.tolist() == [[12, 24, 36, 40], [36, 24, 60, 40]]
+    own.write_text(tmp_path / "found" / "classes.txt", "car\n")
+    own.write_text(tmp_path / "found" / "a.txt", "0 0.25 0.5 0.25 0.25 0.9 1\n0 0.5 0.5 0.25 0.25 0.8 2\n")
+    assert read_detections(tmp_path / "found", data).table.score.tolist() == [0.9, 0.8]
+    own.write_text(tmp_path / "found" / "a.txt", "0 0.25 0.5 0.25 0.25 1\n0 0.5 0.5 0.25 0.25 2\n")
+    with pytest.raises(RescoreError, match=r"found: .* got whole numbers in all 2 lines, as of tracks"):
+        read_detections(tmp_path / "found", data)
+
+
+def test_boxes_are_not_written_among_pictures(tmp_path: Path) -> None:
+    data = yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n")
+    with pytest.raises(RescoreError, match="left: expected a folder for files of boxes, got one of pictures"):
+        write_kitti_labels(tmp_path / "left", data)
+
+
 def test_class_numbers_without_names(tmp_path: Path) -> None:
     data = yolo(tmp_path, "0 0.25 0.5 0.25 0.25\n", None)
     assert data.truth[1].xyxy_px.tolist() == [[12, 24, 36, 40]]

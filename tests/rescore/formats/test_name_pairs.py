@@ -38,6 +38,10 @@ def pairs(lefts: str, others: str, side: Side = Side.RIGHT) -> dict[str, str]:
         ("a_000019_leftImg8bit", "a_000019_rightImg8bit", "a_000019_rightImg8bit"),
         ("leftcam_left_01", "rightcam_right_01", "rightcam_right_01"),
         ("Left-3", "Right-3", "Right-3"),
+        ("IMGL_0001 IMGL_0002", "IMGR_0001 IMGR_0002", "IMGR_0001 IMGR_0002"),
+        ("cam0_10 cam0_11", "cam1_10 cam1_11", "cam1_10 cam1_11"),
+        ("7_camera_0", "7_camera_1", "7_camera_1"),
+        ("cam0_TUNNEL_1", "cam1_TUNNEL_1", "cam1_TUNNEL_1"),
     ],
 )  # fmt: skip
 def test_right_pictures(lefts: str, others: str, expected: str) -> None:
