@@ -103,7 +103,7 @@ def disparity_of_scene(left_rgb: UInt8Array, right_rgb: UInt8Array, config: Sgbm
     """Left disparity as of ``compute_disparity``, searched no farther than the nearest surface of the scene.
 
     How far that is is told by the pictures at a quarter of their size. Searches of up to 64 disparities stay
-    as they are. Of a wider one little changes: fewer wrong matches compete, so that a little more is measured.
+    as they are. A wider one hardly changes: fewer wrong matches compete, so a little more is measured.
 
     Args:
         left_rgb: Left picture, shape (h, w, 3) uint8.
