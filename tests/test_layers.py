@@ -30,7 +30,7 @@ FLOORS = {
     "recon": (
         *(
             "errors arrays compiled",
-            "files reading workers boxes camera depth_map outlines view_bins pixels shape_matching",
+            "files reading workers boxes camera depth_map outlines view_bins pixels shapes",
             "shape_space view_looks",
         ),
         *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),

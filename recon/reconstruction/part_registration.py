@@ -15,7 +15,7 @@ from recon.class_model import ClassModel
 from recon.errors import Failure, Reason, RescoreError
 from recon.outlines import fill_polygon, largest_outline, mask_rings, resample
 from recon.reconstruction.segment import signed_distance
-from recon.shape_matching import ShapeContextConfig, match, shape_contexts, thin_plate_operator
+from recon.shapes.shape_matching import ShapeContextConfig, match, shape_contexts, thin_plate_operator
 
 
 @dataclass(frozen=True)

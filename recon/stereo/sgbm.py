@@ -121,14 +121,13 @@ def _search_of_scene(left_rgb: UInt8Array, right_rgb: UInt8Array, config: SgbmCo
     n, (height, width) = config.num_disparities, left_rgb.shape[:2]
     if n <= _SEARCHED_WHOLE or width < 2 * n or height < _COARSE * config.block_size:
         return config
-    small = (
-        cv2.resize(rgb, (width // _COARSE, height // _COARSE), interpolation=cv2.INTER_AREA)
+    size = (width // _COARSE, height // _COARSE)
+    left, right = (
+        np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
         for rgb in (left_rgb, right_rgb)
     )
-    speckle = config.speckle_window // _COARSE
-    coarse = compute_disparity(
-        *small, replace(config, num_disparities=-(-n // (16 * _COARSE)) * 16, speckle_window=speckle)
-    )
+    few, speckle = -(-n // (16 * _COARSE)) * 16, config.speckle_window // _COARSE
+    coarse = compute_disparity(left, right, replace(config, num_disparities=few, speckle_window=speckle))
     known = np.sort(coarse[np.isfinite(coarse)])
     beyond = coarse.size // _NEAR_SHARE
     if len(known) <= beyond:
