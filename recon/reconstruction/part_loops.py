@@ -35,14 +35,26 @@ class PartPixels(NamedTuple):
 
 
 @compiled
-def lowest_rows(labels: UInt8Array, label: int) -> IntArray:
-    """Last row of a part in each column of a window (h, w), -1 where it has none, shape (w,)."""
+def contacts(labels: UInt8Array, wanted: IntArray, tolerance_px: float) -> FloatArray:
+    """Middle column and lowest row of some parts of a window (h, w), shape (n, 2); NaN of one not there.
+
+    The middle is that of the columns whose lowest pixel is near the part's lowest.
+    """
     h, w = labels.shape
-    found = np.full(w, -1)
+    lowest, number = np.full((len(wanted), w), -1), np.full(256, -1)
+    for i in range(len(wanted)):
+        number[wanted[i]] = i
     for y in range(h):
         for x in range(w):
-            if labels[y, x] == label:
-                found[x] = y
+            i = number[labels[y, x]]
+            if i >= 0:
+                lowest[i, x] = y
+    found = np.full((len(wanted), 2), np.nan)
+    for i in range(len(wanted)):
+        last = lowest[i].max()
+        if last >= 0:
+            touching = np.flatnonzero(lowest[i] >= max(last - tolerance_px, 0))
+            found[i, 0], found[i, 1] = touching.mean(), last
     return found
 
 

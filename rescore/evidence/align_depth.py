@@ -12,6 +12,7 @@ are options:
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from math import ceil
 from typing import Protocol
 
 import numpy as np
@@ -181,12 +182,12 @@ def depth_range(measured: Float32Array, percent: tuple[float, float]) -> tuple[f
 
 def predicted_region(predicted: DepthMap, xyxy_px: FloatArray) -> BoolArray:
     """Pixels of the window that have a predicted depth and whose middle lies in the box, shape (h, w)."""
-    rows, columns = predicted.window
-    x = np.arange(columns.start, columns.stop) + 0.5
-    y = np.arange(rows.start, rows.stop) + 0.5
-    x0, y0, x1, y1 = xyxy_px
-    inside: BoolArray = ((y >= y0) & (y < y1))[:, None] & ((x >= x0) & (x < x1))[None, :]
-    return inside & np.isfinite(predicted.depth)
+    region = np.zeros(predicted.depth.shape, bool)
+    x0, y0, x1, y1 = (
+        max(0, ceil(edge - 0.5)) for edge in xyxy_px - np.tile([predicted.x0_px, predicted.y0_px], 2)
+    )
+    region[y0:y1, x0:x1] = np.isfinite(predicted.depth[y0:y1, x0:x1])
+    return region
 
 
 def _range(
