@@ -207,11 +207,13 @@ def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera)
     None where there is one foot, the middle is not on the ground, or the direction points along the ray.
     """
     first, last = at[:, 0].argmin(), at[:, 0].argmax()
+    if first == last:
+        return None
     up, camera = seen_from.ground.up, seen_from.camera
     middle = seen_from.ground_points_m(at.mean(axis=0))
     along = feet_cam[last] - feet_cam[first]
     along = along - (along @ up) * up
-    if first == last or not np.isfinite(middle).all() or np.linalg.norm(along) < 1e-6:
+    if not np.isfinite(middle).all() or along @ along < 1e-12:
         return None
     # how the pixel moves as the point moves, times the square of its depth
     (x, y, z), (dx, dy, dz) = middle.tolist(), along.tolist()

@@ -83,11 +83,15 @@ def match(
     """
     chi = chi_squared(a_context, b_context)
     a0, b0 = a_points - a_points.mean(axis=0), b_points - b_points.mean(axis=0)
-    spread = np.mean(a0**2) + np.mean(b0**2)
-    moved = ((a0**2).sum(axis=1)[:, None] + (b0**2).sum(axis=1) - 2 * a0 @ b0.T) / max(float(spread), 1e-12)
+    a_square, b_square = (a0 * a0).sum(axis=1), (b0 * b0).sum(axis=1)
+    weight = config.position_weight / max(float(a_square.mean() + b_square.mean()) / a0.shape[1], 1e-12)
+    cost = a0 @ (-2 * weight * b0.T)
+    cost += chi
+    cost += (weight * a_square)[:, None]
+    cost += weight * b_square
     from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 (a third of a second)
 
-    rows, partner = linear_sum_assignment(chi + config.position_weight * moved)
+    rows, partner = linear_sum_assignment(cost)
     return np.asarray(partner, np.intp), float(chi[rows, partner].mean())
 
 
