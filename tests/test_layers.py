@@ -29,7 +29,8 @@ ALLOWED = {
 FLOORS = {
     "recon": (
         *(
-            "errors arrays compiled",
+            "errors arrays",
+            "compiled",
             "files reading workers boxes camera depth_map outlines view_bins pixels shapes",
             "shape_space view_looks",
         ),
