@@ -188,7 +188,7 @@ class GroundedCamera:
         """Unit direction (3,) along the ground towards what is seen at a pixel (2,), camera frame."""
         ray = self.camera.rays(uv_px)
         forward = ray - (ray @ self.ground.up) * self.ground.up
-        return np.asarray(forward / np.linalg.norm(forward))
+        return np.asarray(forward / np.sqrt(forward @ forward))
 
     def height_above_ground_m(self, uv_px: FloatArray, depth_m: FloatArray) -> FloatArray:
         """Height above the ground (...) in metres of what is seen at pixels (..., 2) at depths (...)."""

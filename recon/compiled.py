@@ -9,6 +9,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+import numpy as np
+from numpy.polynomial import Chebyshev, Polynomial
+
+from recon.arrays import FloatArray
 
 
 def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
@@ -24,6 +28,13 @@ def exact(loop: Callable[..., Any]) -> Callable[..., Any]:
 def within(part: Callable[..., Any]) -> Callable[..., Any]:
     """A part of compiled loops, put into each in place of its calls, which makes small ones twice as fast."""
     return _made(part, inline="always", fastmath=_FREE)
+
+
+def on_unit(function: Callable[[FloatArray], FloatArray], count: int) -> tuple[np.float32, ...]:
+    """Coefficients, highest first, of the polynomial that is a function at the Chebyshev points of [0, 1]."""
+    points = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    fitted = Chebyshev.fit(points, function(points), count - 1, domain=(0, 1))
+    return tuple(fitted.convert(kind=Polynomial).coef[::-1].astype(np.float32))
 
 
 _FREE = {"contract", "arcp", "nsz"}

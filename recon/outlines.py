@@ -50,9 +50,12 @@ def largest(rings: Sequence[Int32Array]) -> FloatArray:
 def resample(outline: FloatArray, count: int) -> FloatArray:
     """``count`` points (count, d) evenly spaced along a closed outline (m, d), from its first point on."""
     closed = np.concatenate([outline, outline[:1]])
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0.0, length[-1], count, endpoint=False)
-    return np.stack([np.interp(at, length, closed[:, k]) for k in range(closed.shape[1])], axis=1)
+    steps, length = closed[1:] - closed[:-1], np.zeros(len(closed))
+    np.cumsum(np.sqrt((steps * steps).sum(axis=1)), out=length[1:])
+    at, found = np.arange(count) * (length[-1] / count), np.empty((count, closed.shape[1]))
+    for k in range(closed.shape[1]):
+        found[:, k] = np.interp(at, length, closed[:, k])
+    return found
 
 
 def canonical_ring(outline_m: FloatArray, normal: FloatArray, count: int) -> FloatArray:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.special import log_softmax
 
-from recon.arrays import Float32Array, FloatArray, UInt8Array
+from recon.arrays import Float32Array, FloatArray, UInt8Array, median
 from recon.errors import RescoreError
 from recon.view_bins import ViewBins
 
@@ -149,7 +149,7 @@ def box_features(rgb: UInt8Array, xyxy_px: FloatArray) -> FloatArray:
     gradients = np.ravel(_descriptor().compute(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)))
     lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB).astype(np.float32)
     quarter, half = _SIZE[1] // 4, _SIZE[1] // 2
-    paint = np.median(lab[quarter : quarter + half].reshape(-1, 3), axis=0)
+    paint = [median(channel.ravel()) for channel in np.moveaxis(lab[quarter : quarter + half], -1, 0)]
     grid = cv2.resize(lab, _COLOURS, interpolation=cv2.INTER_AREA)
     colours = np.tanh((grid - paint) / _COLOUR_UNIT) * _COLOUR_WEIGHT
     aspect = np.log(max(extent[0], 1.0) / max(extent[1], 1.0))

@@ -46,7 +46,7 @@ BOXES = 15
 RUNS = 5
 
 STAGES: dict[str, tuple[str, ...]] = {
-    "SGBM": ("recon.stereo.sgbm:compute_disparity",),
+    "SGBM": ("recon.stereo.sgbm:disparity_of_scene",),
     "ground": ("rescore.data.frames:estimate_ground",),
     "fits": ("rescore.evidence.instance_fits:fit_instances",),
     "looks": ("recon.view_looks:ViewLooks.log_density",),
@@ -59,8 +59,8 @@ STAGES: dict[str, tuple[str, ...]] = {
         "recon.reconstruction.segment:evolve",
     ),
     "outlines": ("recon.reconstruction.canonical_window:zero_level",),
-    "shape contexts": ("recon.shape_matching:shape_contexts",),
-    "matching": ("recon.shape_matching:match",),
+    "shape contexts": ("recon.shapes.shape_matching:shape_contexts",),
+    "matching": ("recon.shapes.shape_matching:match",),
     "thin plate": ("recon.reconstruction.part_registration:register_parts",),
     "part labels": ("recon.reconstruction.reconstruct:_part_labels",),
     "ground line": ("recon.reconstruction.ground_line:ground_line",),
@@ -246,7 +246,7 @@ def ways(pair: Pair) -> dict[str, Callable[[], object]]:
         given = Candidates(0, boxes, np.linspace(1, 0, n), np.linspace(0.9, 0.1, n), azimuth_deg)
 
         def run() -> object:
-            disparity = sgbm.compute_disparity(pair.left_rgb, pair.right_rgb, pair.sgbm)
+            disparity = sgbm.disparity_of_scene(pair.left_rgb, pair.right_rgb, pair.sgbm)
             frame = Frame(0, pair.left_rgb, disparity, pair.camera, pair.ground).with_stereo_ground()
             return rescore_frame(frame, given, model, how)
 

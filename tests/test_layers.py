@@ -29,8 +29,9 @@ ALLOWED = {
 FLOORS = {
     "recon": (
         *(
-            "errors arrays compiled",
-            "files reading workers boxes camera depth_map outlines view_bins pixels shape_matching",
+            "errors arrays",
+            "compiled",
+            "files reading workers boxes camera depth_map outlines view_bins pixels shapes",
             "shape_space view_looks",
         ),
         *("part_views", "class_model", "stereo", "learning", "reconstruction", "localization"),

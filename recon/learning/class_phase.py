@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 from recon.arrays import FloatArray
 from recon.learning.primitives import PrimitiveLibrary, affine_transform, apply_projective, nearest_on_outline
-from recon.shape_matching import ShapeContextConfig, match, shape_contexts
+from recon.shapes.shape_matching import ShapeContextConfig, match, shape_contexts
 
 MIN_FACING = 0.07
 """A plane turned to a view by a smaller cosine is seen edge-on, and explains no boundary there."""

@@ -23,7 +23,7 @@ from recon.learning.primitives import (
     projective_transform,
 )
 from recon.outlines import fill_polygon, largest_outline, resample
-from recon.shape_matching import ShapeContextConfig, match, shape_contexts
+from recon.shapes.shape_matching import ShapeContextConfig, match, shape_contexts
 from recon.view_bins import ViewBins, rotation
 from recon.workers import workers
 

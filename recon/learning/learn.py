@@ -15,7 +15,7 @@ from recon.learning.primitives import PrimitiveLibrary, lift
 from recon.learning.structure import Structure, solve_structure
 from recon.outlines import fill_polygon, largest_outline
 from recon.part_views import PartView, PartViews
-from recon.shape_matching import ShapeContextConfig
+from recon.shapes.shape_matching import ShapeContextConfig
 from recon.view_bins import ViewBins
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, median
 from recon.boxes import paired_overlap
 from recon.camera import GroundedStereo
 from recon.localization.box_samples import BoxSamples, DisparityNoise, SampleGrid, box_samples
@@ -399,7 +399,7 @@ def _main_distances(samples: BoxSamples, class_height_m: float, count: int) -> l
         if counts[best] < 0.1 * len(distance):
             break
         middle = edges[best] + _BIN / 2
-        found.append(float(np.exp(np.median(distance[np.abs(distance - middle) < 1.7 * _BIN]))))
+        found.append(float(np.exp(median(distance[np.abs(distance - middle) < 1.7 * _BIN]))))
         counts[max(0, best - 3) : best + 4] = 0
     return found
 

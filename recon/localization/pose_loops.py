@@ -2,7 +2,8 @@
 
 A pose is looked up in the maps of the class (``depth_views``), which lie in the upright plane through the
 middle of the instance: each ray of a sample meets that plane somewhere, and the map says there how far behind
-or before it the surface lies. A row of samples at a time, in steps that a processor does several at once.
+or before it the surface lies. All samples that a silhouette can reach are laid one after the other, and each
+loop over them does little, so that a processor does it for several at once.
 """
 
 from math import ceil, cos, exp, floor, log, pi, sin
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, IntArray
-from recon.compiled import compiled, within
+from recon.compiled import compiled, on_unit, within
 
 
 class Maps(NamedTuple):
@@ -103,8 +104,18 @@ class _Plane(NamedTuple):
     """Share of that map."""
 
 
-class _Row(NamedTuple):
-    """What a pose says of one row of samples: the fields of ``Explained``, and two steps on the way."""
+class _Seen(NamedTuple):
+    """The samples that a pose is asked about: some of the arrays of ``Samples``."""
+
+    right: Float32Array
+    away: Float32Array
+    up: Float32Array
+    disparity_px: Float32Array
+    log_background: Float32Array
+
+
+class _Said(NamedTuple):
+    """What a pose says of samples: the fields of ``Explained``, and two steps on the way."""
 
     forward: Float32Array
     cell: IntArray
@@ -112,6 +123,7 @@ class _Row(NamedTuple):
     spread_px: Float32Array
     residual: Float32Array
     weight: Float32Array
+    log_ratio: Float32Array
 
 
 _F = np.float32
@@ -120,8 +132,12 @@ _NEAREST_M = 0.3
 _WIDTHS_AWAY = 1.5
 _MARGIN_SHARE, _MARGIN_PX = 0.08, 1.0
 """From so many widths away on, a silhouette reaches beyond its box by no more than this."""
-_NOTHING = 20.0
+_NOTHING = _F(20)
 """Half the square of a residual beyond which the surface adds nothing to the density: some millionths."""
+_ROOT = on_unit(lambda t: np.exp(-t * 20 / 16), 8)
+"""The 16th root of exp(-20 t), to 1e-7."""
+_LOG, _LOG_2 = on_unit(np.log1p, 10), _F(log(2))
+"""log(1 + t), to 1e-7."""
 
 
 @within
@@ -203,51 +219,84 @@ def _plane(place: Any, shape: int, maps: Any, rig: Any, noise: Any, weight: floa
 
 
 @within
-def _explain_row(
-    begin: int, count: int, samples: Any, plane: Any, maps: Any, noise: Any, fine: bool, row: Any
-) -> None:
-    """Write what a pose says of ``count`` samples from ``begin`` on."""
+def _reach(b: int, r0: int, r1: int, c0: int, c1: int, samples: Any, seen: Any) -> int:
+    """Write the samples of some rows and columns of box b to ``seen``; their number."""
+    n = 0
+    for r in range(r0, r1):
+        first = (b * samples.rows + r) * samples.columns + c0
+        for j in range(c1 - c0):
+            seen.right[n + j], seen.away[n + j] = samples.right[first + j], samples.away[first + j]
+            seen.up[n + j], seen.disparity_px[n + j] = samples.up[first + j], samples.disparity_px[first + j]
+            seen.log_background[n + j] = samples.log_background[first + j]
+        n += max(c1 - c0, 0)
+    return n
+
+
+@within
+def _explain(count: int, seen: Any, plane: Any, maps: Any, noise: Any, fine: bool, said: Any) -> None:
+    """Write what a pose says of ``count`` samples, but for their log ratios."""
     zero, one, half = _F(0), _F(1), _F(0.5)
     middle, last_row, last_column = _F(maps.columns // 2 + 0.5), _F(maps.rows - 1), _F(maps.columns - 1)
     for j in range(count):
-        x, y, z = samples.right[begin + j], samples.away[begin + j], samples.up[begin + j]
+        x, y, z = seen.right[j], seen.away[j], seen.up[j]
         # what lies behind the camera is cut off at the border of the map, which is empty
         forward = max(x * plane.sine + y * plane.cosine, _F(1e-6))
         depth = plane.distance / forward
         up = min(max(depth * z + plane.ground, zero), last_row)
         across = min(max(depth * (x * plane.cosine - y * plane.sine) + middle, zero), last_column)
-        row.forward[j] = forward
-        row.cell[j] = np.int32(up) * np.int32(maps.columns) + np.int32(across)
+        said.forward[j] = forward
+        said.cell[j] = np.int32(up) * np.int32(maps.columns) + np.int32(across)
     if fine:
         share, rest = plane.share, one - plane.share
         for j in range(count):
-            low, high = plane.low + row.cell[j], plane.high + row.cell[j]
+            low, high = plane.low + said.cell[j], plane.high + said.cell[j]
             relief, other = maps.relief_m[low], maps.relief_m[high]
             mixed = rest * relief + share * other
             nearer = relief if share < half else other
-            row.predicted_px[j] = nearer if np.isnan(mixed) else mixed
-            row.weight[j] = rest * maps.inset_m[low] + share * maps.inset_m[high]
+            said.predicted_px[j] = nearer if np.isnan(mixed) else mixed
+            said.weight[j] = rest * maps.inset_m[low] + share * maps.inset_m[high]
     else:
         for j in range(count):
-            row.predicted_px[j] = maps.relief_m[plane.low + row.cell[j]]
-            row.weight[j] = maps.inset_m[plane.low + row.cell[j]]
+            said.predicted_px[j] = maps.relief_m[plane.low + said.cell[j]]
+            said.weight[j] = maps.inset_m[plane.low + said.cell[j]]
     variance = _F(noise.sd_px * noise.sd_px)
     for j in range(count):
-        predicted = plane.focal_baseline * row.forward[j]
-        predicted /= plane.distance_m + row.predicted_px[j] * plane.scale
+        predicted = plane.focal_baseline * said.forward[j]
+        predicted /= plane.distance_m + said.predicted_px[j] * plane.scale
         spread = np.sqrt(variance + predicted * predicted * plane.slack * plane.slack)
-        row.predicted_px[j], row.spread_px[j] = predicted, spread
-        row.residual[j] = (samples.disparity_px[begin + j] - predicted) / spread
-        row.weight[j] = min(row.weight[j] * plane.per_margin, one) * plane.weight
+        said.predicted_px[j], said.spread_px[j] = predicted, spread
+        said.residual[j] = (seen.disparity_px[j] - predicted) / spread
+        said.weight[j] = min(said.weight[j] * plane.per_margin, one) * plane.weight
 
 
 @within
-def _log_density(residual: float, spread_px: float, noise: Any, logs: tuple[float, float]) -> float:
-    """Log density of a measurement; ``logs`` are those of ``before`` and ``behind``."""
-    half = 0.5 * residual * residual
-    if half >= _NOTHING:
-        return logs[0] if residual > 0 else logs[1]
-    return log(noise.peak * exp(-half) / spread_px + (noise.before if residual > 0 else noise.behind))
+def _log_ratios(count: int, seen: Any, noise: Any, said: Any) -> None:
+    """Write the log ratios of samples, each times its weight; 0 where nothing is measured.
+
+    Polynomials stand in for exp and log, which a processor does not do for several numbers at once.
+    """
+    peak, before, behind = _F(noise.peak), _F(noise.before), _F(noise.behind)
+    bits = said.log_ratio.view(np.int32)
+    for j in range(count):
+        half = min(_F(0.5) * said.residual[j] * said.residual[j], _NOTHING)
+        t = half * (_F(1) / _NOTHING)
+        bell = ((_ROOT[0] * t + _ROOT[1]) * t + _ROOT[2]) * t + _ROOT[3]
+        bell = (((bell * t + _ROOT[4]) * t + _ROOT[5]) * t + _ROOT[6]) * t + _ROOT[7]
+        bell *= bell
+        bell *= bell
+        bell *= bell
+        bell *= bell
+        said.log_ratio[j] = peak * bell / said.spread_px[j] + (before if said.residual[j] > 0 else behind)
+    for j in range(count):
+        said.forward[j] = _F((bits[j] >> 23) - 127)
+        bits[j] = (bits[j] & 0x7FFFFF) | 0x3F800000
+    for j in range(count):
+        t = said.log_ratio[j] - _F(1)
+        above = ((_LOG[0] * t + _LOG[1]) * t + _LOG[2]) * t + _LOG[3]
+        above = (((above * t + _LOG[4]) * t + _LOG[5]) * t + _LOG[6]) * t + _LOG[7]
+        density = said.forward[j] * _LOG_2 + (above * t + _LOG[8]) * t + _LOG[9]
+        ratio = (density - seen.log_background[j]) * said.weight[j]
+        said.log_ratio[j] = _F(0) if np.isnan(said.residual[j]) else ratio
 
 
 @compiled
@@ -277,9 +326,10 @@ def scan(
         boxes: Written to.
         ratio: Written to.
     """
-    space, cell = np.empty((5, samples.columns), np.float32), np.empty(samples.columns, np.int32)
-    row = _Row(space[0], cell, space[1], space[2], space[3], space[4])
-    logs = (log(noise.before), log(noise.behind))
+    size = samples.rows * samples.columns
+    space, cell = np.empty((11, size), np.float32), np.empty(size, np.int32)
+    seen = _Seen(space[0], space[1], space[2], space[3], space[4])
+    said = _Said(space[5], cell, space[6], space[7], space[8], space[9], space[10])
     for i in range(len(place)):
         b, box = owner[i], boxes[i]
         r0, r1, c0, c1 = 0, samples.rows, 0, samples.columns
@@ -288,14 +338,12 @@ def scan(
             c0, c1 = _reached(box[0], box[2], u0, u1, samples.columns)
             r0, r1 = _reached(box[1], box[3], v0, v1, samples.rows)
         plane = _plane(place[i], shape[i], maps, rig, noise, samples.weight[b], fine)
+        n = _reach(b, r0, r1, c0, c1, samples, seen)
+        _explain(n, seen, plane, maps, noise, fine, said)
+        _log_ratios(n, seen, noise, said)
         total = 0.0
-        for r in range(r0, r1):
-            begin = (b * samples.rows + r) * samples.columns + c0
-            _explain_row(begin, c1 - c0, samples, plane, maps, noise, fine, row)
-            for j in range(c1 - c0):
-                if not np.isnan(row.residual[j]):
-                    density = _log_density(row.residual[j], row.spread_px[j], noise, logs)
-                    total += (density - samples.log_background[begin + j]) * row.weight[j]
+        for j in range(n):
+            total += said.log_ratio[j]
         ratio[i] = total
 
 
@@ -311,15 +359,12 @@ def look(
     found: Float32Array,
 ) -> None:
     """Write what one pose says of each sample of box b, the fields of ``Explained`` (5, rows, columns)."""
-    forward, cell = np.empty(samples.columns, np.float32), np.empty(samples.columns, np.int32)
-    logs = (log(noise.before), log(noise.behind))
+    size = samples.rows * samples.columns
+    own = slice(b * size, (b + 1) * size)
+    rays = (samples.right[own], samples.away[own], samples.up[own])
+    seen = _Seen(rays[0], rays[1], rays[2], samples.disparity_px[own], samples.log_background[own])
+    forward, cell, flat = np.empty(size, np.float32), np.empty(size, np.int32), found.reshape(5, size)
+    said = _Said(forward, cell, flat[1], flat[2], flat[3], flat[4], flat[0])
     plane = _plane(place, shape, maps, rig, noise, samples.weight[b], True)
-    for r in range(samples.rows):
-        row = _Row(forward, cell, found[1, r], found[2, r], found[3, r], found[4, r])
-        begin = (b * samples.rows + r) * samples.columns
-        _explain_row(begin, samples.columns, samples, plane, maps, noise, True, row)
-        for j in range(samples.columns):
-            found[0, r, j] = 0.0
-            if not np.isnan(row.residual[j]):
-                density = _log_density(row.residual[j], row.spread_px[j], noise, logs)
-                found[0, r, j] = (density - samples.log_background[begin + j]) * row.weight[j]
+    _explain(size, seen, plane, maps, noise, True, said)
+    _log_ratios(size, seen, noise, said)

@@ -190,19 +190,15 @@ def _contacts(
     That is the middle of the columns that touch, and the lower edge of the lowest pixel, where the object
     ends.
     """
-    labels, width = parts.labels, parts.labels.shape[1]
+    from recon.reconstruction.part_loops import contacts  # noqa: PLC0415 (half a second with Numba)
+
     if not parts.area_px:
         return {}
     tolerance = max(1.0, config.contact_height * (parts.rows[1] - parts.rows[0] + 1))
-    found: dict[int, FloatArray] = {}
-    for label in (k for k in ground_labels if k in parts.area_px):
-        row, column = np.divmod(np.flatnonzero(labels == label), width)
-        lowest = np.full(width, -1)
-        # rows come in their order, and the last one stays
-        lowest[column] = row
-        touching = np.flatnonzero(lowest >= max(row[-1] - tolerance, 0))
-        found[label] = np.array([parts.x0_px + touching.mean(), parts.y0_px + row[-1] + 0.5])
-    return found
+    wanted = [k for k in ground_labels if k in parts.area_px]
+    found = contacts(parts.labels, np.array(wanted, np.int64), tolerance)
+    found += np.array([parts.x0_px, parts.y0_px + 0.5])
+    return dict(zip(wanted, found, strict=True))
 
 
 def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera) -> float | None:
@@ -211,11 +207,13 @@ def _view_slope(at: FloatArray, feet_cam: FloatArray, seen_from: GroundedCamera)
     None where there is one foot, the middle is not on the ground, or the direction points along the ray.
     """
     first, last = at[:, 0].argmin(), at[:, 0].argmax()
+    if first == last:
+        return None
     up, camera = seen_from.ground.up, seen_from.camera
     middle = seen_from.ground_points_m(at.mean(axis=0))
     along = feet_cam[last] - feet_cam[first]
     along = along - (along @ up) * up
-    if first == last or not np.isfinite(middle).all() or np.linalg.norm(along) < 1e-6:
+    if not np.isfinite(middle).all() or along @ along < 1e-12:
         return None
     # how the pixel moves as the point moves, times the square of its depth
     (x, y, z), (dx, dy, dz) = middle.tolist(), along.tolist()

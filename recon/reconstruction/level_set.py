@@ -7,27 +7,16 @@ arrays would go through memory for every look. Importing this imports Numba.
 import math
 
 import numpy as np
-from numpy.polynomial import Chebyshev, Polynomial
 
-from recon.arrays import Float32Array, FloatArray
-from recon.compiled import compiled
+from recon.arrays import Float32Array
+from recon.compiled import compiled, on_unit
 
 _ZERO, _HALF, _ONE, _FOUR, _TINY = (np.float32(v) for v in (0, 0.5, 1, 4, 1e-10))
 
 
-def _on_unit(values: FloatArray) -> tuple[np.float32, ...]:
-    """Coefficients, highest first, of the polynomial through values at the Chebyshev points of [0, 1]."""
-    fitted = Chebyshev.fit(_points(len(values)), values, len(values) - 1, domain=(0, 1))
-    return tuple(fitted.convert(kind=Polynomial).coef[::-1].astype(np.float32))
-
-
-def _points(count: int) -> FloatArray:
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count))
-
-
-_WAVE = _on_unit(np.sinc(2 * np.sqrt(_points(8))))
+_WAVE = on_unit(lambda s: np.sinc(2 * np.sqrt(s)), 8)
 """sin(2 pi s) / (2 pi s) by the square of s in [0, 1], to 2e-6."""
-_BELL = _on_unit(np.cos(np.pi * np.sqrt(_points(6))))
+_BELL = on_unit(lambda t: np.cos(np.pi * np.sqrt(t)), 6)
 """cos(pi t) by the square of t in [0, 1], to 2e-6."""
 
 

@@ -10,12 +10,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from recon.arrays import Float32Array, FloatArray, UInt8Array
+from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason, RescoreError
 from recon.outlines import fill_polygon, largest_outline, mask_rings, resample
 from recon.reconstruction.segment import signed_distance
-from recon.shape_matching import ShapeContextConfig, match, shape_contexts, thin_plate_operator
+from recon.shapes.shape_matching import ShapeContextConfig, match, shape_contexts, thin_plate_operator
 
 
 @dataclass(frozen=True)
@@ -179,12 +179,18 @@ def _without_jumps(outline: FloatArray, targets: FloatArray, limit_px: float) ->
     The spline would follow a single false match and fold the parts over one another.
     """
     moved = targets - outline
-    around = (np.arange(len(moved))[:, None] + np.arange(-5, 6)) % len(moved)
-    usual = np.sort(moved.T.take(around, axis=1), axis=2)[..., 5].T
-    good = np.linalg.norm(moved - usual, axis=1) <= limit_px
+    usual = np.sort(moved.T.take(_around(len(moved)), axis=1), axis=2)[..., 5].T
+    off = moved - usual
+    good = (off * off).sum(axis=1) <= limit_px**2
     if good.all() or not good.any():
         return targets
     index = np.arange(len(moved))
     known = index[good]
     led = [np.interp(index, known, moved[good, k], period=len(moved)) for k in range(2)]
     return np.asarray(outline + np.stack(led, axis=1))
+
+
+@lru_cache(maxsize=4)
+def _around(count: int) -> IntArray:
+    """The eleven points around each of a closed outline, itself in their middle, shape (count, 11)."""
+    return (np.arange(count)[:, None] + np.arange(-5, 6)) % count

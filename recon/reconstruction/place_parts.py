@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import asin, degrees
 
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.arrays import Float32Array, FloatArray, UInt8Array, median
+from recon.arrays import Float32Array, FloatArray, median
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
 from recon.reconstruction.ground_line import GroundLine
@@ -42,34 +42,57 @@ class PlacedParts:
     """Share of the labelled pixels with a depth, in [0, 1]."""
 
 
-class SeenParts:
+class _SeenParts:
     """The parts of a labelled window as rays meet their planes: all that no place of a plane changes."""
 
     def __init__(self, parts: PartLabels, camera: PinholeCamera, normals: Mapping[int, FloatArray]) -> None:
         """Looks at the parts of a picture of a camera with unit plane normals in its frame, by label."""
-        self.shape = parts.labels.shape
-        self.normals = normals
-        self.area = sum(parts.area_px.values())
-        across, down = parts.rays(camera)
-        self.ray_x, self.ray_y = (np.broadcast_to(v, self.shape).ravel() for v in (across, down[:, None]))
-        """x and y of the viewing rays with z = 1 of all pixels of the window."""
-        flat = parts.labels.ravel()
-        self.pixels = {k: np.flatnonzero(flat == k) for k in parts.area_px}
-        """Flat indices of the pixels of each part."""
-        self.facing: dict[int, FloatArray] = {}
-        """Rays of these pixels times the normal of the part."""
-        self.sine: dict[int, float] = {}
-        """Mean sine of the angle at which they meet its plane."""
-        for k in self.pixels.keys() & normals.keys():
-            x, y = self.ray_x.take(self.pixels[k]), self.ray_y.take(self.pixels[k])
-            a, b, c = normals[k].tolist()
-            self.facing[k] = a * x + b * y + c
-            self.sine[k] = float((np.abs(self.facing[k]) / np.sqrt(x * x + y * y + 1)).mean())
-        self.beyond, self.adjoining = _neighbours(parts.labels)
+        from recon.reconstruction.part_loops import part_pixels  # noqa: PLC0415 (half a second with Numba)
 
-    def edge_on(self, label: int, config: PlacingConfig) -> bool:
-        """Whether the plane of a part is seen at too small an angle."""
-        return bool(self.sine[label] < np.sin(config.min_angle_rad))
+        self.shape, self.area = parts.labels.shape, parts.area_px
+        self.across, self.down = parts.rays(camera)
+        self.normals = np.full((256, 3), np.nan)
+        for label, normal in normals.items():
+            self.normals[label] = normal
+        self.pixels = part_pixels(parts.labels, self.across, self.down, self.normals)
+
+    def placed(
+        self,
+        known_m: Mapping[int, FloatArray],
+        depth_limits_m: tuple[float, float],
+        config: PlacingConfig,
+    ) -> "PlacedParts":
+        """The planes that follow from known points (3,) or (m, 3) of some parts, by label."""
+        from recon.reconstruction.part_loops import spread  # noqa: PLC0415 (half a second with Numba)
+
+        ready, level, kept = np.zeros(256, bool), np.empty(256), np.empty(256)
+        state, depth = np.empty(256, np.uint8), np.empty(self.shape)
+        for label in known_m.keys() & self.area.keys():
+            ready[label] = True
+            level[label] = median(np.atleast_2d(known_m[label]) @ self.normals[label])
+        rays = (self.across, self.down, self.normals)
+        limits = (*depth_limits_m, float(np.sin(config.min_angle_rad)))
+        order = spread(self.pixels, *rays, ready, level, *limits, state, kept, depth.reshape(-1)).tolist()
+        planes = dict(zip(order, np.column_stack([self.normals, -level])[order], strict=True))
+        unplaced = {k: self._why_not(k, int(state[k]), float(kept[k])) for k in self.area if k not in planes}
+        share = int(np.isfinite(depth).sum()) / max(sum(self.area.values()), 1)
+        return PlacedParts(planes, unplaced, depth.astype(np.float32), share)
+
+    def faces(self, label: int, config: PlacingConfig) -> bool:
+        """Whether the plane of a part is known and not seen edge-on."""
+        return bool(self.pixels.sine[label] >= np.sin(config.min_angle_rad))
+
+    def _why_not(self, label: int, state: int, kept: float) -> str:
+        """Why a part has no plane."""
+        from recon.reconstruction.part_loops import BEYOND, EDGE_ON, WITHOUT_PLANE  # noqa: PLC0415 (as above)
+
+        if state == WITHOUT_PLANE:
+            return "the class model has no plane for it"
+        if state == EDGE_ON:
+            return f"seen edge-on, at {degrees(asin(self.pixels.sine[label])):.1f} degrees"
+        if state == BEYOND:
+            return f"{1 - kept:.0%} of its depth lies beyond the object"
+        return "touches no placed part"
 
 
 def place_parts(
@@ -94,103 +117,7 @@ def place_parts(
         depth_limits_m: nearest and farthest depth that the object can have.
         config: settings.
     """
-    return _placed(SeenParts(parts, camera, normals), ground_points_m, depth_limits_m, config)
-
-
-def _placed(
-    seen: SeenParts,
-    ground_points_m: Mapping[int, FloatArray],
-    depth_limits_m: tuple[float, float],
-    config: PlacingConfig,
-) -> PlacedParts:
-    state = _Placing(seen, depth_limits_m, config)
-    ready = {k: np.atleast_2d(points) for k, points in ground_points_m.items() if k in seen.pixels}
-    # a ray along the plane never meets it
-    with np.errstate(divide="ignore"):
-        while ready:
-            for label, points in ready.items():
-                state.place(label, points)
-            ready = {label: points for label in state.left if len(points := state.border_points(label))}
-    for label in state.left:
-        state.unplaced[label] = "touches no placed part"
-    depth = state.depth.reshape(seen.shape).astype(np.float32)
-    share = state.with_depth / max(seen.area, 1)
-    return PlacedParts(state.planes, state.unplaced, depth, share)
-
-
-class _Placing:
-    """What is known while the planes spread."""
-
-    def __init__(self, seen: SeenParts, depth_limits_m: tuple[float, float], config: PlacingConfig) -> None:
-        self.seen = seen
-        self.limits = depth_limits_m
-        self.config = config
-        self.depth = np.full(len(seen.ray_x), np.nan)
-        self.with_depth = 0
-        self.planes: dict[int, FloatArray] = {}
-        self.unplaced: dict[int, str] = {}
-
-    @property
-    def left(self) -> list[int]:
-        """Labels of the parts that are neither placed nor given up."""
-        return [k for k in self.seen.pixels if k not in self.planes and k not in self.unplaced]
-
-    def place(self, label: int, points_m: FloatArray) -> None:
-        """Give a part its plane through known points (m, 3) and its pixels their depth, or say why not."""
-        seen, normal = self.seen, self.seen.normals.get(label)
-        if normal is None:
-            self.unplaced[label] = "the class model has no plane for it"
-            return
-        if seen.edge_on(label, self.config):
-            angle_deg = np.rad2deg(np.arcsin(seen.sine[label]))
-            self.unplaced[label] = f"seen edge-on, at {angle_deg:.1f} degrees"
-            return
-        d = -median(points_m @ normal)
-        depth = -d / seen.facing[label]
-        good = (depth >= self.limits[0]) & (depth <= self.limits[1])
-        number = int(np.count_nonzero(good))
-        if number < 0.5 * len(good):
-            self.unplaced[label] = f"{1 - number / len(good):.0%} of its depth lies beyond the object"
-            return
-        self.planes[label] = np.append(normal, d)
-        self.depth[seen.pixels[label]] = depth if number == len(good) else np.where(good, depth, np.nan)
-        self.with_depth += number
-
-    def border_points(self, label: int) -> FloatArray:
-        """3D points (m, 3) of placed neighbours along their borders with a part."""
-        seen = self.seen
-        if seen.adjoining.get(label, _NONE).isdisjoint(self.planes):
-            return _NOWHERE
-        beyond = seen.beyond[label]
-        depth = self.depth.take(beyond)
-        known = np.isfinite(depth)
-        beyond, depth = beyond[known], depth[known]
-        points = np.stack([seen.ray_x.take(beyond), seen.ray_y.take(beyond), np.ones(len(beyond))], axis=1)
-        return np.asarray(points * depth[:, None])
-
-
-_NONE: frozenset[int] = frozenset()
-_NOWHERE = np.zeros((0, 3))
-
-
-def _neighbours(labels: UInt8Array) -> tuple[dict[int, NDArray[np.intp]], dict[int, frozenset[int]]]:
-    """Flat indices (m,) of the pixels of other parts along the border of each, and the labels of these parts.
-
-    Neighbours in a row or in a column; a pixel counts as often as it adjoins the part.
-    """
-    flat, width = labels.ravel(), labels.shape[1]
-    across = np.flatnonzero(flat[1:] != flat[:-1])
-    across = across[(across + 1) % width > 0]
-    down = np.flatnonzero(flat[width:] != flat[:-width])
-    a = np.concatenate([across, down])
-    b = np.concatenate([across + 1, down + width])
-    both = (flat.take(a) > 0) & (flat.take(b) > 0)
-    a, b = a[both], b[both]
-    own, other = np.concatenate([a, b]), np.concatenate([b, a])
-    label, beyond = flat.take(own), flat.take(other)
-    found = {k: label == k for k in np.flatnonzero(np.bincount(label)).tolist()}
-    adjoining = {k: frozenset(np.flatnonzero(np.bincount(beyond[of])).tolist()) for k, of in found.items()}
-    return {k: other[of] for k, of in found.items()}, adjoining
+    return _SeenParts(parts, camera, normals).placed(ground_points_m, depth_limits_m, config)
 
 
 @lru_cache(maxsize=8)
@@ -213,18 +140,18 @@ def place_instance(
     outlines, planes, diagonal = _arrays(model)
     turned = planes[:, :3] @ cam_from_object.T
     normals = {p.label: normal for p, normal in zip(model.parts, turned, strict=True)}
-    seen = SeenParts(parts, camera, normals)
+    seen = _SeenParts(parts, camera, normals)
     depth = float(np.mean([p[2] for p in line.points_m.values()]))
     scale = _metres_per_unit(parts, depth, outlines @ cam_from_object[0], camera)
     # the object's size: the diagonal of the model's extents
     reach = config.max_depth_range * scale * diagonal
     limits = (max(depth - reach, 1e-3), depth + reach)
-    placed = _placed(seen, line.points_m, limits, config)
+    placed = seen.placed(line.points_m, limits, config)
     if placed.placed_share >= config.min_placed:
         return placed
     stand_in = _stand_in(seen, placed, line.points_m, scale, cam_from_object, model, config)
     on_ground = {k: p for k, p in line.points_m.items() if k in placed.planes}
-    again = _placed(seen, on_ground | stand_in, limits, config)
+    again = seen.placed(on_ground | stand_in, limits, config)
     if again.placed_share <= placed.placed_share:
         return placed
     # why the parts on the ground have no plane was found in the first round
@@ -233,7 +160,7 @@ def place_instance(
 
 
 def _stand_in(
-    seen: SeenParts,
+    seen: _SeenParts,
     placed: PlacedParts,
     points_m: Mapping[int, FloatArray],
     metres_per_unit: float,
@@ -247,9 +174,9 @@ def _stand_in(
     and lies as far from the ground contacts as in the class model.
     """
     shown = {
-        k: seen.sine[k] * len(pixels)
-        for k, pixels in seen.pixels.items()
-        if k in seen.normals and k not in placed.planes and k not in points_m and not seen.edge_on(k, config)
+        k: seen.pixels.sine[k] * area
+        for k, area in seen.area.items()
+        if k not in placed.planes and k not in points_m and seen.faces(k, config)
     }
     if not shown:
         return {}

@@ -1,6 +1,6 @@
 """Reconstruction of candidates (section 4): outline, parts, ground line, planes, predicted depth."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -18,6 +18,7 @@ from recon.reconstruction.part_labels import PartLabels
 from recon.reconstruction.part_registration import (
     CanonicalGrid,
     PreparedView,
+    RegisteredParts,
     RegistrationConfig,
     prepare_view,
     register_parts,
@@ -83,6 +84,15 @@ class Reconstruction:
     leave it out."""
 
 
+@dataclass(frozen=True, eq=False)
+class RegisteredOutline:
+    """An outline in a box, and the parts of a view registered to it, canonical coordinates."""
+
+    outline: FloatArray
+    """Shape (m, 2)."""
+    parts: RegisteredParts
+
+
 def reconstruct(
     rgb: UInt8Array,
     xyxy_px: FloatArray,
@@ -90,6 +100,7 @@ def reconstruct(
     model: ClassModel,
     seen_from: GroundedCamera,
     config: ReconstructConfig | None = None,
+    known: Mapping[int, RegisteredOutline] | None = None,
 ) -> tuple[Reconstruction | Failure, ...]:
     """The 3D instance in each box, or why there is none; one result a box, in order.
 
@@ -100,6 +111,7 @@ def reconstruct(
         model: the class model.
         seen_from: the camera M and the ground plane Q_g.
         config: settings; None for the defaults.
+        known: outlines that are found and registered already, by their places among the boxes.
 
     Raises:
         RescoreError: the model has no labelled view of a bin, or the picture and the camera differ in size.
@@ -118,13 +130,22 @@ def reconstruct(
         check_box(box, view.grid, (rgb.shape[1], rgb.shape[0]), config)
         for box, view in zip(boxes, views, strict=True)
     ]
-    todo = [i for i, result in enumerate(results) if result is None]
+    registered: dict[int, RegisteredOutline | Failure] = dict(known or {})
+    todo = [i for i, result in enumerate(results) if result is None and i not in registered]
     outlines = segment(rgb, boxes[todo], [views[i] for i in todo], config)
     for i, outline in zip(todo, outlines, strict=True):
+        registered[i] = register(outline, views[i], config.registration)
+    for i in (i for i, result in enumerate(results) if result is None):
+        found = registered[i]
         results[i] = (
-            outline
-            if isinstance(outline, Failure)
-            else _from_outline(outline, boxes[i], views[i], seen_from, config)
+            found
+            if isinstance(found, Failure)
+            else _instance(
+                _shown(found, grid_to_image(views[i].grid, boxes[i]), views[i]),
+                view_rotation(views[i], boxes[i], seen_from),
+                seen_from,
+                config,
+            )
         )
     return tuple(r for r in results if r is not None)
 
@@ -156,9 +177,10 @@ def reconstruct_outline(
     if failure is not None:
         return (failure,) * len(turns_rad)
     to_image = grid_to_image(view.grid, box)
-    shown = _register((ring_px - to_image.shift) / to_image.scale, to_image, view, config)
-    if isinstance(shown, Failure):
-        return (shown,) * len(turns_rad)
+    found = register((ring_px - to_image.shift) / to_image.scale, view, config.registration)
+    if isinstance(found, Failure):
+        return (found,) * len(turns_rad)
+    shown = _shown(found, to_image, view)
     level = view_rotation(view, box, seen_from)
     return tuple(_instance(shown, level @ _about_z(-turn), seen_from, config) for turn in turns_rad)
 
@@ -204,28 +226,19 @@ class _RegisteredView:
         return float(self.to_image(np.array([0.0, grid.margin_px + grid.box_height_px - 0.5]))[1])
 
 
-def _register(
-    outline: FloatArray, to_image: GridToImage, view: PreparedView, config: ReconstructConfig
-) -> _RegisteredView | Failure:
-    """The view deformed to an outline (m, 2) in canonical coordinates."""
-    parts = register_parts(outline, view, config.registration)
-    if isinstance(parts, Failure):
-        return parts
-    return _RegisteredView(view, parts.cost, to_image, to_image(outline), to_image(parts.points))
+def register(
+    outline: FloatArray | Failure, view: PreparedView, config: RegistrationConfig
+) -> RegisteredOutline | Failure:
+    """An outline (m, 2) in canonical coordinates with the parts of a view; why not where there is none."""
+    if isinstance(outline, Failure):
+        return outline
+    parts = register_parts(outline, view, config)
+    return parts if isinstance(parts, Failure) else RegisteredOutline(outline, parts)
 
 
-def _from_outline(
-    outline: FloatArray,
-    box_px: FloatArray,
-    view: PreparedView,
-    seen_from: GroundedCamera,
-    config: ReconstructConfig,
-) -> Reconstruction | Failure:
-    """The reconstruction from an outline on: parts registered, ground line found, planes placed."""
-    shown = _register(outline, grid_to_image(view.grid, box_px), view, config)
-    if isinstance(shown, Failure):
-        return shown
-    return _instance(shown, view_rotation(view, box_px, seen_from), seen_from, config)
+def _shown(found: RegisteredOutline, to_image: GridToImage, view: PreparedView) -> _RegisteredView:
+    outline_px, points_px = to_image(found.outline), to_image(found.parts.points)
+    return _RegisteredView(view, found.parts.cost, to_image, outline_px, points_px)
 
 
 def _instance(

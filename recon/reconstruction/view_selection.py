@@ -29,9 +29,15 @@ from recon.reconstruction.part_registration import (
     PreparedView,
     canonical_grid,
     prepare_view,
-    register_parts,
 )
-from recon.reconstruction.reconstruct import ReconstructConfig, check_aspect, check_extent, segment
+from recon.reconstruction.reconstruct import (
+    ReconstructConfig,
+    RegisteredOutline,
+    check_aspect,
+    check_extent,
+    register,
+    segment,
+)
 
 COST_TERMS = ("aspect", "borders", "registration", "looks")
 """Columns of ``ViewChoice.terms``."""
@@ -64,7 +70,7 @@ class ViewSelectionConfig:
     looks_weight: float = 2.0
     """Weight of minus the log probability of the bin by how the box looks (``ClassModel.looks``)."""
     registered: int = 2
-    """Bins of least cost without registration that ``likely_view_bins`` registers."""
+    """Bins of least cost without registration that ``likely_views`` registers."""
     borders: BorderEvidenceConfig = field(default_factory=BorderEvidenceConfig)
     reconstruct: ReconstructConfig = field(default_factory=ReconstructConfig)
 
@@ -137,21 +143,30 @@ def best_view_bin(
         outlines = tuple(_to_grid(outline_px, box, view) for view in views.values())
     terms = _first_terms(rgb, box, views, _looks_cost(rgb, box[None], model)[0], config)
     for (view_bin, view), outline in zip(views.items(), outlines, strict=True):
-        found = _registration(outline, view, config)
+        found = register(outline, view, config.reconstruct.registration)
         if isinstance(found, Failure):
             failures[view_bin] = found
             terms[view_bin] = np.nan
         else:
-            terms[view_bin, 2] = found
+            terms[view_bin, 2] = found.parts.cost
     if np.isnan(terms[:, 2]).all():
         return _no_bin(failures)
     cost = terms @ config.weights(outline_px is not None)
     return ViewChoice(int(np.nanargmin(cost)), cost, terms, dict(sorted(failures.items())))
 
 
-def likely_view_bins(
+@dataclass(frozen=True, eq=False)
+class LikelyView:
+    """The view bin that explains the object in a box best."""
+
+    view_bin: int
+    registered: RegisteredOutline | None
+    """What ``reconstruct`` would find on its way; None where it goes by colours too."""
+
+
+def likely_views(
     rgb: UInt8Array, xyxy_px: FloatArray, model: ClassModel, config: ViewSelectionConfig | None = None
-) -> tuple[int | Failure, ...]:
+) -> tuple[LikelyView | Failure, ...]:
     """The view bin that explains the object in each box best, or why none does, from coarse to fine.
 
     The cost is that of ``best_view_bin``, but only some bins of each box, those that cost least without it,
@@ -172,18 +187,22 @@ def likely_view_bins(
         for box, (views, _), look in zip(boxes, tried, looks, strict=True)
     ]
     left = {i: sorted(views, key=first[i].__getitem__) for i, (views, _) in enumerate(tried)}
-    found: dict[int, int | Failure] = {}
+    found: dict[int, LikelyView | Failure] = {}
+    same = config.reconstruct.segment.region_weight == 0
     while left:
         pairs = [(i, b) for i, order in left.items() for b in order[: config.registered]]
         costs = dict[int, dict[int, float]]()
+        registered = dict[tuple[int, int], RegisteredOutline]()
         shown = [(boxes[i], tried[i][0][b]) for i, b in pairs]
         for (i, b), (_, view), outline in zip(pairs, shown, _outlines(rgb, shown, config), strict=True):
-            cost = _registration(outline, view, config)
-            if isinstance(cost, Failure):
-                tried[i][1][b] = cost
+            one = register(outline, view, config.reconstruct.registration)
+            if isinstance(one, Failure):
+                tried[i][1][b] = one
             else:
-                costs.setdefault(i, {})[b] = float(first[i][b] + weights[2] * cost)
-        found |= {i: min(of_box, key=of_box.__getitem__) for i, of_box in costs.items()}
+                registered[i, b] = one
+                costs.setdefault(i, {})[b] = float(first[i][b] + weights[2] * one.parts.cost)
+        best = {i: min(of_box, key=of_box.__getitem__) for i, of_box in costs.items()}
+        found |= {i: LikelyView(b, registered[i, b] if same else None) for i, b in best.items()}
         left = {i: order[config.registered :] for i, order in left.items() if i not in costs}
         found |= {i: _no_bin(tried[i][1]) for i, order in left.items() if not order}
         left = {i: order for i, order in left.items() if order}
@@ -249,16 +268,6 @@ def _outlines(
     by_edges = replace(config.reconstruct, segment=replace(config.reconstruct.segment, region_weight=0.0))
     boxes = np.array([box for box, _ in pairs]).reshape(-1, 4)
     return segment(rgb, boxes, [view for _, view in pairs], by_edges)
-
-
-def _registration(
-    outline: FloatArray | Failure, view: PreparedView, config: ViewSelectionConfig
-) -> float | Failure:
-    """The cost of matching a view to an outline (m, 2), canonical coordinates."""
-    if isinstance(outline, Failure):
-        return outline
-    found = register_parts(outline, view, config.reconstruct.registration)
-    return found if isinstance(found, Failure) else found.cost
 
 
 def _border_agreement(

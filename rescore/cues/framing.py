@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from recon.arrays import BoolArray, Float32Array, FloatArray
+from recon.arrays import BoolArray, Float32Array, FloatArray, median
 from recon.boxes import paired_overlap
 from recon.localization.box_samples import BoxSamples, DisparityNoise
 from recon.localization.disparity_fit import BoxFit, PlacedInstance
@@ -189,7 +189,7 @@ def _attained(nats: FloatArray, placed: _Placed, config: FramingConfig) -> Float
 def _at_depth(placed: _Placed, samples: _Samples, config: FramingConfig) -> BoolArray:
     """Mask of the samples that lie at the middle depth of their instance."""
     on = np.isfinite(placed.disparity_px)
-    middle = [np.median(d[o]) if o.any() else np.nan for d, o in zip(placed.disparity_px, on, strict=True)]
+    middle = [median(d[o]) if o.any() else np.nan for d, o in zip(placed.disparity_px, on, strict=True)]
     tolerance = np.maximum(config.same_px, config.same_share * np.array(middle))
     off = np.abs(samples.disparity_px - np.array(middle)[:, None, None])
     return np.asarray(off < tolerance[:, None, None])

@@ -12,7 +12,7 @@ from recon.camera import DepthCamera, GroundedStereo, GroundPlane, StereoCamera
 from recon.errors import RescoreError
 from recon.stereo.depth_noise import equivalent_pair
 from recon.stereo.ground import GroundEstimate, estimate_ground
-from recon.stereo.sgbm import PNG_SCALE, SgbmConfig, compute_disparity
+from recon.stereo.sgbm import PNG_SCALE, SgbmConfig, disparity_of_scene
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity, read_measured
 from rescore.data.pictures import read_rgb
@@ -239,14 +239,14 @@ def _pair_disparity(
     """
     columns, width = round(offset_px), left.shape[1]
     if columns == 0:
-        return compute_disparity(left, right, stereo) + np.float32(offset_px)
+        return disparity_of_scene(left, right, stereo) + np.float32(offset_px)
     if abs(columns) >= width:
         raise RescoreError(
             f"camera: expected a disparity offset below the width of {width} px, got {offset_px:g}; "
             "check the principal points of the calibration"
         )
     source = np.clip(np.arange(width) + columns, 0, width - 1)
-    disparity = compute_disparity(left, np.ascontiguousarray(right[:, source]), stereo)
+    disparity = disparity_of_scene(left, np.ascontiguousarray(right[:, source]), stereo)
     matched = np.arange(width, dtype=np.float32) - disparity + columns
     # a match in the columns that were repeated to fill the moved picture is none
     disparity[(matched < 0) | (matched > width - 1)] = np.nan

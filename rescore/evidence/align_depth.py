@@ -12,9 +12,11 @@ are options:
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from math import ceil
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, percentiles
 from recon.camera import StereoCamera
@@ -181,12 +183,23 @@ def depth_range(measured: Float32Array, percent: tuple[float, float]) -> tuple[f
 
 def predicted_region(predicted: DepthMap, xyxy_px: FloatArray) -> BoolArray:
     """Pixels of the window that have a predicted depth and whose middle lies in the box, shape (h, w)."""
-    rows, columns = predicted.window
-    x = np.arange(columns.start, columns.stop) + 0.5
-    y = np.arange(rows.start, rows.stop) + 0.5
-    x0, y0, x1, y1 = xyxy_px
-    inside: BoolArray = ((y >= y0) & (y < y1))[:, None] & ((x >= x0) & (x < x1))[None, :]
-    return inside & np.isfinite(predicted.depth)
+    left, top, right, bottom = xyxy_px.tolist()
+    columns = slice(*(max(0, ceil(x - 0.5 - predicted.x0_px)) for x in (left, right)))
+    rows = slice(*(max(0, ceil(y - 0.5 - predicted.y0_px)) for y in (top, bottom)))
+    region = np.zeros(predicted.depth.shape, bool)
+    np.isfinite(predicted.depth[rows, columns], out=region[rows, columns])
+    return region
+
+
+def measured_pixels(predicted: DepthMap, measured: Float32Array, xyxy_px: FloatArray) -> NDArray[np.intp]:
+    """Pixels of the window in ``predicted_region`` that are measured too, numbered from its corner on, (m,).
+
+    Args:
+        predicted: Zi, NaN outside the depth region.
+        measured: depth or disparity in the window, shape (h, w), NaN where there is no measurement.
+        xyxy_px: the box, shape (4,), pixel edges.
+    """
+    return np.flatnonzero(predicted_region(predicted, xyxy_px) & np.isfinite(measured))
 
 
 def _range(

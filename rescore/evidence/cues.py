@@ -7,11 +7,11 @@ it is evidence, and with which others it is left out in the study of what cues a
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from math import log
 
 import numpy as np
 
-from recon.arrays import Float32Array, FloatArray, median
-from recon.camera import StereoCamera
+from recon.arrays import FloatArray, median
 from recon.depth_map import DepthMap
 from recon.errors import RescoreError
 from recon.localization.disparity_fit import BoxFit
@@ -23,7 +23,7 @@ from rescore.cues.surroundings import SURROUNDINGS, SurroundingsConfig, surround
 from rescore.cues.words import CueWords, Side, ends, metres, share, signed_nats, signed_share, times
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import Frame
-from rescore.evidence.align_depth import predicted_region
+from rescore.evidence.align_depth import measured_pixels
 from rescore.evidence.guarded import GUARDED, GuardedConfig, guarded_alignment
 from rescore.evidence.registration import Registration
 
@@ -73,13 +73,17 @@ def relief(given: CueInput) -> Columns:
     for i, depth in enumerate(given.predicted):
         if depth is None:
             continue
-        fit = guarded_alignment(depth, frame.disparity_px, given.xyxy_px[i], given.config.guarded)
+        measured = frame.disparity_px[depth.window]
+        use = measured_pixels(depth, measured, given.xyxy_px[i])
+        disparity, metres = measured.take(use), depth.depth.take(use)
+        fit = guarded_alignment(metres, disparity, given.config.guarded)
         if fit is None:
             continue
         fits[i], predicted_px[i] = fit.cues, fit.predicted_px
-        if frame.camera is not None:
-            logarithm = _depth_ratio(depth, frame.disparity_px, given.xyxy_px[i], frame.camera)
-            ratio[i] = np.clip(logarithm, -limit, limit)
+        middle = median(disparity * metres)
+        if frame.camera is not None and middle > 0:
+            # measured over predicted depth
+            ratio[i] = min(max(log(frame.camera.focal_baseline / middle), -limit), limit)
     return {**dict(zip(GUARDED, fits.T, strict=True)), "depth_ratio": ratio, "relief_px": predicted_px}
 
 
@@ -134,18 +138,6 @@ def believable(given: CueInput) -> Columns:
     frame = given.frame
     found = plausibility(frame.disparity_px, given.xyxy_px, frame.seen_from, given.config.plausibility)
     return dict(zip(CHECKS, found.T, strict=True))
-
-
-def _depth_ratio(
-    predicted: DepthMap,
-    disparity_px: Float32Array,
-    box_px: FloatArray,
-    camera: StereoCamera,
-) -> float:
-    """Median logarithm of measured over predicted depth, over the predicted region in the box."""
-    measured = disparity_px[predicted.window]
-    use = np.flatnonzero(predicted_region(predicted, box_px) & np.isfinite(measured))
-    return median(np.log(camera.depth_m(measured.take(use)) / predicted.depth.take(use)))
 
 
 class Sense(IntEnum):

@@ -12,8 +12,6 @@ from functools import cached_property
 import numpy as np
 
 from recon.arrays import Float32Array, FloatArray, median
-from recon.depth_map import DepthMap
-from rescore.evidence.align_depth import predicted_region
 
 GUARDED = ("relief_scale", "relief_residual", "relief_gain", "roughness")
 """Cues of ``guarded_alignment``."""
@@ -65,22 +63,19 @@ class GuardedAlignment:
 
 
 def guarded_alignment(
-    predicted: DepthMap, disparity_px: Float32Array, xyxy_px: FloatArray, config: GuardedConfig
+    predicted: Float32Array, disparity_px: Float32Array, config: GuardedConfig
 ) -> GuardedAlignment | None:
     """The fit of a candidate's predicted depth to the measured disparity; None with too few measurements.
 
     Args:
-        predicted: Zi, NaN outside the depth region.
-        disparity_px: measured, whole picture (h, w), NaN in holes. Only its relief counts: no calibration.
-        xyxy_px: the box, shape (4,), pixel edges.
+        predicted: Zi of the pixels in the box that are measured, shape (m,).
+        disparity_px: measured there, shape (m,). Only its relief counts: no calibration.
         config: settings.
     """
-    measured = disparity_px[predicted.window]
-    valid = np.flatnonzero(predicted_region(predicted, xyxy_px) & np.isfinite(measured))
-    if len(valid) < config.min_valid_px:
+    if len(predicted) < config.min_valid_px:
         return None
-    some = valid[:: -(-len(valid) // config.max_pixels)]
-    disparity, depth = measured.take(some).astype(float), predicted.depth.take(some).astype(float)
+    some = slice(None, None, -(-len(predicted) // config.max_pixels))
+    disparity, depth = disparity_px[some].astype(float), predicted[some].astype(float)
     middle = median(disparity)
     noise = config.noise_px / middle
     # inverse depth, since the noise of stereo is even there

@@ -1,7 +1,7 @@
 """The view of each candidate: from its detector, from the fit, from the class model, or one for all."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -12,8 +12,8 @@ from recon.camera import GroundedCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.localization.disparity_fit import BoxFit
-from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
-from recon.reconstruction.view_selection import ViewSelectionConfig, likely_view_bins
+from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, RegisteredOutline, reconstruct
+from recon.reconstruction.view_selection import ViewSelectionConfig, likely_views
 from recon.view_bins import ViewBins
 from rescore.evidence.candidates import Candidates
 
@@ -88,6 +88,8 @@ class Views:
     where neither is."""
     failures: Mapping[int, Failure]
     """Why each candidate of ``NO_BIN`` has no bin, by its place."""
+    registered: Mapping[int, RegisteredOutline] = field(default_factory=dict)
+    """Outlines with their parts that the choice of a bin has found already, by the candidate's place."""
 
 
 def views_of(
@@ -105,7 +107,7 @@ def views_of(
         candidates: the boxes.
         view_bin: of candidates without azimuth: one bin for all; "fit" for the bin of the fitted instance, or
             ``UNSEEN`` where there is none; or "model" for the bin that the class model explains each best
-            with (``recon.reconstruction.view_selection.likely_view_bins``).
+            with (``recon.reconstruction.view_selection.likely_views``).
         model: the class model.
         config: settings of the reconstruction.
         fitted: what the fit says of each candidate; None where nothing was fitted.
@@ -115,18 +117,21 @@ def views_of(
     """
     said, have = _said(candidates), {v.view_bin for v in model.views}
     bins, failures = _bins_without_detector(len(candidates), view_bin, fitted), dict[int, Failure]()
+    registered = dict[int, RegisteredOutline]()
     if isinstance(view_bin, int):
         model.bins.check(view_bin)
     if view_bin == "model":
         rows = np.flatnonzero(np.isnan(said))
         selection = ViewSelectionConfig(reconstruct=config)
         for i, choice in zip(
-            rows.tolist(), likely_view_bins(rgb, candidates.xyxy_px[rows], model, selection), strict=True
+            rows.tolist(), likely_views(rgb, candidates.xyxy_px[rows], model, selection), strict=True
         ):
             if isinstance(choice, Failure):
                 failures[i] = choice
-            else:
-                bins[i] = choice
+                continue
+            bins[i] = choice.view_bin
+            if choice.registered is not None:
+                registered[i] = choice.registered
     azimuth_rad = np.where(np.isnan(said), _middle_rad(bins, model.bins), said)
     for i in range(len(candidates)):
         if np.isfinite(said[i]):
@@ -135,7 +140,7 @@ def views_of(
         if chosen and int(bins[i]) not in have:
             failures[i] = _no_view(model, int(bins[i]), float(np.rad2deg(azimuth_rad[i])))
     bins[list(failures)] = NO_BIN
-    return Views(bins, azimuth_rad, failures)
+    return Views(bins, azimuth_rad, failures, registered)
 
 
 def _said(candidates: Candidates) -> FloatArray:
@@ -191,7 +196,8 @@ def reconstruct_views(
     """The 3D instance in each box (n, 4), or why there is none; all are done together."""
     found: dict[int, Reconstruction | Failure] = dict(views.failures)
     rows = np.flatnonzero(views.view_bin != NO_BIN)
-    together = reconstruct(rgb, xyxy_px[rows], views.view_bin[rows], model, seen_from, config)
+    known = {k: views.registered[i] for k, i in enumerate(rows.tolist()) if i in views.registered}
+    together = reconstruct(rgb, xyxy_px[rows], views.view_bin[rows], model, seen_from, config, known)
     found |= dict(zip(rows.tolist(), together, strict=True))
     return tuple(found[i] for i in range(len(xyxy_px)))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from recon.arrays import Float32Array, UInt8Array
 from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from recon.stereo.sgbm import SgbmConfig, compute_disparity
+from recon.stereo.sgbm import SgbmConfig, disparity_of_scene
 from rescore.data.depth_files import Quantity
 from rescore.data.frames import Frame, disparity_of_depth
 from rescore.data.units import refuse_other_unit
@@ -127,7 +127,8 @@ class StereoFrame:
         if self.right_rgb is not None:
             advised = stereo_for(width, [(pair, 0.0)] if pair else [], nearest_m).num_disparities
             matcher = replace(stereo, num_disparities=max(stereo.num_disparities, advised))
-            disparity = compute_disparity(left, np.ascontiguousarray(self.right_rgb), matcher)
+            right = np.ascontiguousarray(self.right_rgb)
+            disparity = disparity_of_scene(left, right, matcher)
         elif self.depth_m is not None:
             assert camera is not None
             disparity, pair = disparity_of_depth(_measured(self.depth_m), camera)

@@ -6,6 +6,7 @@ import pytest
 from recon.camera import PinholeCamera
 from recon.reconstruction.part_labels import PartLabels
 from recon.reconstruction.place_parts import PlacedParts, PlacingConfig, place_parts
+from tests.recon.reconstruction.place_parts_arrays import placed_in_arrays
 
 CAMERA = PinholeCamera(100.0, 100.0, 20.0, 20.0, 41, 41)
 CONFIG = PlacingConfig()
@@ -113,3 +114,23 @@ def test_parts_apart_and_parts_without_a_plane() -> None:
     labels[0:5, 0:5] = 3
     placed = place(labels, {1: FRONT, 3: FRONT}, {1: np.array([0, 1.5, 10.0])}, LIMITS)
     assert placed.unplaced == {2: "the class model has no plane for it", 3: "touches no placed part"}
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_machine_code_places_as_whole_arrays_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    seeds_px, part = rng.uniform(0, 41, (14, 2)), rng.integers(0, 9, 14)
+    v, u = np.mgrid[0:41, 0:41]
+    nearest = np.argmin((u[..., None] - seeds_px[:, 0]) ** 2 + (v[..., None] - seeds_px[:, 1]) ** 2, axis=2)
+    labels = part[nearest].astype(np.uint8)
+    normals = {k: rng.normal([0, 0, -1], 1) for k in range(1, 8)}  # part 8 has none
+    normals = {k: n / np.linalg.norm(n) for k, n in normals.items()}
+    known = {int(k): rng.normal([0, 1, 10], 0.3, (int(k), 3)) for k in rng.choice(np.arange(1, 9), 3, False)}
+    limits = (6.0, 16.0)
+    found = place(labels, normals, known, limits)
+    planes, depth = placed_in_arrays(labels, CAMERA, normals, known, limits, CONFIG.min_angle_rad)
+    assert set(found.planes) == set(planes)
+    for k, plane in planes.items():
+        np.testing.assert_allclose(found.planes[k], plane, atol=1e-9)
+    np.testing.assert_allclose(found.depth, depth, rtol=1e-6)
+    assert set(found.unplaced) == {*np.unique(labels).tolist()} - {0, *planes}

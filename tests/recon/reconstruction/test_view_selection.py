@@ -1,5 +1,6 @@
 """View bins: objects without symmetry are told apart, mirrors mirror costs, failures say why."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -13,10 +14,11 @@ from recon.outlines import largest_outline
 from recon.reconstruction.part_registration import RegistrationConfig
 from recon.reconstruction.reconstruct import ReconstructConfig
 from recon.reconstruction.view_selection import (
+    LikelyView,
     ViewChoice,
     ViewSelectionConfig,
     best_view_bin,
-    likely_view_bins,
+    likely_views,
 )
 from recon.view_bins import ViewBins
 from recon.view_looks import ViewLooks, box_features
@@ -85,27 +87,40 @@ def frame() -> tuple[UInt8Array, FloatArray]:
 
 def test_boxes_of_a_frame_get_the_bins_that_a_full_search_gives() -> None:
     rgb, boxes = frame()
-    found = likely_view_bins(rgb, boxes, model())
-    assert found == (0, 2, 4, 6, 8, 10)
-    assert found == tuple(chosen(rgb, box).view_bin for box in boxes)
+    found = likely_views(rgb, boxes, model())
+    assert bins_of(found) == [0, 2, 4, 6, 8, 10]
+    assert bins_of(found) == [chosen(rgb, box).view_bin for box in boxes]
+
+
+def bins_of(found: Sequence[LikelyView | Failure]) -> list[int]:
+    return [one.view_bin for one in found if isinstance(one, LikelyView)]
+
+
+def test_what_the_choice_registered_is_told_where_outlines_go_by_edges_alone() -> None:
+    rgb, boxes = frame()
+    config = ReconstructConfig()
+    colours = replace(config, segment=replace(config.segment, region_weight=1.0))
+    for reconstruct, told in ((config, True), (colours, False)):
+        found = likely_views(rgb, boxes, model(), ViewSelectionConfig(reconstruct=reconstruct))
+        assert [one.registered is not None for one in found if isinstance(one, LikelyView)] == [told] * 6
 
 
 def test_boxes_that_no_bin_fits_say_why_in_a_frame_too() -> None:
     rgb, boxes = frame()
     boxes[1] = [-200.0, 10, 20, 80]
     boxes[4] = [5.0, 5, 10, 105]
-    found = likely_view_bins(rgb, boxes, model())
+    found = likely_views(rgb, boxes, model())
     for i in (1, 4):
         assert found[i] == best_view_bin(rgb, boxes[i], model())
-    assert [found[i] for i in (0, 2, 3, 5)] == [0, 4, 6, 10]
-    assert likely_view_bins(rgb, np.zeros((0, 4)), model()) == ()
+    assert bins_of([found[i] for i in (0, 2, 3, 5)]) == [0, 4, 6, 10]
+    assert likely_views(rgb, np.zeros((0, 4)), model()) == ()
 
 
 def test_where_the_likeliest_bins_fail_the_next_ones_are_registered() -> None:
     rgb, box = paint(view_labels(3))
     strict = ReconstructConfig(registration=RegistrationConfig(max_cost=0.0))
     config = ViewSelectionConfig(reconstruct=strict)
-    (found,) = likely_view_bins(rgb, box[None], model(), config)
+    (found,) = likely_views(rgb, box[None], model(), config)
     # all were tried, and the reason is that of the first of them
     assert found == best_view_bin(rgb, box, model(), config)
     assert isinstance(found, Failure)
@@ -122,7 +137,7 @@ def test_looks_tell_where_borders_do_not() -> None:
     choice = chosen(rgb, box, knows)
     assert choice.terms[9, 3] == pytest.approx(0, abs=1e-3)
     assert choice.view_bin == 9
-    assert likely_view_bins(rgb, box[None], knows) == (9,)
+    assert bins_of(likely_views(rgb, box[None], knows)) == [9]
     assert chosen(rgb, box).view_bin == 2
 
 

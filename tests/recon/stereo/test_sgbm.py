@@ -7,10 +7,12 @@ from hypothesis.extra.numpy import arrays
 
 from recon.camera import PinholeCamera, StereoCamera
 from recon.errors import RescoreError
+from recon.stereo import sgbm
 from recon.stereo.sgbm import (
     SgbmConfig,
     compute_disparity,
     disparities_to_reach,
+    disparity_of_scene,
     read_disparity,
     write_disparity,
 )
@@ -80,6 +82,42 @@ def test_matching_is_repeatable_with_any_number_of_threads():
 def test_pictures_without_texture_have_no_disparity():
     grey = np.full((60, 120, 3), 128, np.uint8)
     assert np.isnan(compute_disparity(grey, grey, SMALL)).all()
+
+
+def wall_before_a_wall(near_px, far_px=8, height=160, width=720):
+    """A pair of a far wall, with a near one before its middle."""
+    left, right = noise_pair(far_px, height, width)
+    near, seen = noise_pair(near_px, height, width, seed=1)
+    left[40:120, 300:500] = near[40:120, 300:500]
+    right[40:120, 300 - near_px : 500 - near_px] = seen[40:120, 300 - near_px : 500 - near_px]
+    return left, right
+
+
+@pytest.mark.parametrize(("near_px", "asked"), [(20, 64), (61, 80), (110, 128), (150, 176), (190, 208)])
+def test_a_wide_search_goes_no_farther_than_the_nearest_surface(near_px, asked, monkeypatch):
+    left, right = wall_before_a_wall(near_px)
+    whole = compute_disparity(left, right, SgbmConfig(num_disparities=208))
+    searched = []
+
+    def watched(left_rgb, right_rgb, config):
+        searched.append(config.num_disparities)
+        return compute_disparity(left_rgb, right_rgb, config)
+
+    monkeypatch.setattr(sgbm, "compute_disparity", watched)
+    found = disparity_of_scene(left, right, SgbmConfig(num_disparities=208))
+    assert searched == [64, asked]
+    both = np.isfinite(found) & np.isfinite(whole)
+    assert (np.isfinite(found) != np.isfinite(whole)).mean() < 0.03
+    assert (np.abs(found - whole)[both] > 0.5).mean() < 0.005
+    assert np.nanmedian(found[60:100, 340:460]) == pytest.approx(near_px, abs=0.5)
+
+
+def test_a_search_of_64_disparities_is_never_cut_short():
+    left, right = wall_before_a_wall(20)
+    config = SgbmConfig(num_disparities=64)
+    np.testing.assert_array_equal(
+        disparity_of_scene(left, right, config), compute_disparity(left, right, config)
+    )
 
 
 @pytest.mark.parametrize(

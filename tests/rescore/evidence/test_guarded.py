@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from recon.depth_map import DepthMap
+from rescore.evidence.align_depth import measured_pixels
 from rescore.evidence.guarded import GuardedAlignment, GuardedConfig, guarded_alignment
 
 BOX = np.array([0.0, 0.0, 60.0, 40.0])
@@ -17,11 +18,18 @@ def bulge() -> np.ndarray:
 def fitted(
     predicted: np.ndarray, measured_depth: np.ndarray, config: GuardedConfig = CONFIG
 ) -> GuardedAlignment:
-    found = guarded_alignment(
-        DepthMap(0, 0, predicted.astype(np.float32)), (200 / measured_depth).astype(np.float32), BOX, config
-    )
+    found = in_box(predicted, 200 / measured_depth, BOX, config)
     assert found is not None
     return found
+
+
+def in_box(
+    predicted: np.ndarray, disparity: np.ndarray, box: np.ndarray, config: GuardedConfig = CONFIG
+) -> GuardedAlignment | None:
+    """The alignment over the measured pixels of a box."""
+    depth, disparity = DepthMap(0, 0, predicted.astype(np.float32)), disparity.astype(np.float32)
+    use = measured_pixels(depth, disparity, box)
+    return guarded_alignment(depth.depth.take(use), disparity.take(use), config)
 
 
 def test_the_predicted_relief_fits_at_any_unit_of_depth() -> None:
@@ -61,16 +69,14 @@ def test_background_in_the_box_changes_little() -> None:
 def test_too_few_measurements_give_nothing() -> None:
     disparity = np.full((40, 60), np.nan, np.float32)
     disparity[0, : CONFIG.min_valid_px - 1] = 20
-    assert guarded_alignment(DepthMap(0, 0, bulge().astype(np.float32)), disparity, BOX, CONFIG) is None
+    assert in_box(bulge(), disparity, BOX) is None
     disparity[0, : CONFIG.min_valid_px] = 20
-    assert guarded_alignment(DepthMap(0, 0, bulge().astype(np.float32)), disparity, BOX, CONFIG) is not None
+    assert in_box(bulge(), disparity, BOX) is not None
 
 
 def test_only_the_box_counts() -> None:
     measured = bulge()
     measured[:, 30:] = 77.0
     half = np.array([0.0, 0.0, 30.0, 40.0])
-    predicted = DepthMap(0, 0, bulge().astype(np.float32))
-    inside = guarded_alignment(predicted, (200 / measured).astype(np.float32), half, CONFIG)
-    whole = guarded_alignment(predicted, (200 / bulge()).astype(np.float32), half, CONFIG)
+    inside, whole = (in_box(bulge(), 200 / depth, half) for depth in (measured, bulge()))
     assert inside == whole

@@ -16,7 +16,7 @@ from rescore.data.frames import Frame
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.evidence.cues import cue_column
 from rescore.evidence.settings import RescoreConfig
-from rescore.evidence.views import NO_BIN, UNSEEN, FittedViews, views_of
+from rescore.evidence.views import NO_BIN, UNSEEN, FittedViews, reconstruct_views, views_of
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from tests.bank_judge import stored_judge
 from tests.single_car import CarPicture, car_from
@@ -141,3 +141,18 @@ def test_a_table_keeps_the_azimuths(car: CarPicture) -> None:
     table = CandidateTable.of_candidates([boxes(car, [10.0, np.nan])])
     back = table.by_image([1])[1]
     np.testing.assert_array_equal(back.azimuth_deg, [10.0, np.nan])
+
+
+def test_what_the_choice_of_a_bin_registered_is_what_the_reconstruction_finds(
+    car: CarPicture, model: ClassModel
+) -> None:
+    shifts = np.array([[0, 0, 0, 0], [-3, 2, 3, 0], [4, 0, 9, 3]], float)
+    given = replace(boxes(car, None, 3), xyxy_px=car.box_px + shifts)
+    views = views_of(car.rgb, given, "model", model, CONFIG.reconstruct)
+    assert len(views.registered) == 3
+    told, afresh = (
+        reconstruct_views(car.rgb, given.xyxy_px, v, model, car.seen_from, CONFIG.reconstruct)
+        for v in (views, replace(views, registered={}))
+    )
+    assert any(isinstance(one, Reconstruction) for one in told)
+    assert all(same(a, b) for a, b in zip(told, afresh, strict=True))

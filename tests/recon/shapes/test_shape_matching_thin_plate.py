@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon.shape_matching import thin_plate_operator
+from recon.shapes.shape_matching import thin_plate_operator
 
 RNG = np.random.default_rng(0)
 CONTROLS = RNG.uniform(0, 50, (25, 2))

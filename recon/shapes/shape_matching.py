@@ -6,7 +6,7 @@ one to one; a thin-plate spline carries what lies between the points along.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,12 @@ class ShapeContextConfig:
         # a small slack keeps points on a bin's border in the same bin under rounding
         return np.geomspace(self.inner_radius, self.outer_radius, self.radial_bins) * (1 + 1e-9)
 
+    @cached_property
+    def borders(self) -> FloatArray:
+        """Directions of the borders between the sectors of half a turn, shape (angular_bins / 2 - 1, 2)."""
+        turn = 2 * np.pi / self.angular_bins * np.arange(1, self.angular_bins // 2)
+        return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
     def __post_init__(self) -> None:
         if self.angular_bins % 2:
             raise ValueError(f"angular_bins: expected an even number, got {self.angular_bins}")
@@ -45,72 +51,23 @@ def shape_contexts(points: FloatArray, config: ShapeContextConfig) -> Float32Arr
 
     Invariant to translation, and to scale since radii are in units of the mean distance.
     """
-    batch = points.reshape(-1, *points.shape[-2:])
-    bins = config.radial_bins * config.angular_bins
-    found = np.empty((*batch.shape[:2], bins), np.float32)
-    # outlines one by one, since the pairs of one stay near the processor
+    from recon.shapes.context_loops import counted  # noqa: PLC0415 (takes half a second with Numba)
+
+    batch = np.asarray(points, float).reshape(-1, *points.shape[-2:])
+    found = np.zeros((*batch.shape[:2], config.radial_bins * config.angular_bins), np.float32)
     for outline, counts in zip(batch, found, strict=True):
-        counts[:] = _counts(outline, config)
+        counted(outline, config.edges, config.borders, counts)
     found /= np.maximum(found.sum(axis=2, keepdims=True), 1)
-    return found.reshape(*points.shape[:-1], bins)
-
-
-def _counts(points: FloatArray, config: ShapeContextConfig) -> NDArray[np.intp]:
-    """How many of the other points (m, 2) lie in each bin around each, shape (m, radial * angular)."""
-    m, rings, sectors = len(points), config.radial_bins, config.angular_bins
-    pairs = first, second = _pairs(m)
-    x, y = (row.take(second) - row.take(first) for row in np.ascontiguousarray(points.T))
-    radius = np.sqrt(x * x + y * y)
-    mean = max(2 * float(radius.sum()) / max(m * (m - 1), 1), 1e-12)
-    # ring ``rings`` is for what lies farther, and left out
-    ring = (radius > mean * config.edges[:, None]).sum(axis=0, dtype=np.uint16) * np.uint16(sectors)
-    cells = np.concatenate([ring + s for s in _sectors(x, y, 2 * np.pi * 1e-9 * radius, sectors)])
-    index = pairs.ravel() * ((rings + 1) * sectors) + cells
-    counts = np.bincount(index, minlength=m * (rings + 1) * sectors)
-    return counts.reshape(m, rings + 1, sectors)[:, :rings].reshape(m, -1)
-
-
-_Sectors = NDArray[np.uint16]
-
-
-@lru_cache(maxsize=4)
-def _pairs(m: int) -> NDArray[np.intp]:
-    """Every pair of m points once, the lower index first, shape (2, pairs)."""
-    return np.stack(np.triu_indices(m, 1))
-
-
-def _sectors(x: FloatArray, y: FloatArray, slack: FloatArray, count: int) -> tuple[_Sectors, _Sectors]:
-    """The sector of each offset (n,) among an even count, from the x axis on, and that of its opposite.
-
-    Which side of the borders it lies on says it, without an angle; within ``slack`` it lies on them.
-    """
-    below = (y < -slack) | ((y <= slack) & (x < 0))
-    x, y = np.where(below, -x, x), np.where(below, -y, y)
-    y_low, y_high = y - slack, y + slack
-    sector = np.zeros(len(x), np.uint16)
-    for i in range(1, count // 2):
-        # of lines through the origin, the upright one is at a quarter of a turn
-        slope = np.tan(2 * np.pi / count * i)
-        sector += (
-            x <= slack if 4 * i == count else y_high >= x * slope if 4 * i < count else y_low <= x * slope
-        )
-    half = below * np.uint16(count // 2)
-    return sector + half, sector + (np.uint16(count // 2) - half)
+    return found.reshape(*points.shape[:-1], -1)
 
 
 def chi_squared(a: Float32Array, b: Float32Array) -> Float32Array:
-    """Cost of every histogram of a (m, k) against every one of b (n, k), shape (m, n), in [0, 1].
+    """Cost of every histogram of a (m, k) against every one of b (n, k), shape (m, n), in [0, 1]."""
+    from recon.shapes.context_loops import costs  # noqa: PLC0415 (takes half a second with Numba)
 
-    0.5 sum (a - b)^2 / (a + b) = 1 - 2 sum a b / (a + b) for histograms that sum to 1.
-    """
-    # what one side never has adds nothing; ``compress`` keeps the rows together in memory
-    used = a.any(axis=0) & b.any(axis=0)
-    a, b = a.compress(used, axis=1), b.compress(used, axis=1)
-    both = (a + np.float32(1e-12))[:, None, :] + b
-    np.divide(b, both, out=both)
-    # the row of a is the same over n, so that the sum over bins is one matrix product a row
-    overlap = np.matmul(both, a[:, :, None])[..., 0]
-    return np.asarray(np.clip(1 - 2 * overlap, 0, 1), np.float32)
+    found = np.empty((len(a), len(b)), np.float32)
+    costs(np.ascontiguousarray(a), np.ascontiguousarray(b.T), found)
+    return found
 
 
 def match(
@@ -126,11 +83,15 @@ def match(
     """
     chi = chi_squared(a_context, b_context)
     a0, b0 = a_points - a_points.mean(axis=0), b_points - b_points.mean(axis=0)
-    spread = np.mean(a0**2) + np.mean(b0**2)
-    moved = ((a0**2).sum(axis=1)[:, None] + (b0**2).sum(axis=1) - 2 * a0 @ b0.T) / max(float(spread), 1e-12)
+    a_square, b_square = (a0 * a0).sum(axis=1), (b0 * b0).sum(axis=1)
+    weight = config.position_weight / max(float(a_square.mean() + b_square.mean()) / a0.shape[1], 1e-12)
+    cost = a0 @ (-2 * weight * b0.T)
+    cost += chi
+    cost += (weight * a_square)[:, None]
+    cost += weight * b_square
     from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 (a third of a second)
 
-    rows, partner = linear_sum_assignment(chi + config.position_weight * moved)
+    rows, partner = linear_sum_assignment(cost)
     return np.asarray(partner, np.intp), float(chi[rows, partner].mean())
 
 

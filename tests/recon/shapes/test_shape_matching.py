@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from recon.shape_matching import ShapeContextConfig, chi_squared, match, shape_contexts
+from recon.shapes.shape_matching import ShapeContextConfig, chi_squared, match, shape_contexts
 
 CONFIG = ShapeContextConfig()
 
