@@ -30,7 +30,7 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadgroup
+	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadfile
 
 # figures in README and docs, from the published JSON; every target that makes such JSON calls it
 PROSE = $(BIN)/python -m reports.publishing.prose
