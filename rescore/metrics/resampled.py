@@ -56,7 +56,7 @@ def weighted_figures(
 
 
 def average_precisions(match: MatchTable, cars_of_image: IntArray, weight: Weights) -> FloatArray:
-    """COCO's average precision for each set of weights (r, n_images), shape (r,); NaN for images without a car.
+    """COCO's average precision for each set of weights (r, n_images), shape (r,); NaN where there is no car.
 
     The second column of ``weighted_figures``, which takes twice as long.
     """
