@@ -12,7 +12,6 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from recon.arrays import Float32Array, FloatArray
 
@@ -121,4 +120,6 @@ class ShapeSpace:
 
 def sample_hull(hull: Float32Array, coordinates: FloatArray) -> FloatArray:
     """Values (n,) of a hull function at fractional indices (3, n); beyond the grid its border."""
+    from scipy.ndimage import map_coordinates  # noqa: PLC0415 (a third of a second)
+
     return np.asarray(map_coordinates(hull, coordinates, order=1, mode="nearest"), float)

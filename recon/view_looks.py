@@ -12,7 +12,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.special import log_softmax
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array, median
 from recon.errors import RescoreError
@@ -59,6 +58,8 @@ class ViewLooks:
 
     def log_density(self, rgb: UInt8Array, xyxy_px: FloatArray) -> FloatArray:
         """Log probability of each heading for each box (n, 4), pixel edges, shape (n, headings)."""
+        from scipy.special import log_softmax  # noqa: PLC0415 (a third of a second)
+
         if not len(xyxy_px):
             return np.zeros((0, len(self.bias)))
         features = np.stack([box_features(rgb, box) for box in xyxy_px])

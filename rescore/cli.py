@@ -3,7 +3,6 @@
 import inspect
 import sys
 import warnings
-from importlib import metadata
 from typing import Annotated
 
 import typer
@@ -96,6 +95,8 @@ _arrange()
 
 def _show_version(asked: bool) -> None:
     if asked:
+        from importlib import metadata  # noqa: PLC0415 (it brings the parsers of e-mail)
+
         print(f"rescore {metadata.version('rescore')}")
         raise typer.Exit
 

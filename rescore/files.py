@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from enum import StrEnum
 from functools import lru_cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +124,8 @@ _VERSIONED = (
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results depend on; what is not installed is left out."""
+    from importlib import metadata  # noqa: PLC0415 (it brings the parsers of e-mail)
+
     found = {"python": platform.python_version()}
     for name in _VERSIONED:
         with suppress(metadata.PackageNotFoundError):

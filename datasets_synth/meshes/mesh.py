@@ -6,6 +6,7 @@ the scene's grade.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,12 @@ class Mesh:
     materials: tuple[Material, ...]
     face_part: UInt8Array
     """Shape (m,): part label, 0 for none (see datasets_synth.cars.parts)."""
+
+    @cached_property
+    def extent_m(self) -> Float32Array:
+        """Lowest and highest coordinates, shape (2, 3)."""
+        # column by column, since reducing rows of three is slow
+        return np.array([(c.min(), c.max()) for c in self.vertices_m.T], np.float32).T
 
 
 @dataclass(frozen=True, eq=False)

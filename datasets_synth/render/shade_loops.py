@@ -393,7 +393,7 @@ def _byte(
     texels: UInt8Array, first: int, right: int, down: int, weight: tuple[int, int, int, int], channel: int
 ) -> Any:
     """One channel's byte between four texels, in a list of all bytes: the first, and steps to the others."""
-    k = first + channel
+    k = first + np.uint64(channel)
     total = weight[0] * texels[k] + weight[1] * texels[k + right]
     total += weight[2] * texels[k + down] + weight[3] * texels[k + down + right]
     return (total + np.uint32(512)) >> np.uint32(10)
@@ -424,7 +424,9 @@ def _between_texels(
     x, y = min(max(x, 0), width - 1), min(max(y, 0), height - 1)
     near_x, near_y = np.uint32(32) - fx, np.uint32(32) - fy
     weight = (near_x * near_y, fx * near_y, near_x * fy, fx * fy)
-    first, right, down = 3 * (y * width + x), 3 * (x1 - x), 3 * width * (y1 - y)
+    # unsigned, since of a signed place it is asked at each of 24 texels whether it counts from the end
+    first, right = np.uint64(3 * (y * width + x)), np.uint64(3 * (x1 - x))
+    down = np.uint64(3 * width * (y1 - y))
     return (
         linear[_byte(texels, first, right, down, weight, 0)],
         linear[_byte(texels, first, right, down, weight, 1)],

@@ -43,10 +43,12 @@ OVERHANG_M = 2.1
 
 def footprint(placed: Placed, margin_m: float = 0.0) -> Footprint:
     """The ground that a placed mesh takes: its bounding rectangle in its own axes, grown by a margin."""
-    vertices = placed.mesh.vertices_m
     if placed.kind in OVERHANGING:
-        vertices = vertices[vertices[:, 2] < OVERHANG_M]
-    low, high = vertices[:, :2].min(0).astype(float), vertices[:, :2].max(0).astype(float)
+        vertices = placed.mesh.vertices_m
+        lower = vertices[vertices[:, 2] < OVERHANG_M, :2]
+        low, high = lower.min(0).astype(float), lower.max(0).astype(float)
+    else:
+        low, high = placed.mesh.extent_m[:, :2].astype(float)
     world = placed.world_from_object
     scale = float(np.linalg.norm(world[:3, 0]))
     centre = world[:2, :2] @ ((low + high) / 2) + world[:2, 3]

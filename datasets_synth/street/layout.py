@@ -264,7 +264,7 @@ def _put_anywhere(plan: _Plan, prop: Prop, pictures: Pictures) -> None:
 
 def _covers_a_car(plan: _Plan, mesh: Mesh, x: float, y: float, most: float) -> bool:
     """Whether a thing at (x, y) would hide more than a share of the length of a car behind it."""
-    low, high = float(mesh.vertices_m[:, 0].min()), float(mesh.vertices_m[:, 0].max())
+    low, high = mesh.extent_m[:, 0].tolist()
     thing = ((x + low) / y, (x + high) / y)
     return any(
         car.kind == "car" and car.world_from_object[1, 3] >= y and _hidden_share(_bearings(car), thing) > most

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from recon.arrays import BoolArray, Float32Array, FloatArray
 from recon.pixels import smooth_gradient
@@ -101,6 +100,8 @@ def colour_evidence(lab: Float32Array, phi: Float32Array) -> Float32Array:
 
 def _colour_histogram(index: NDArray[np.intp]) -> FloatArray:
     """Smoothed share of each of the colour cells among their indices (m,), flat."""
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415 (a third of a second)
+
     counts = np.bincount(index, minlength=_COLOURS**3).reshape((_COLOURS,) * 3).astype(float)
     return np.asarray(gaussian_filter(counts, 0.6, mode="constant").ravel() / max(len(index), 1))
 

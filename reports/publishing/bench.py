@@ -131,13 +131,14 @@ def _page(bench: Bench, command: str) -> str:
     m = bench.machine
     versions = ", ".join(f"{name} {number}" for name, number in bench.versions.items())
     n_held = sum(row.holds for row in bench.rows)
+    failures = (f"Not measured: {name} ({error})." for name, error in bench.failed.items())
     parts = [
         "# Speed and memory",
         f"Made by `{command}` from what `{bench.command}` measured on {m.n_cores} cores of {m.processor} "
         f"with {m.memory_gb:g} GB, {m.system}: `bench.json`. {n_held} of {len(bench.rows)} figures are as "
         "wanted. Ratios are medians of paired runs in one process with one thread, each side timed in turn, "
         "so that they say the same on a slower machine; wall times hold for this one.",
-        row_table(bench.rows).markdown().rstrip(),
+        "\n\n".join((row_table(bench.rows).markdown().rstrip(), *failures)),
         "## How time grows",
         "The nearest straight line, fixed part and part of each, and how far the times depart from it.",
         growth_table(bench.growth).markdown().rstrip(),

@@ -2,7 +2,7 @@
 
 import os
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -84,14 +84,18 @@ class Bench:
     versions: dict[str, str]
     rows: tuple[Row, ...]
     growth: tuple[Growth, ...] = ()
+    failed: dict[str, str] = field(default_factory=dict)
+    """Errors of the groups of figures that could not be measured, by name."""
 
 
 _ADAPTER = TypeAdapter(Bench)
 
 
-def bench_of_this_machine(command: str, rows: tuple[Row, ...], growth: tuple[Growth, ...]) -> Bench:
+def bench_of_this_machine(
+    command: str, rows: tuple[Row, ...], growth: tuple[Growth, ...], failed: dict[str, str]
+) -> Bench:
     """The figures with machine and versions of this process."""
-    return Bench(command, Machine.this(), versions(), rows, growth)
+    return Bench(command, Machine.this(), versions(), rows, growth, failed)
 
 
 def write_bench(path: Path, bench: Bench) -> None:

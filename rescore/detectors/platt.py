@@ -4,7 +4,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.special import expit
 
 from recon.arrays import BoolArray, FloatArray
 from recon.boxes import iou_matrix, paired_overlap
@@ -33,6 +32,8 @@ class PlattScaling:
 
     def likelihood(self, score: FloatArray) -> FloatArray:
         """Likelihoods in [0, 1] of raw scores, same shape."""
+        from scipy.special import expit  # noqa: PLC0415 (a third of a second)
+
         return np.asarray(expit(-(self.a * np.asarray(score, dtype=float) + self.b)), dtype=float)
 
 

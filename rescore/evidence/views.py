@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
 from recon.arrays import FloatArray, IntArray, UInt8Array
 from recon.camera import GroundedCamera
@@ -54,6 +53,8 @@ def views_of_fits(fits: Sequence[BoxFit | None], bins: ViewBins, temper: float =
 
     The framed instance is one of them and mostly outweighs the others; its bin is then the likeliest.
     """
+    from scipy.special import softmax  # noqa: PLC0415 (a third of a second)
+
     n = len(fits)
     first, second, probability = np.full(n, NO_BIN), np.full(n, NO_BIN), np.full(n, np.nan)
     fitted = {i: fit for i, fit in enumerate(fits) if fit is not None}
@@ -67,6 +68,8 @@ def views_of_fits(fits: Sequence[BoxFit | None], bins: ViewBins, temper: float =
 
 def _log_mass(fits: Sequence[BoxFit], bins: ViewBins) -> FloatArray:
     """Logarithm of what the poses in each bin weigh, shape (n, count), nats up to a constant."""
+    from scipy.special import logsumexp  # noqa: PLC0415 (a third of a second)
+
     of_headings = np.stack([fit.heading_log_mass for fit in fits])
     width = 2 * np.pi / of_headings.shape[1]
     shares = bins.shares(1.5 * np.pi - width * np.arange(of_headings.shape[1]), width)

@@ -2,7 +2,8 @@
 
 import ast
 import hashlib
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -33,10 +34,24 @@ def source_digest(*modules: ModuleType, root: Path = ROOT) -> str:
     return total.hexdigest()
 
 
+def source_files(root: Path = ROOT) -> dict[str, Path]:
+    """The source file of every module of this project, by the module's name."""
+    found: dict[str, Path] = {}
+    for package in PACKAGES:
+        for folder, _, names in os.walk(root / package):
+            within = Path(folder).relative_to(root).parts
+            for name in names:
+                stem, end = os.path.splitext(name)
+                if end == ".py":
+                    module = within if stem == "__init__" else (*within, stem)
+                    found[".".join(module)] = Path(folder, name)
+    return found
+
+
 def _closure(modules: Iterable[ModuleType], root: Path) -> dict[str, Path]:
     """Files of modules and of all modules of the project that they import, by module name."""
-    found: dict[str, Path] = {}
-    todo = [(m.__name__, module_file(m.__name__, root) or _own_file(m)) for m in modules]
+    files, found = source_files(root), dict[str, Path]()
+    todo = [(m.__name__, files.get(m.__name__) or _own_file(m)) for m in modules]
     while todo:
         name, file = todo.pop()
         if name in found:
@@ -44,7 +59,7 @@ def _closure(modules: Iterable[ModuleType], root: Path) -> dict[str, Path]:
         if file is None:
             raise ValueError(f"{name}: expected a module of {', '.join(PACKAGES)}, found no source of it")
         found[name] = file
-        todo += [(other, module_file(other, root)) for other in imported_modules(file, root)]
+        todo += [(other, files[other]) for other in imported_modules(file, files)]
     return found
 
 
@@ -54,16 +69,12 @@ def _own_file(module: ModuleType) -> Path | None:
     return None if own or not getattr(module, "__file__", None) else Path(str(module.__file__))
 
 
-def module_file(name: str, root: Path = ROOT) -> Path | None:
-    """The source file of a module of this project; None where the name is no such module."""
-    if name.partition(".")[0] not in PACKAGES:
-        return None
-    base = root.joinpath(*name.split("."))
-    return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f.is_file()), None)
-
-
-def imported_modules(file: Path, root: Path = ROOT) -> set[str]:
+def imported_modules(file: Path, files: Mapping[str, Path]) -> set[str]:
     """Modules of this project that a source file imports anywhere in its syntax tree.
+
+    Args:
+        file: the source file.
+        files: what ``source_files`` gives.
 
     Raises:
         ValueError: the file imports a module of this project that is not there.
@@ -73,9 +84,9 @@ def imported_modules(file: Path, root: Path = ROOT) -> set[str]:
         if module.partition(".")[0] not in PACKAGES:
             continue
         # an unknown name must not pass: the stage would never go stale again
-        if module_file(module, root) is None:
+        if module not in files:
             raise ValueError(f"{file}: expected imports of modules that are there, got {module}")
-        found |= {module, *(name for m in members if module_file(name := f"{module}.{m}", root))}
+        found |= {module, *(name for m in members if (name := f"{module}.{m}") in files)}
     return found
 
 

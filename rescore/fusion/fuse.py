@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit
 
 from recon.arrays import FloatArray
 from rescore.data.splits import ValidationSet
@@ -52,6 +51,8 @@ class LearnedFusion:
 
     def posterior(self, likelihood: FloatArray, depth_difference: FloatArray) -> FloatArray:
         """Posterior of candidates (n,) with the learned weights, in [0, 1]."""
+        from scipy.special import expit  # noqa: PLC0415 (a third of a second)
+
         log_l, log_d = _logarithms(likelihood, depth_difference)
         fused = expit(self.bias + self.on_likelihood * log_l + self.on_depth * log_d)
         return np.where(np.isnan(depth_difference), likelihood, fused)

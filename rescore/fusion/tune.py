@@ -15,19 +15,14 @@ from rescore.fusion.fuse import LearnedFusion, fit_fusion, fuse
 from rescore.fusion.weight_interval import WeightUncertainty, describe, middle_of_plateau, weight_uncertainty
 from rescore.metrics.bootstrap import draw_images
 from rescore.metrics.matching import MatchTable, TruthTable, greedy_match, ranking_of
-from rescore.metrics.resampled import Levels, Weights, weighted_figures
+from rescore.metrics.resampled import Weights, average_precisions
 
 Objective = Callable[[MatchTable, IntArray, Weights], FloatArray]
 """What w is chosen by: from a match table, the cars of each image (n_images,) and weights of images
 (r, n_images) to one figure for each row of weights, shape (r,). Larger is better; NaN where undefined."""
 
 
-def average_precision(match: MatchTable, cars_of_image: IntArray, weight: Weights) -> FloatArray:
-    """Average precision for each row of image weights; NaN for images without a car."""
-    return np.asarray(weighted_figures(match, cars_of_image, weight, Levels((), ()))[:, 1])
-
-
-OBJECTIVES: dict[str, Objective] = {"average_precision": average_precision}
+OBJECTIVES: dict[str, Objective] = {"average_precision": average_precisions}
 """The objectives by the name that settings and files of results use. Average precision counts missed cars and
 weighs the top of the ranking, where a detector is used."""
 

@@ -21,6 +21,8 @@ Weights = NDArray[np.int32]
 
 CELLS = 2_000_000
 """Sets of weights times candidates that are held at once."""
+_CACHED = 2**15
+"""Sets of weights times candidates that stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,22 @@ def weighted_figures(
         levels: where the curve is read.
     """
     standing = _Standing.of(match)
-    step = max(1, CELLS // max(len(match.image), 1))
-    chunks = (weight[i : i + step] for i in range(0, len(weight), step))
+    chunks = _chunks(match, weight)
     return np.concatenate([standing.figures(cars_of_image, chunk, levels) for chunk in chunks])
+
+
+def average_precisions(match: MatchTable, cars_of_image: IntArray, weight: Weights) -> FloatArray:
+    """COCO's average precision for each set of weights (r, n_images), shape (r,); NaN where there is no car.
+
+    The second column of ``weighted_figures``, which takes twice as long.
+    """
+    standing = _Standing.of(match)
+    return np.concatenate([standing.precision(cars_of_image, chunk) for chunk in _chunks(match, weight)])
+
+
+def _chunks(match: MatchTable, weight: Weights) -> Iterator[Weights]:
+    step = max(1, CELLS // max(len(match.image), 1))
+    return (weight[i : i + step] for i in range(0, len(weight), step))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +111,12 @@ class _Standing:
             ]
         return np.stack(columns, axis=1)
 
+    def precision(self, cars_of_image: IntArray, weight: Weights) -> FloatArray:
+        """Average precision for sets of image weights, as ``average_precisions`` returns it."""
+        hits, false = _running(weight, self.hit_image), _running(weight, self.false_image)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self._average_precision(hits, false, weight @ cars_of_image)
+
     def _area(self, hits: Weights, false: Weights) -> FloatArray:
         """How often a hit ranks above a false positive, ties half, shape (r,)."""
         all_hits, all_false = hits[:, -1].astype(float), false[:, -1].astype(float)
@@ -138,7 +159,10 @@ class _Standing:
 def _running(weight: Weights, image: IntArray) -> Weights:
     """Running sums of the weights of rows (n,) of the given images, from 0, shape (r, n + 1)."""
     total = np.zeros((len(weight), len(image) + 1), np.int32)
-    for row, own in zip(total, weight, strict=True):
-        np.take(own, image, out=row[1:], mode="clip")
-        np.cumsum(row[1:], out=row[1:])
+    step = max(1, min(_CACHED // max(len(image), 1), len(weight)))
+    drawn = np.empty((step, len(image)), np.int32)
+    for start in range(0, len(weight), step):
+        rows = total[start : start + step, 1:]
+        np.take(weight[start : start + step], image, axis=1, out=drawn[: len(rows)], mode="clip")
+        np.cumsum(drawn[: len(rows)], axis=1, out=rows)
     return total

@@ -1,7 +1,12 @@
-"""Measures, prints tables and writes bench.json: ``python -m tests.bench [GROUP...] [--out FILE]``."""
+"""Measures, prints tables and writes bench.json: ``python -m tests.bench [GROUP...] [--out FILE]``.
+
+What a group measured is written before the next begins, and one that fails leaves the others alone.
+"""
 
 import argparse
-from collections.abc import Callable, Sequence
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -52,17 +57,32 @@ def main() -> None:
     unknown = [name for name in chosen.groups if name not in GROUPS]
     if unknown:
         options.error(f"expected groups among {', '.join(GROUPS)}, got {', '.join(unknown)}")
-    console, rows, growth = Console(), list[Row](), list[Growth]()
-    for name in chosen.groups or GROUPS:
-        console.print(f"[dim]{name}[/dim]")
-        more_rows, more_growth = GROUPS[name]()
-        rows, growth = rows + more_rows, growth + more_growth
+    command = " ".join(["python -m tests.bench", *chosen.groups])
+    failed = measure({name: GROUPS[name] for name in chosen.groups or GROUPS}, chosen.out, command)
+    if failed:
+        sys.exit(f"bench: {', '.join(failed)} failed")
+
+
+def measure(groups: Mapping[str, Callable[[], Measured]], out: Path, command: str) -> dict[str, str]:
+    """The errors of groups that failed, by name; what all others measured is printed and written."""
+    console = Console()
+    rows, growth, failed = list[Row](), list[Growth](), dict[str, str]()
+    for name, group in groups.items():
+        start = time.perf_counter()
+        try:
+            more_rows, more_growth = group()
+        except Exception as error:  # whatever it is, the other groups are measured
+            console.print_exception()
+            failed[name] = f"{type(error).__name__}: {error}"
+        else:
+            rows, growth = rows + more_rows, growth + more_growth
+        write_bench(out, bench_of_this_machine(command, tuple(rows), tuple(growth), failed))
+        console.print(f"[dim]{name}: {time.perf_counter() - start:.0f} s[/dim]")
     console.print(row_table(rows))
     for one in growth:
         console.print(growth_table(one))
-    command = " ".join(["python -m tests.bench", *chosen.groups])
-    write_bench(chosen.out, bench_of_this_machine(command, tuple(rows), tuple(growth)))
-    console.print(f"bench: {chosen.out}")
+    console.print(f"bench: {out}")
+    return failed
 
 
 def row_table(rows: Sequence[Row]) -> Table:

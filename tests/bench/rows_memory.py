@@ -27,6 +27,9 @@ def memory() -> tuple[list[Row], list[Growth]]:
     peaks: dict[str, list[float]] = {command: [] for command in COMMANDS}
     apply_s = []
     pair = across_pairs(1)[0].resized(*SIZE_PX)
+    with tempfile.TemporaryDirectory() as folder:  # the first call compiles loops, which takes memory too
+        write_frames(Path(folder) / "data", pair, 1)
+        measured(*_calls(Path(folder))[0])
     for n in FRAMES:
         with tempfile.TemporaryDirectory() as folder:
             root = Path(folder)

@@ -19,9 +19,6 @@ from rescore.evidence.registration import Registration
 from rescore.studies.distractors import Judged, bank_result, cut_at_recall, judge_bank
 from tests.bank_judge import stored_judge
 
-# one worker makes what all of them need
-pytestmark = pytest.mark.xdist_group("bank")
-
 OTHERS = ("wall", "window_wall", "hedge", "fence", "toy")
 SHOWN = (*POSTERS, *OTHERS)
 CONFIG = BankConfig()

@@ -16,6 +16,7 @@ from reports.publishing.bench_file import (
     read_bench,
     write_bench,
 )
+from tests.bench.__main__ import Measured, measure
 
 ROWS = (
     Row("render", 1.5, "ratio", 1.4, ours_ms=300.0, bare_ms=200.0),
@@ -31,7 +32,7 @@ GROWTH = (
 @pytest.fixture
 def bench_file(tmp_path: Path) -> Path:
     path = tmp_path / "bench.json"
-    write_bench(path, bench_of_this_machine("python -m tests.bench", ROWS, GROWTH))
+    write_bench(path, bench_of_this_machine("python -m tests.bench", ROWS, GROWTH, {}))
     return path
 
 
@@ -76,10 +77,24 @@ def test_the_page_shows_figures_limits_and_growth(bench_file: Path, tmp_path: Pa
 
 
 def test_figures_alone_make_a_page(tmp_path: Path) -> None:
-    write_bench(tmp_path / "bench.json", bench_of_this_machine("", ROWS, ()))
+    write_bench(tmp_path / "bench.json", bench_of_this_machine("", ROWS, (), {}))
     page = publish_bench(tmp_path / "bench.json", tmp_path / "published", "")
     assert "How time grows" not in page.read_text()
     assert not (page.parent / "growth.png").exists()
+
+
+def test_a_group_that_fails_is_named_and_loses_no_other(tmp_path: Path) -> None:
+    def broken() -> Measured:
+        raise ValueError("too few cars")
+
+    groups = {"one": lambda: ([ROWS[0]], []), "two": broken, "three": lambda: ([ROWS[1]], list(GROWTH))}
+    failed = measure(groups, tmp_path / "bench.json", "")
+    assert failed == {"two": "ValueError: too few cars"}
+    bench = read_bench(tmp_path / "bench.json")
+    assert (bench.rows, bench.growth, bench.failed) == (ROWS, GROWTH, failed)
+    page = publish_bench(tmp_path / "bench.json", tmp_path / "published", "").read_text()
+    assert "Not measured: two (ValueError: too few cars)." in page
+    assert "growth.png" in page
 
 
 @pytest.mark.parametrize("text", ["{", '{"rows": 1}', "[]"])

@@ -12,7 +12,7 @@ from recon.errors import RescoreError
 from rescore.evidence.cues import CUES
 from rescore.experiment.config import run_preset, with_changes
 from rescore.experiment.reproduce import Experiment
-from rescore.experiment.source_digest import imported_modules, module_file
+from rescore.experiment.source_digest import imported_modules, source_files
 from rescore.experiment.stages import Done, Stage
 from rescore.results.candidate_file import read_candidates
 from rescore.results.run_folder import RunFolder
@@ -106,9 +106,8 @@ def test_report_and_recording_are_made_again_where_what_draws_them_changed(
     page, recording = stages
     keys = [s.key(tiny_run) for s in stages]
     for stage, drawing in ((page, "reports.page.gallery"), (recording, "reports.recording.frame")):
-        entry = module_file(stage.code[0].__name__)
-        assert entry is not None
-        assert drawing in imported_modules(entry)
+        files = source_files()
+        assert drawing in imported_modules(files[stage.code[0].__name__], files)
     # words of the templates
     monkeypatch.setattr("rescore.experiment.reproduce.digest_of", lambda _path: "another")
     stages.clear()

@@ -1,4 +1,5 @@
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
@@ -8,24 +9,23 @@ from rescore import fusion
 from rescore.evidence import align_depth, model
 from rescore.experiment.config import run_preset
 from rescore.experiment.reproduce import Experiment
-from rescore.experiment.source_digest import ROOT, imported_modules, module_file, source_digest
+from rescore.experiment.source_digest import ROOT, imported_modules, source_digest, source_files
 from rescore.experiment.stages import Done, Stage
 from rescore.fusion import fuse, tune
 from rescore.results.run_folder import RunFolder
 
 
 def test_source_digest_follows_imports() -> None:
-    file = module_file("rescore.fusion.fuse")
-    assert file == Path(fuse.__file__)
-    assert module_file("numpy") is None
-    assert module_file("rescore.nothing") is None
-    assert "rescore.fusion.fuse" in imported_modules(Path(tune.__file__))
+    files = source_files()
+    assert files["rescore.fusion.fuse"] == Path(fuse.__file__)
+    assert not {"numpy", "rescore.nothing"} & set(files)
+    assert "rescore.fusion.fuse" in imported_modules(Path(tune.__file__), files)
     assert source_digest(fuse) != source_digest(tune)
     assert source_digest(tune) == source_digest(tune, fuse)
 
 
 def test_a_package_counts_as_its_own_file() -> None:
-    assert module_file("rescore.fusion") == Path(str(fusion.__file__))
+    assert source_files()["rescore.fusion"] == Path(str(fusion.__file__))
 
 
 @pytest.mark.parametrize("name", ["rescore.no_such_module", "numpy", "nothing"])
@@ -61,45 +61,53 @@ def stages() -> list[Stage]:
     return found
 
 
-@pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+Code = tuple[ModuleType, ...]
+
+
+@dataclass(frozen=True)
+class Copy:
     """A copy of the source that a test may change."""
+
+    root: Path
+    digest: dict[Code, str]
+    """Of the code of each stage, before anything is changed."""
+
+    def changed_by(self, module: ModuleType, stages: list[Stage]) -> list[str]:
+        """Names of the stages that go stale where one line of a module changes."""
+        file = source_files(self.root)[module.__name__]
+        text = file.read_text()
+        file.write_text(text + "# one line\n")
+        try:
+            stale = {code for code, was in self.digest.items() if source_digest(*code, root=self.root) != was}
+        finally:
+            file.write_text(text)
+        return [s.name for s in stages if s.code in stale]
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory, stages: list[Stage]) -> Copy:
     root = tmp_path_factory.mktemp("source")
     left_out = shutil.ignore_patterns("published", "*.npz")
     for package in ("recon", "rescore", "datasets_synth", "reports"):
         shutil.copytree(ROOT / package, root / package, ignore=left_out)
-    return root
+    return Copy(root, {code: source_digest(*code, root=root) for code in {s.code for s in stages}})
 
 
-def changed_by(module: ModuleType, stages: list[Stage], root: Path) -> list[str]:
-    """Names of the stages that go stale where one line of a module changes."""
-    before = [source_digest(*s.code, root=root) for s in stages]
-    file = module_file(module.__name__, root)
-    assert file is not None
-    text = file.read_text()
-    file.write_text(text + "# one line\n")
-    try:
-        after = [source_digest(*s.code, root=root) for s in stages]
-    finally:
-        file.write_text(text)
-    return [s.name for s, a, b in zip(stages, before, after, strict=True) if a != b]
-
-
-def test_every_stage_names_the_module_that_does_its_work(stages: list[Stage], copy: Path) -> None:
+def test_every_stage_names_the_module_that_does_its_work(stages: list[Stage], copy: Copy) -> None:
     names = [s.name for s in stages]
     assert len(names) == len(set(names)) > 20
-    first_with = {module: names.index(s.name) for s in reversed(stages) for module in s.code[:1]}
-    for stage in stages:
-        changed = changed_by(stage.code[0], stages, copy)
-        assert stage.name in changed
+    for module in {s.code[0] for s in stages}:
+        worked_for = [s.name for s in stages if s.code[0] is module]
+        changed = copy.changed_by(module, stages)
+        assert set(worked_for) <= set(changed)
         # stages before the first that this module works for read none of it
-        early = [n for n in changed if names.index(n) < first_with[stage.code[0]]]
-        assert not early, f"{stage.code[0].__name__} makes {early} stale"
+        early = [n for n in changed if names.index(n) < names.index(worked_for[0])]
+        assert not early, f"{module.__name__} makes {early} stale"
 
 
-def test_a_detector_has_its_own_stages(stages: list[Stage], copy: Path) -> None:
+def test_a_detector_has_its_own_stages(stages: list[Stage], copy: Copy) -> None:
     hog, boosted = (
-        {n for n in changed_by(s.code[-1], stages, copy) if n.startswith(("train", "calibrate", "detect"))}
+        {n for n in copy.changed_by(s.code[-1], stages) if n.startswith(("train", "calibrate", "detect"))}
         for s in stages
         if s.name in ("train_hog", "train_boosted")
     )
@@ -108,8 +116,8 @@ def test_a_detector_has_its_own_stages(stages: list[Stage], copy: Path) -> None:
     assert not hog & boosted
 
 
-def test_what_depth_says_is_no_matter_of_detection(stages: list[Stage], copy: Path) -> None:
-    fused = changed_by(tune, stages, copy)
+def test_what_depth_says_is_no_matter_of_detection(stages: list[Stage], copy: Copy) -> None:
+    fused = copy.changed_by(tune, stages)
     assert fused[0].startswith("tune_")
-    assert not {n for n in changed_by(model, stages, copy) if n.startswith(("train", "calibrate", "detect"))}
-    assert {"evidence_hog_test", "apply_hog_paper"} <= set(changed_by(align_depth, stages, copy))
+    assert not {n for n in copy.changed_by(model, stages) if n.startswith(("train", "calibrate", "detect"))}
+    assert {"evidence_hog_test", "apply_hog_paper"} <= set(copy.changed_by(align_depth, stages))

@@ -341,7 +341,7 @@ heavy = {"numpy", "scipy", "cv2", "sklearn", "pydantic"} & (set(sys.modules) - b
 assert not heavy, heavy
 from rescore import Boxes, Camera, GroundPlane, Rescorer, StereoFrame
 of_others = {"joblib", "matplotlib", "open3d", "pyarrow", "pydantic", "rerun", "sklearn"}
-of_others |= {"scipy.interpolate", "scipy.optimize", "scipy.stats"}
+of_others |= {"importlib.metadata", "numba", "scipy"}
 assert not of_others & set(sys.modules), of_others & set(sys.modules)
 assert all(getattr(rescore, name) for name in rescore.__all__)
 try:

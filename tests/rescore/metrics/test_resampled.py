@@ -6,7 +6,7 @@ from sklearn.metrics import roc_auc_score
 
 from rescore.metrics.curves import summarise
 from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, IGNORED, MatchTable
-from rescore.metrics.resampled import Levels, weighted_figures
+from rescore.metrics.resampled import Levels, average_precisions, weighted_figures
 
 LEVELS = Levels(fppi=(0.25, 1.0), recalls=(0.3, 0.5, 0.8))
 
@@ -49,7 +49,9 @@ def test_weights_equal_repeated_images(seed: int, n_images: int, n: int) -> None
     rng = np.random.default_rng(seed)
     match, cars = random_table(rng, n_images, n)
     weight = rng.multinomial(n_images, np.full(n_images, 1 / n_images), size=3).astype(np.int32)
-    for row, w in zip(weighted_figures(match, cars, weight, LEVELS), weight, strict=True):
+    figures = weighted_figures(match, cars, weight, LEVELS)
+    np.testing.assert_array_equal(average_precisions(match, cars, weight), figures[:, 1])
+    for row, w in zip(figures, weight, strict=True):
         copy = repeated(match, cars, w)
         if not copy.n_cars:
             assert np.isnan(row[:4]).all()

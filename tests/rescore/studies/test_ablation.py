@@ -15,9 +15,6 @@ from rescore.evidence.registration import Registration
 from rescore.fusion.tune import TuneConfig
 from rescore.studies.ablation import AblationInput, AblationRow, ablate, groups
 
-# one worker makes what all of them need
-pytestmark = pytest.mark.xdist_group("ablation")
-
 CAR, OTHER = np.array([10.0, 10, 60, 30]), np.array([100.0, 50, 150, 70])
 PER_SPLIT = 40
 
@@ -55,7 +52,12 @@ def rows() -> dict[str, AblationRow]:
         table_of(splits.validation, rng),
         table_of(splits.test, rng),
     )
-    return {r.without: r for r in ablate(given, Registration.METRIC, EvidenceConfig(), TuneConfig(), 0)}
+    return {
+        r.without: r
+        for r in ablate(
+            given, Registration.METRIC, EvidenceConfig(), TuneConfig(n_grid=21, n_resamples=100), 0
+        )
+    }
 
 
 def test_every_cue_is_in_one_group_and_has_a_row(rows: dict[str, AblationRow]) -> None:

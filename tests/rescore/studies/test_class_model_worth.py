@@ -27,7 +27,6 @@ from rescore.studies.class_model_worth import (
 from tests.rescore.spoiling import Run
 from tests.rescore.studies.test_ablation import CAR, OTHER, data_set
 
-pytestmark = pytest.mark.xdist_group("ablation")
 CONFIG = run_preset("streets")
 
 

@@ -27,8 +27,6 @@ from tests.datasets_synth.small_streets import SMALL
 from tests.rescore import shipped
 from tests.rescore.spoiling import Run
 
-pytestmark = pytest.mark.xdist_group("relief")
-
 
 @pytest.fixture(scope="module")
 def street_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
