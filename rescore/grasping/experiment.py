@@ -7,7 +7,7 @@ from pathlib import Path
 from joblib import delayed
 from pydantic import TypeAdapter
 
-from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.models import table_cars
 from recon.errors import RescoreError
 from rescore.files import read_json_object, remove, write_json, write_provenance
 from rescore.formats.checked_json import read_checked
@@ -40,7 +40,7 @@ class Experiment:
             RescoreError: the packages of the robot are not installed, or a mesh cannot be used.
         """
         require_robot()
-        chosen = own_cars(cars_of_splits(test_meshes=meshes)["test"]) if meshes else experiment_cars(cars)
+        chosen = own_cars(table_cars(meshes)["test"]) if meshes else experiment_cars(cars)
         return Experiment(chosen, placements, seed)
 
     def run(self, out: Path, jobs: int, table_class: TableClass | None = None) -> GraspResult:
@@ -93,7 +93,7 @@ class Experiment:
 
 def learned_cars(jobs: int) -> TableClass:
     """What the training cars teach; front and rear are not told apart, since a grasp needs neither."""
-    train = cars_of_splits()["train"]
+    train = table_cars()["train"]
     say(f"learning from {len(train)} cars")
     return learn_table_class(train, TableClassConfig(heading_pictures=0), jobs)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.models import table_cars
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, Placement, photograph
 from recon.arrays import FloatArray, UInt8Array
@@ -105,7 +105,7 @@ def learned_study(cars: int, placements: int, meshes: Path | None, seed: int, jo
     Raises:
         RescoreError: fewer placements than cars, or a mesh that cannot be used.
     """
-    split = cars_of_splits(test_meshes=meshes)
+    split = table_cars(meshes)
     chosen = _spread(split["test"], cars)
     if placements < len(chosen):
         raise RescoreError(
