@@ -5,6 +5,7 @@ Two ways: by the report's construction, and by a joint fit of pose and shape.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -66,6 +67,9 @@ class PartsConfig:
     """Nats of what the projected instance and the outline do not share (1 - IoU), beside the bin's cost."""
     borders_weight: float = 80.0
     """Nats of 1 minus the correlation of edges with the borders of the projected instance's visible parts."""
+    proportions: float = 0.1
+    """Standard deviation of the logarithms of length, width and height beside those of the class model, all
+    enlarged alike: an object turned the wrong way fills its outline with a box as no object of the class has."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
 
 
@@ -162,7 +166,14 @@ class _PartsTrial:
         """Cost of an instance in the picture, nats."""
         visible, iou = _project_model(instance, self.model, self.ring_px, self.seen_from.camera)
         agree = float(self.window.agreement([visible])[0])
-        return self.config.overlap_weight * (1 - iou) + self.config.borders_weight * (1 - agree)
+        picture = self.config.overlap_weight * (1 - iou) + self.config.borders_weight * (1 - agree)
+        stretch = np.log(instance.size_m) - self._class_log_size
+        return picture + 0.5 * float(((stretch - stretch.mean()) ** 2).sum()) / self.config.proportions**2
+
+    @cached_property
+    def _class_log_size(self) -> FloatArray:
+        """Logarithms (3,) of length, width and height of the class model, in its units."""
+        return np.asarray(np.log(np.ptp(np.concatenate([p.outline for p in self.model.parts]), axis=0)))
 
 
 def _standing_box(instance: Instance3D, ground: GroundPlane) -> StandingBox:
