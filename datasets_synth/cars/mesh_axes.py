@@ -18,6 +18,16 @@ _BINS = 24
 _UNEVEN = 0.10
 """Share of the surface without a partner behind the mirror that no upright car has: steering wheels,
 exhausts and plates have less."""
+_INSIDE = np.array(
+    [
+        (a + third, b + third, 4 - a - b - 2 * third)
+        for third in (1 / 3, 2 / 3)
+        for a in range(4)
+        for b in range(4)
+        if a + b + 2 * third < 4
+    ]
+) / np.array(4.0)
+"""Weights of a triangle's corners at the middles of its 16 parts, shape (16, 3)."""
 
 
 class Axis(StrEnum):
@@ -33,7 +43,8 @@ class Axis(StrEnum):
     @property
     def vector(self) -> FloatArray:
         """The unit vector, shape (3,)."""
-        return (-1.0 if self.value[0] == "-" else 1.0) * np.eye(3)["xyz".index(self.value[-1])]
+        sign = -1.0 if self.value[0] == "-" else 1.0
+        return np.asarray(sign * np.eye(3)["xyz".index(self.value[-1])])
 
 
 @dataclass(frozen=True)
@@ -58,6 +69,20 @@ class MeshAxes:
 
     def __str__(self) -> str:
         return f"up along {self.up.value} and the nose along {self.nose.value}"
+
+
+def mesh_axes(up: str, nose: str) -> MeshAxes:
+    """The axes that a user names.
+
+    Raises:
+        RescoreError: no such axis, or one named twice.
+    """
+    for option, value in (("--up", up), ("--nose", nose)):
+        if value not in set(Axis):
+            raise RescoreError(
+                f"{option}: expected one of {', '.join(Axis)}, got {value!r}; choose one of these"
+            )
+    return MeshAxes(Axis(up), Axis(nose))
 
 
 def metres_a_unit(where: str, size: FloatArray) -> tuple[float, str]:
@@ -91,11 +116,7 @@ def refuse_turned(where: str, corners_m: FloatArray, axes: MeshAxes) -> None:
             f"{where}: expected {axes}, got length x width x height {_measures(size)}: turn it, or say its "
             "axes with --up and --nose"
         )
-    centre = corners_m.mean(axis=1)
-    area = np.linalg.norm(
-        np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]), axis=1
-    )
-    across, upward = (_unevenness(corners_m[..., k], centre[:, k], area) for k in (1, 2))
+    across, upward = (_unevenness(corners_m, k) for k in (1, 2))
     if across > _UNEVEN and across > 2 * upward:
         raise RescoreError(
             f"{where}: expected {axes}, got a car that lies on its side: its left and right differ, its top "
@@ -103,12 +124,16 @@ def refuse_turned(where: str, corners_m: FloatArray, axes: MeshAxes) -> None:
         )
 
 
-def _unevenness(corners: FloatArray, centre: FloatArray, area: FloatArray) -> float:
-    """Share of the surface that has no partner at the same distance from the middle, along one axis."""
-    low, high = corners.min(), corners.max()
-    cell = np.clip((centre - low) / max(high - low, 1e-12) * _BINS, 0, _BINS - 1).astype(int)
-    share = np.bincount(cell, area, minlength=_BINS) / max(area.sum(), 1e-12)
-    return float(np.abs(share - share[::-1]).sum() / 2)
+def _unevenness(corners: FloatArray, axis: int) -> float:
+    """Share of the surface of triangles (m, 3, 3) without a partner as far from the middle."""
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    along = corners[..., axis]
+    low, high = along.min(), along.max()
+    share = np.zeros(_BINS)
+    for weights in _INSIDE:
+        cell = (along @ weights - low) / max(high - low, 1e-12) * _BINS
+        share += np.bincount(np.clip(cell, 0, _BINS - 1).astype(int), area, _BINS)
+    return float(np.abs(share - share[::-1]).sum() / (2 * max(share.sum(), 1e-12)))
 
 
 def _measures(size: FloatArray) -> str:

@@ -95,8 +95,8 @@ def load_meshes(directory: Path, axes: MeshAxes | None = None) -> tuple[Imported
     )
     if not paths:
         raise RescoreError(
-            f"expected OBJ, GLB, glTF, PLY, STL or OFF files in {str(directory)!r}, found none: put car meshes "
-            "into it"
+            f"expected OBJ, GLB, glTF, PLY, STL or OFF files in {str(directory)!r}, found none: put car "
+            "meshes into it"
         )
     return tuple(_load(directory, path, name, axes) for path, name in zip(paths, _names(paths), strict=True))
 
@@ -212,7 +212,7 @@ def _refuse_many_faces(where: str, count: int) -> None:
 
 
 def _refuse_large_faces(path: Path, where: str) -> None:
-    """Refuses faces whose triangles would take memory with the square of their corners, and too many faces."""
+    """Refuses too many faces, and those whose triangles take memory with the square of their corners."""
     count = 0
     with path.open("rb") as lines:
         for number, line in enumerate(lines, start=1):

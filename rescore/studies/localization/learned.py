@@ -4,19 +4,20 @@ and what front and rear look like, from pictures of the training cars on the tab
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import joblib
 import numpy as np
 from joblib import delayed
 
 from datasets_synth.cars.parts import CAR_PARTS
 from datasets_synth.cars.shapes import CarModel
-from datasets_synth.photos.table_scene import ELEVATION_RAD, SEEN_FROM, photograph, place_at_random
+from datasets_synth.photos.table_scene import ELEVATION_RAD
 from datasets_synth.render.part_render import render_part_labels
 from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.learning.generic_phase import learn_primitives
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.learning.primitives import PrimitiveLibrary
-from recon.localization.heading import Heading, HeadingConfig, Posed, learn_heading, read_surface
+from recon.localization.heading import Heading, HeadingConfig, Posed, learn_heading, weigh_cues
 from recon.localization.learn_shapes import (
     InstanceShape,
     ShapeSpaceConfig,
@@ -26,14 +27,13 @@ from recon.localization.learn_shapes import (
 )
 from recon.localization.standing_box import StandingBox
 from recon.part_views import PartView
-from recon.pixels import linear_from_srgb
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
-from recon.workers import workers
-from rescore.parallel import one_thread
+from rescore.parallel import in_order, one_thread, track
+from rescore.studies.localization.heading_pictures import fitted_pairs, surface_readings
 
-_PICTURES_SEED = 20090625
-"""Seed of the pictures of training cars."""
+_OTHERS_STREAM = 1000
+"""First stream of random choices of the cars that weigh the cues, beyond those of the training cars."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,11 @@ class TableClassConfig:
     refine_rounds: int = 3
     """Rounds of refining the planes of the class model (see ``LearnConfig``)."""
     space: ShapeSpaceConfig = field(default_factory=ShapeSpaceConfig)
-    heading_pictures: int = 24
-    """Pictures of each training car at random places, from which front and rear are told; 0 where it does not
-    matter which is which, as for a grasp."""
-    heading_error: tuple[float, float, float] = (0.005, 0.03, 0.05)
-    """Standard deviations of the errors of the box in heading pictures, as fits have: place in metres,
-    direction in radians, logarithms of the size."""
+    heading_pictures: int = 12
+    """Pictures of each training car at random places, from which the looks of front and rear are learned; 0
+    where it does not matter which is which, as for a grasp."""
+    cue_pictures: int = 6
+    """Pictures of each car that weighs the cues for front and rear."""
     heading: HeadingConfig = field(default_factory=HeadingConfig)
 
 
@@ -69,12 +68,18 @@ class TableClass:
     heading: Heading | None
     """None where no pictures were learned from."""
 
+    @property
+    def digest(self) -> str:
+        """A digest of what trials depend on."""
+        return str(joblib.hash((self.model, self.space, self.heading)))
+
 
 def learn_table_class(
     cars: Sequence[CarModel],
     config: TableClassConfig,
     jobs: int,
     library: PrimitiveLibrary | None = None,
+    others: Sequence[CarModel] = (),
 ) -> TableClass:
     """The class model, the shape space and the looks of training cars; pictures are rendered here.
 
@@ -85,23 +90,42 @@ def learn_table_class(
         config: settings.
         jobs: cars at a time.
         library: primitives of the view bins at the first elevation; None to learn them here.
+        others: cars of other shapes, by which the cues for front and rear are weighed.
     """
     bins = ViewBins(12, config.elevations_rad[0])
     library = library or learn_primitives(bins, jobs=jobs)
-    learned = workers(jobs)(delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars))
+    tasks = (delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars))
+    learned: list[_Learned] = list(track(in_order(tasks, jobs), "learn shapes", len(cars)))
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
     chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]
     # sums over several threads differ in the last digits, and the fits with them
     with one_thread():
         space = principal_shapes([one.shape for one in learned], config.space)
-        readings = [r for one in learned for r in one.readings]
-        heading = learn_heading(readings, config.heading) if readings else None
         views = [view for i in chosen for view in learned[i].views]
         model = learn_class_model(
             views, "car", CAR_PARTS, LearnConfig(bins=bins, refine_rounds=config.refine_rounds), library
         )
-    return TableClass(model, space, heading)
+    readings = [r for one in learned for r in one.readings]
+    return TableClass(model, space, _heading(readings, others, space, config, jobs) if readings else None)
+
+
+def _heading(
+    readings: Sequence[FloatArray],
+    others: Sequence[CarModel],
+    space: ShapeSpace,
+    config: TableClassConfig,
+    jobs: int,
+) -> Heading:
+    """Front and rear from readings of training cars, cues weighed by fits to other cars."""
+    with one_thread():
+        heading = learn_heading(readings, config.heading)
+    tasks = (
+        delayed(fitted_pairs)(car, _OTHERS_STREAM + i, config.cue_pictures, space, heading)
+        for i, car in enumerate(others)
+    )
+    pairs = [p for found in track(in_order(tasks, jobs), "learn front and rear", len(others)) for p in found]
+    return weigh_cues(heading, pairs) if pairs else heading
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +136,7 @@ class _Learned:
     """Labelled views of the first ring."""
     shape: InstanceShape
     readings: list[FloatArray]
-    """Looks of its surface in pictures, each of shape (cells,)."""
+    """Looks of its surface in pictures, each of shape (3, cells)."""
 
 
 def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
@@ -127,24 +151,6 @@ def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: Pri
     with one_thread():
         instance = TrainingInstance(tuple(views), ring_of, car.size_m)
         shape = instance_shape(instance, CAR_PARTS, config.space, library)
-        readings = _readings(car, index, shape, config)
+        posed = Posed(shape.hull, config.space.reach, StandingBox(np.zeros(2), 0.0, np.array(car.size_m)))
+        readings = surface_readings(car, index, config.heading_pictures, posed, config.heading)
     return _Learned(tuple(views[: rings[0].count]), shape, readings)
-
-
-def _readings(car: CarModel, index: int, shape: InstanceShape, config: TableClassConfig) -> list[FloatArray]:
-    """Readings of the surface of a training car off pictures of it on the table, with errors as fits have."""
-    out = []
-    place, turned, size = config.heading_error
-    for k in range(config.heading_pictures):
-        rng = np.random.default_rng([_PICTURES_SEED, index, k])
-        placement = place_at_random(car, rng)
-        light = linear_from_srgb(photograph([placement], rng))
-        true = placement.box
-        box = StandingBox(
-            true.xy_m + rng.normal(0, place, 2),
-            true.yaw_rad + rng.normal(0, turned),
-            true.size_m * np.exp(rng.normal(0, size, 3)),
-        )
-        posed = Posed(shape.hull, config.space.reach, box)
-        out.append(read_surface(light, posed, SEEN_FROM, config.heading))
-    return out

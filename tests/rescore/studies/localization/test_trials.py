@@ -27,9 +27,9 @@ from reports.studies.localization_sheets import write_localization
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
 from rescore.studies.localization.result_file import read_localization
 from rescore.studies.localization.scores import METHODS, Score, markdown_table, summary
-from rescore.studies.localization.segment import segment_table
+from rescore.studies.localization.segment import empty_table, segment_table
 from rescore.studies.localization.study import LocalizationStudy, learned_study
-from rescore.studies.localization.trials import TrialConfig, empty_table, localize_placement
+from rescore.studies.localization.trials import TrialConfig, localize_placement
 from tests.exact_primitives import exact_library
 
 CARS = cars_of_splits()
@@ -40,6 +40,7 @@ SMALL = TableClassConfig(
     refine_rounds=0,
     space=ShapeSpaceConfig(cells=(56, 20, 24), modes=2),
     heading_pictures=3,
+    cue_pictures=2,
 )
 
 
@@ -47,7 +48,7 @@ SMALL = TableClassConfig(
 def small_class() -> TableClass:
     sedans = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))]
     library = exact_library(ViewBins(12, SMALL.elevations_rad[0]))
-    return learn_table_class(sedans[:4], SMALL, 1, library)
+    return learn_table_class(sedans[:4], SMALL, 1, library, others=[sedan().car])
 
 
 def sedan() -> Placement:
