@@ -39,7 +39,7 @@ _TOP, _SIDE, _ENDS = range(3)
 class HeadingConfig:
     """Settings of the reading and of learning."""
 
-    along: int = 6
+    along: int = 10
     """Cells along x, on the top and on the side."""
     across: int = 2
     """Cells from the middle to the side, on the top and at the ends."""
