@@ -12,6 +12,7 @@ from datasets_synth.cars.cars import car_mesh
 from datasets_synth.cars.mesh_axes import MeshAxes
 from datasets_synth.cars.paint import unusual_materials
 from datasets_synth.cars.shapes import CarModel, CarShape, car_shapes
+from datasets_synth.cars.table_shapes import SHAPES_PER_KIND, table_shapes
 from datasets_synth.meshes.mesh import Mesh
 from recon.errors import RescoreError
 from rescore.data.frames import SPLITS
@@ -19,6 +20,8 @@ from rescore.speech import say
 
 _SPLIT_OF_NUMBER = ("train", "test", "calibration", "train", "test", "validation", "train", "test")
 """Split of the k-th shape of a body type, so that every split sees every body type."""
+_SPLIT_OF_TABLE_NUMBER = ("train", "test", "train", "validation")
+"""Split of the k-th shape of a kind of ``table_shapes``."""
 
 
 TRAINING_CARS = "training cars"
@@ -112,7 +115,34 @@ def cars_of_splits(
     Raises:
         RescoreError: A mesh cannot be used, stands in both folders, or has the name of a parametric shape.
     """
+    return _with_meshes(_parametric(), train_meshes, test_meshes, axes)
+
+
+def table_cars(
+    test_meshes: Path | None = None, axes: MeshAxes | None = None
+) -> Mapping[str, Sequence[CarModel]]:
+    """The model cars of each split for the table: those of ``cars_of_splits``, then racers and other kinds.
+
+    Args:
+        test_meshes: Folder of meshes that replace the shapes of split "test".
+        axes: Those of the meshes; None for glTF's.
+
+    Raises:
+        RescoreError: A mesh cannot be used, or has the name of a parametric shape.
+    """
     cars = _parametric()
+    for i, shape in enumerate(table_shapes()):
+        cars[_SPLIT_OF_TABLE_NUMBER[i % SHAPES_PER_KIND]].append(ParametricCar(shape))
+    return _with_meshes(cars, None, test_meshes, axes)
+
+
+def _with_meshes(
+    cars: dict[str, list[CarModel]],
+    train_meshes: Path | None,
+    test_meshes: Path | None,
+    axes: MeshAxes | None,
+) -> Mapping[str, Sequence[CarModel]]:
+    """The cars with those of splits replaced by meshes; no name in two splits."""
     for split, folder in (("train", train_meshes), ("test", test_meshes)):
         if folder is not None:
             cars[split] = _imported(folder, axes)

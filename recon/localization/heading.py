@@ -1,14 +1,15 @@
 """Front or rear of an object that was fitted both ways round, by several cues that a class teaches.
 
-How the surface looks is read into cells: the top along x, the side along x, and both ends. Reading the same
-surface with front and rear exchanged permutes the cells. Three things are read beside the paint around:
-redness, lightness, and how far a colour is from the paint's, whichever way, since glass and lamps have any
-colour. Cells are weighed in groups, each a cue with log odds of its own: windows, ends, wheels, lamps. With
-the two fits' outlines and borders of parts they make up the log odds of the nose.
+How the surface looks is read into cells: the top along x, the side along x, and both ends. The surface is the
+class's mean with front and rear made alike, so that its shape says nothing; reading it with front and rear
+exchanged permutes the cells. Three things are read beside the paint around: redness, lightness, and how far a
+colour is from the paint's, whichever way, since glass and lamps have any colour. What the weights of cells
+sum up to is told by place: windows, ends, wheels, lamps. Beside it the fits themselves speak: which way round
+the outline and the borders of the parts fit better.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,9 @@ from recon.reading import json_of, reading
 LOOKS = ("windows", "ends", "wheels", "lamps")
 """Cues from how the surface looks: glass on top and on the upper side, front and rear, the lower side,
 and redness anywhere."""
-CUES = (*LOOKS, "outline", "borders")
-"""All cues: also which way round the outline, and the borders of the parts, fit better."""
+FITS = ("outline", "borders")
+"""Cues from the fits: their outlines, and the borders of their parts."""
+CUES = (*LOOKS, *FITS)
 
 _MOST = 6.0
 """A difference of one pixel beside the unit, at most: a lamp must not stand for all of its cell."""
@@ -110,30 +112,30 @@ class Heading:
     """What front and rear of a class look like."""
 
     cells: FloatArray
-    """Weights of the difference of the readings by look cue, shape (len(LOOKS), 3, cells)."""
+    """Weights of the difference of the readings, shape (3, cells)."""
     config: HeadingConfig
-    weights: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(LOOKS, 1.0))
-    """Weight of each cue's value; cues without one say nothing."""
+    looks: float = 1.0
+    """Weight of what the surface says."""
+    fits: tuple[float, ...] = (0.0,) * len(FITS)
+    """Weights of what the fits say, by cue of ``FITS``."""
 
     def odds(self, fit: FitLooks, turned: FitLooks) -> NoseOdds:
         """Odds that the nose is where a fit has it and not where the one turned round has it."""
-        values = self.cue_values(fit, turned)
-        return NoseOdds({cue: weight * values[cue] for cue, weight in self.weights.items()})
+        looks = self.looks * self._looks(fit, turned)
+        said = np.array(self.fits) * _fits(fit, turned)
+        return NoseOdds(dict(zip(CUES, [*looks.tolist(), *said.tolist()], strict=True)))
 
-    def cue_values(self, fit: FitLooks, turned: FitLooks) -> dict[str, float]:
-        """What each cue says for a fit and against the one turned round, before it is weighed."""
-        pair = [_difference(f.reading, self.config) for f in (fit, turned)]
-        looks = np.tensordot(self.cells, (pair[0] - pair[1]) / 2, 2)
-        values = dict(zip(LOOKS, looks.tolist(), strict=True))
-        # a shape that is none of the class costs much both ways: only the ratio counts
-        values["outline"] = float(np.log(turned.cost / fit.cost))
-        values["borders"] = fit.agreement - turned.agreement
-        return values
+    def _looks(self, fit: FitLooks, turned: FitLooks) -> FloatArray:
+        """Log odds by look cue, shape (len(LOOKS),)."""
+        differences = [_difference(f.reading, self.config) for f in (fit, turned)]
+        weighed = self.cells * (differences[0] - differences[1]) / 2
+        return np.asarray((weighed * _cells_of_cues(self.config)).sum(axis=(1, 2)))
 
     @property
     def as_json(self) -> dict[str, Any]:
         """The weights as JSON values."""
-        return {"config": asdict(self.config), "cells": self.cells.tolist(), "weights": dict(self.weights)}
+        weights = {"looks": self.looks, "fits": list(self.fits), "cells": self.cells.tolist()}
+        return {"config": asdict(self.config), **weights}
 
     @staticmethod
     def load(path: Path) -> "Heading":
@@ -146,18 +148,23 @@ class Heading:
         value = json_of(path, what, advice)
         with reading(path, what, advice):
             config = HeadingConfig(**value["config"])
-            cells = np.array(value["cells"], float).reshape(len(LOOKS), 3, _cells(config))
-            return Heading(cells, config, {str(k): float(v) for k, v in value["weights"].items()})
+            cells = np.array(value["cells"], float).reshape(3, _cells(config))
+            fits = tuple(float(w) for w in np.array(value["fits"], float).reshape(len(FITS)))
+            return Heading(cells, config, float(value["looks"]), fits)
+
+
+def _fits(fit: FitLooks, turned: FitLooks) -> FloatArray:
+    """What the fits say before it is weighed, shape (len(FITS),)."""
+    # a shape that is none of the class costs much both ways: only the ratio counts
+    outline = np.log(turned.cost / fit.cost)
+    return np.array([outline, fit.agreement - turned.agreement])
 
 
 def learn_heading(readings: Sequence[FloatArray], config: HeadingConfig) -> Heading:
-    """Ridge logistic regression of each look cue on readings (3, cells) with the right heading."""
+    """Ridge logistic regression on readings (3, cells) with the right heading."""
     data = np.stack([_difference(r, config) for r in readings])
-    used = _cells_of_cues(config)
-    cells = np.zeros((len(LOOKS), 3, _cells(config)))
-    for weights, own in zip(cells, used, strict=True):
-        weights[own] = _logistic(data[:, own], config.ridge)
-    return Heading(cells, config)
+    weights = _logistic(data.reshape(len(data), -1), config.ridge)
+    return Heading(weights.reshape(3, -1), config)
 
 
 def weigh_cues(heading: Heading, pairs: Sequence[tuple[FitLooks, FitLooks]]) -> Heading:
@@ -166,10 +173,10 @@ def weigh_cues(heading: Heading, pairs: Sequence[tuple[FitLooks, FitLooks]]) -> 
     The objects are others than those that the cells were learned from, so that no cue is trusted too much. No
     weight is below 0: a cue that misleads them is not believed the other way round.
     """
-    values = [heading.cue_values(fit, turned) for fit, turned in pairs]
-    data = np.array([[v[cue] for cue in CUES] for v in values])
-    weights = _logistic(data, heading.config.cue_ridge, lowest=0.0)
-    return Heading(heading.cells, heading.config, dict(zip(CUES, weights.tolist(), strict=True)))
+    unweighed = Heading(heading.cells, heading.config)
+    data = np.array([[unweighed.odds(*pair).log_odds, *_fits(*pair)] for pair in pairs])
+    looks, *fits = _logistic(data, heading.config.cue_ridge, lowest=0.0).tolist()
+    return Heading(heading.cells, heading.config, looks, tuple(fits))
 
 
 def _logistic(data: FloatArray, ridge: float, lowest: float | None = None) -> FloatArray:
@@ -183,6 +190,11 @@ def _logistic(data: FloatArray, ridge: float, lowest: float | None = None) -> Fl
 
     start, bounds = np.zeros(data.shape[1]), [(lowest, None)] * data.shape[1]
     return np.asarray(minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds).x)
+
+
+def neutral_hull(hull: Float32Array) -> Float32Array:
+    """A hull function (nx, ny, nz) with front and rear made alike: its shape does not say which is which."""
+    return np.ascontiguousarray((hull + hull[::-1]) / 2)
 
 
 def read_surface(
@@ -239,10 +251,10 @@ def _faces(config: HeadingConfig) -> NDArray[np.intp]:
 
 
 def _cells_of_cues(config: HeadingConfig) -> BoolArray:
-    """Which entries of a reading each look cue weighs, shape (len(LOOKS), 3, cells)."""
+    """Which entries of a reading belong to each look cue, shape (len(LOOKS), 3, cells)."""
     face = _faces(config)
-    column = np.tile(np.arange(config.across + config.up) - config.across, config.along)
-    row = np.concatenate([column, np.zeros(len(face) - len(column), int)])
+    side = np.tile(np.arange(config.across + config.up) - config.across, config.along)
+    row = np.concatenate([side, np.zeros(len(face) - len(side), int)])
     upper = (face == _SIDE) & (row >= config.up // 2)
     used = np.zeros((len(LOOKS), 3, len(face)), bool)
     places = {"windows": (face == _TOP) | upper, "ends": face == _ENDS, "wheels": (face == _SIDE) & ~upper}
@@ -302,16 +314,8 @@ def _seen(unit: FloatArray, eye_unit: FloatArray, shape: Posed, clearance_m: flo
     """Whether the eye sees each surface point (n, 3) past the rest of the object, shape (n,)."""
     toward = (eye_unit - unit) / np.abs(eye_unit - unit).max(axis=1, keepdims=True)
     hidden = np.zeros(len(unit), bool)
-    nx, ny, nz = shape.hull.shape
-    rx, ry, rz = shape.reach
     for step in np.linspace(0.03, 0.8, 20):
-        p = unit + step * toward
-        i = np.round((p[:, 0] / (2 * rx) + 0.5) * (nx - 1)).astype(int)
-        j = np.round(np.abs(p[:, 1]) / ry * (ny - 1)).astype(int)
-        k = np.round(p[:, 2] / rz * (nz - 1)).astype(int)
-        on_grid = (i >= 0) & (i < nx) & (j < ny) & (k >= 0) & (k < nz)
-        i, j, k = np.clip(i, 0, nx - 1), np.clip(j, 0, ny - 1), np.clip(k, 0, nz - 1)
-        hidden |= on_grid & (shape.hull[i, j, k] < -clearance_m)
+        hidden |= _hull_at(shape, unit + step * toward) < -clearance_m
     return ~hidden
 
 
@@ -322,3 +326,15 @@ def _lab_at(light: Float32Array, uv_px: FloatArray, config: HeadingConfig) -> Fl
     crop = np.ascontiguousarray(light[low[1] : high[1], low[0] : high[0]])
     lab = cv2.cvtColor(cv2.GaussianBlur(crop, (0, 0), config.smooth_sigma_px), cv2.COLOR_LRGB2Lab)
     return np.asarray(sample_bilinear(lab, uv_px - low, cv2.BORDER_REPLICATE), float)
+
+
+def _hull_at(shape: Posed, unit: FloatArray) -> FloatArray:
+    """Hull function (n,) at the nearest sample of points (n, 3) in units of the size; far off beyond it."""
+    nx, ny, nz = shape.hull.shape
+    rx, ry, rz = shape.reach
+    i = np.round((unit[:, 0] / (2 * rx) + 0.5) * (nx - 1)).astype(int)
+    j = np.round(np.abs(unit[:, 1]) / ry * (ny - 1)).astype(int)
+    k = np.round(unit[:, 2] / rz * (nz - 1)).astype(int)
+    on_grid = (i >= 0) & (i < nx) & (j < ny) & (k >= 0) & (k < nz)
+    i, j, k = np.clip(i, 0, nx - 1), np.clip(j, 0, ny - 1), np.clip(k, 0, nz - 1)
+    return np.where(on_grid, shape.hull[i, j, k], np.inf)

@@ -12,7 +12,15 @@ from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
-from recon.localization.heading import FitLooks, Heading, HeadingConfig, NoseOdds, Posed, read_surface
+from recon.localization.heading import (
+    FitLooks,
+    Heading,
+    HeadingConfig,
+    NoseOdds,
+    Posed,
+    neutral_hull,
+    read_surface,
+)
 from recon.localization.joint_fit import FittedInstance, JointFitConfig, joint_fits
 from recon.localization.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
 from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground
@@ -277,10 +285,12 @@ class FitLooker:
 
     def looks(self, fit: FittedInstance, agreement: float, heading: HeadingConfig) -> FitLooks:
         """What tells whether a fit is the right way round."""
-        space = self.space
+        space, light = self.space, self.light
         box = fit.box(space, self.config.fit.model_scale)
-        posed = Posed(space.hull(fit.coefficients), space.reach, box)
-        return FitLooks(read_surface(self.light, posed, self.seen_from, heading), fit.cost, agreement)
+        reading = read_surface(
+            light, Posed(neutral_hull(space.mean), space.reach, box), self.seen_from, heading
+        )
+        return FitLooks(reading, fit.cost, agreement)
 
 
 def _visible_parts(parts_m: FloatArray, seen_from: GroundedCamera) -> list[FloatArray]:

@@ -8,7 +8,7 @@ from joblib import delayed
 from pydantic import TypeAdapter
 
 from datasets_synth.cars.mesh_axes import MeshAxes
-from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.models import table_cars
 from recon.errors import RescoreError
 from rescore.files import read_json_object, remove, write_json, write_provenance
 from rescore.formats.checked_json import read_checked
@@ -47,7 +47,7 @@ class Experiment:
         require_robot()
         if meshes is None:
             return Experiment(experiment_cars(cars), placements, seed)
-        own = cars_of_splits(test_meshes=meshes, axes=axes)["test"]
+        own = table_cars(meshes, axes)["test"]
         return Experiment(own_cars(own), placements, seed)
 
     def run(self, out: Path, jobs: int, table_class: TableClass | None = None) -> GraspResult:
@@ -102,7 +102,7 @@ def learned_cars(folder: Path, jobs: int) -> TableClass:
     """What the training cars teach, kept in a folder; front and rear are not told apart, since a grasp needs
     neither."""
     config = TableClassConfig(heading_pictures=0)
-    return kept_table_class(folder, cars_of_splits()["train"], config, jobs)
+    return kept_table_class(folder, table_cars()["train"], config, jobs)
 
 
 class _Kept:

@@ -9,7 +9,7 @@ from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, photograph, photograph_empty, place_at_random
 from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.errors import Failure
-from recon.localization.heading import FitLooks, Heading, HeadingConfig, Posed, read_surface
+from recon.localization.heading import FitLooks, HeadingConfig, Posed, neutral_hull, read_surface
 from recon.localization.joint_fit import FittedInstance, JointFitConfig, OutlineFit, turned_round
 from recon.localization.localize import FitConfig, FitLooker
 from recon.localization.outline_edges import points_on_edges
@@ -42,31 +42,32 @@ class BoxError:
 
 
 def surface_readings(
-    car: CarModel, stream: int, count: int, posed: Posed, config: HeadingConfig
+    car: CarModel, stream: int, count: int, space: ShapeSpace, config: HeadingConfig
 ) -> list[FloatArray]:
-    """Readings (3, cells) of the surface of a car in pictures of it, its shape known but for small errors.
+    """Readings (3, cells) of the surface of a car in pictures of it, its box known but for small errors.
 
     Args:
         car: The car.
         stream: Number of its stream of random choices.
         count: Pictures.
-        posed: Its shape; the box is not used.
+        space: The class.
         config: Settings of the reading.
     """
-    out = []
-    for k in range(count):
-        rgb, true, rng = _picture(car, stream, k)
-        placed = Posed(posed.hull, posed.reach, BoxError().of(true, rng))
-        out.append(read_surface(linear_from_srgb(rgb), placed, SEEN_FROM, config))
+    out, hull = [], neutral_hull(space.mean)
+    with one_thread():
+        for k in range(count):
+            rgb, true, rng = _picture(car, stream, k)
+            placed = Posed(hull, space.reach, BoxError().of(true, rng))
+            out.append(read_surface(linear_from_srgb(rgb), placed, SEEN_FROM, config))
     return out
 
 
 def fitted_pairs(
-    car: CarModel, stream: int, count: int, space: ShapeSpace, heading: Heading
+    car: CarModel, stream: int, count: int, space: ShapeSpace, config: HeadingConfig
 ) -> list[tuple[FitLooks, FitLooks]]:
     """A fit near the truth and the same car fitted the other way round, for pictures in which it is found."""
     with one_thread():
-        found = [_pair(*_picture(car, stream, k), space, heading.config) for k in range(count)]
+        found = [_pair(*_picture(car, stream, k), space, config) for k in range(count)]
     return [pair for pair in found if pair is not None]
 
 

@@ -12,12 +12,11 @@ from datasets_synth.cars.parts import CAR_PARTS
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import ELEVATION_RAD
 from datasets_synth.render.part_render import render_part_labels
-from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.learning.generic_phase import learn_primitives
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.learning.primitives import PrimitiveLibrary
-from recon.localization.heading import Heading, HeadingConfig, Posed, learn_heading, weigh_cues
+from recon.localization.heading import Heading, HeadingConfig, learn_heading, weigh_cues
 from recon.localization.learn_shapes import (
     InstanceShape,
     ShapeSpaceConfig,
@@ -25,11 +24,11 @@ from recon.localization.learn_shapes import (
     instance_shape,
     principal_shapes,
 )
-from recon.localization.standing_box import StandingBox
 from recon.part_views import PartView
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 from rescore.parallel import in_order, one_thread, track
+from rescore.speech import doing
 from rescore.studies.localization.heading_pictures import fitted_pairs, surface_readings
 
 _OTHERS_STREAM = 1000
@@ -53,7 +52,7 @@ class TableClassConfig:
     heading_pictures: int = 12
     """Pictures of each training car at random places, from which the looks of front and rear are learned; 0
     where it does not matter which is which, as for a grasp."""
-    cue_pictures: int = 6
+    cue_pictures: int = 4
     """Pictures of each car that weighs the cues for front and rear."""
     heading: HeadingConfig = field(default_factory=HeadingConfig)
 
@@ -93,8 +92,9 @@ def learn_table_class(
         others: cars of other shapes, by which the cues for front and rear are weighed.
     """
     bins = ViewBins(12, config.elevations_rad[0])
-    library = library or learn_primitives(bins, jobs=jobs)
-    tasks = (delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars))
+    with doing("learn primitives"):
+        library = library or learn_primitives(bins, jobs=jobs)
+    tasks = (delayed(_learn_one)(car, config, library) for car in cars)
     learned: list[_Learned] = list(track(in_order(tasks, jobs), "learn shapes", len(cars)))
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
@@ -106,26 +106,32 @@ def learn_table_class(
         model = learn_class_model(
             views, "car", CAR_PARTS, LearnConfig(bins=bins, refine_rounds=config.refine_rounds), library
         )
-    readings = [r for one in learned for r in one.readings]
-    return TableClass(model, space, _heading(readings, others, space, config, jobs) if readings else None)
+    heading = _heading(cars, others, space, config, jobs) if config.heading_pictures else None
+    return TableClass(model, space, heading)
 
 
 def _heading(
-    readings: Sequence[FloatArray],
+    cars: Sequence[CarModel],
     others: Sequence[CarModel],
     space: ShapeSpace,
     config: TableClassConfig,
     jobs: int,
 ) -> Heading:
-    """Front and rear from readings of training cars, cues weighed by fits to other cars."""
-    with one_thread():
-        heading = learn_heading(readings, config.heading)
+    """Front and rear from pictures of the training cars, cues weighed by fits to other cars."""
+    settings = config.heading
     tasks = (
-        delayed(fitted_pairs)(car, _OTHERS_STREAM + i, config.cue_pictures, space, heading)
-        for i, car in enumerate(others)
+        delayed(surface_readings)(c, i, config.heading_pictures, space, settings) for i, c in enumerate(cars)
     )
-    pairs = [p for found in track(in_order(tasks, jobs), "learn front and rear", len(others)) for p in found]
-    return weigh_cues(heading, pairs) if pairs else heading
+    found = list(track(in_order(tasks, jobs), "learn front and rear", len(cars)))
+    tasks = (
+        delayed(fitted_pairs)(c, _OTHERS_STREAM + i, config.cue_pictures, space, settings)
+        for i, c in enumerate(others)
+    )
+    fitted = list(track(in_order(tasks, jobs), "weigh cues", len(others)))
+    with one_thread():
+        heading = learn_heading([r for own in found for r in own], settings)
+        pairs = [p for own in fitted for p in own]
+        return weigh_cues(heading, pairs) if pairs else heading
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,11 +141,9 @@ class _Learned:
     views: tuple[PartView, ...]
     """Labelled views of the first ring."""
     shape: InstanceShape
-    readings: list[FloatArray]
-    """Looks of its surface in pictures, each of shape (3, cells)."""
 
 
-def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
+def _learn_one(car: CarModel, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
     mesh = car.build(np.random.default_rng(0))
     rings = [ViewBins(12, e) for e in config.elevations_rad]
     views = [
@@ -151,6 +155,4 @@ def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: Pri
     with one_thread():
         instance = TrainingInstance(tuple(views), ring_of, car.size_m)
         shape = instance_shape(instance, CAR_PARTS, config.space, library)
-        posed = Posed(shape.hull, config.space.reach, StandingBox(np.zeros(2), 0.0, np.array(car.size_m)))
-        readings = surface_readings(car, index, config.heading_pictures, posed, config.heading)
-    return _Learned(tuple(views[: rings[0].count]), shape, readings)
+    return _Learned(tuple(views[: rings[0].count]), shape)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets_synth.cars.mesh_axes import MeshAxes
-from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.models import table_cars
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, Placement, photograph
 from recon.arrays import FloatArray, UInt8Array
@@ -23,6 +23,7 @@ from rescore.studies.localization.kept_trials import KeptTrials
 from rescore.studies.localization.learned import TableClass, TableClassConfig
 from rescore.studies.localization.result_file import (
     LocalizationResult,
+    Nose,
     ScoredPlacement,
     TablePose,
     localization_result,
@@ -128,7 +129,7 @@ def learned_study(
     Raises:
         RescoreError: fewer placements than cars, or a mesh that cannot be used.
     """
-    split = cars_of_splits(test_meshes=meshes, axes=axes)
+    split = table_cars(meshes, axes)
     chosen = _spread(split["test"], cars)
     if placements < len(chosen):
         raise RescoreError(
@@ -178,7 +179,9 @@ class Tally:
 def scored(trial: Trial) -> ScoredPlacement:
     """The numbers of a trial."""
     methods = {m: trial.scores[m] for m in METHODS}
-    return ScoredPlacement(car=trial.shape_id, pose=_pose(trial), methods=methods)
+    odds = trial.fit.nose if isinstance(trial.fit, FitLocalization) else None
+    nose = None if odds is None else Nose.of(odds)
+    return ScoredPlacement(car=trial.shape_id, pose=_pose(trial), methods=methods, nose=nose)
 
 
 def _pose(trial: Trial) -> TablePose:

@@ -16,6 +16,7 @@ from recon.localization.heading import (
     HeadingConfig,
     Posed,
     learn_heading,
+    neutral_hull,
     read_surface,
     weigh_cues,
 )
@@ -120,15 +121,28 @@ def test_a_colour_of_its_own_is_told_whether_it_is_light_or_dark() -> None:
 def test_cues_are_weighed_by_fits_and_one_that_misleads_is_dropped() -> None:
     pairs = [pair(y, cost=50.0, agreement=0.5) for y in (20.0, 100.0, 160.0, 290.0)]
     heading = weigh_cues(learned(), pairs)
-    assert heading.weights["outline"] > 0.1
+    outline, borders = heading.fits
+    assert outline > 0.1
     # the borders of the wrong fits agree better in all of these
-    assert heading.weights["borders"] == 0
+    assert borders == 0
     odds = heading.odds(*pairs[0])
-    assert set(odds.cues) == set(CUES)
-    assert odds.cues["outline"] == pytest.approx(heading.weights["outline"] * np.log(2))
+    assert tuple(odds.cues) == CUES
+    assert odds.cues["outline"] == pytest.approx(outline * np.log(2))
     # a shape that is none of the class costs much both ways: the ratio counts
     right, wrong = (FitLooks(f.reading, 40 * f.cost, f.agreement) for f in pairs[0])
     assert heading.odds(right, wrong).cues["outline"] == pytest.approx(odds.cues["outline"])
+
+
+def test_the_neutral_shape_is_alike_at_both_ends() -> None:
+    hull = box_hull().copy()
+    hull[40:, :, 12:] += 0.5  # a low nose
+    neutral = neutral_hull(hull)
+    assert np.array_equal(neutral, neutral[::-1])
+    # read off it, a plain picture says nothing whichever way it is taken
+    plain = np.full((CAMERA.height_px, CAMERA.width_px, 3), 0.4, np.float32)
+    box = StandingBox(np.array([0.4, 20.0]), 0.7, SIZE_M)
+    same = FitLooks(read_surface(plain, Posed(neutral, REACH, box), SEEN_FROM, CONFIG), 25.0, 0.3)
+    assert learned().odds(same, same).log_odds == pytest.approx(0, abs=1e-6)
 
 
 def test_a_heading_comes_back_from_its_file(tmp_path: Path) -> None:
@@ -136,7 +150,7 @@ def test_a_heading_comes_back_from_its_file(tmp_path: Path) -> None:
     write_json(tmp_path / "heading.json", heading.as_json)
     back = Heading.load(tmp_path / "heading.json")
     assert np.array_equal(back.cells, heading.cells)
-    assert (back.config, back.weights) == (heading.config, heading.weights)
-    (tmp_path / "heading.json").write_text('{"config": {}, "cells": [1], "weights": {}}')
+    assert (back.config, back.looks, back.fits) == (heading.config, heading.looks, heading.fits)
+    (tmp_path / "heading.json").write_text('{"config": {}, "cells": [1], "looks": 1, "fits": [0, 0]}')
     with pytest.raises(RescoreError, match=r"heading\.json: expected what front and rear look like"):
         Heading.load(tmp_path / "heading.json")
