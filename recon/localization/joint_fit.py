@@ -364,10 +364,15 @@ def joint_fits(
     fits = [problem.fit(_with_usual_shape(s, space)) for s in starts]
     # from afar front and rear look alike: the best fit must also be better than itself turned round
     best = min(fits, key=lambda f: f.cost)
-    turned = np.concatenate([best.xy_m, [best.yaw_rad + np.pi], best.log_rest, np.zeros(space.count)])
-    turned[3:6] += space.log_size_modes @ best.coefficients
-    fits.append(problem.fit(turned))
+    fits.append(problem.fit(turned_round(best, space)))
     return sorted(fits, key=lambda f: f.cost)
+
+
+def turned_round(fit: FittedInstance, space: ShapeSpace) -> FloatArray:
+    """Unknowns of a start with front and rear exchanged: the same size, the mean shape."""
+    turned = np.concatenate([fit.xy_m, [fit.yaw_rad + np.pi], fit.log_rest, np.zeros(space.count)])
+    turned[3:6] += space.log_size_modes @ fit.coefficients
+    return turned
 
 
 def _with_usual_shape(start: FittedInstance, space: ShapeSpace) -> FloatArray:

@@ -13,10 +13,18 @@ from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
-from recon.localization.heading import Heading, Posed, read_surface
+from recon.localization.heading import (
+    FitLooks,
+    Heading,
+    HeadingConfig,
+    NoseOdds,
+    Posed,
+    neutral_hull,
+    read_surface,
+)
 from recon.localization.joint_fit import FittedInstance, JointFitConfig, joint_fits
 from recon.localization.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
-from recon.localization.standing_box import StandingBox, cam_from_ground
+from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground
 from recon.outlines import fill_polygon
 from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
 from recon.reconstruction.instance import Instance3D, build_instance
@@ -42,10 +50,8 @@ class FitConfig:
     k of them are standard normal, it is about the root of k."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
     borders_weight: float = 80.0
-    """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts. It tells
-    front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
-    heading_weight: float = 16.0
-    """Cost of a unit of log odds against the nose where a fit has it, from how the surface looks."""
+    """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts; chosen
+    on shapes that are neither learned from nor tested on."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
 
@@ -211,6 +217,9 @@ class FitLocalization:
     fit: FittedInstance
     outline: OutlinePoints
     """The points that were fitted."""
+    nose: NoseOdds | None = None
+    """How sure it is which end is the front; None where no pictures were learned from, or no fit is the other
+    way round."""
 
 
 def localize_by_fit(
@@ -224,8 +233,8 @@ def localize_by_fit(
 ) -> FitLocalization | Failure:
     """The joint fit of pose and shape, started from the middle of every view bin; the least cost wins.
 
-    The cost is that of the outline, of how far the borders of the parts are from edges of the picture, and of
-    a surface that looks turned round.
+    The cost is that of the outline and of how far the borders of the parts are from edges of the picture.
+    Which end is the front is told by all cues of the heading, where the fit can be turned round.
 
     Args:
         light: linear light of the picture, shape (h, w, 3).
@@ -241,15 +250,16 @@ def localize_by_fit(
     outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
     scale = config.fit.model_scale
     fits = joint_fits(outline, space, seen_from, ViewBins(config.view_bins), config.fit)
-    visible = [_visible_parts(f.parts_m(space, scale), seen_from) for f in fits]
-    agree = EdgeWindow(light, ring_px, config.window).agreement(visible)
-    total = [f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)]
-    if heading is not None:
-        posed = [Posed(space.hull(f.coefficients), space.reach, f.box(space, scale)) for f in fits]
-        odds = [heading.log_odds(read_surface(light, p, seen_from, heading.config)) for p in posed]
-        total = [t - config.heading_weight * o for t, o in zip(total, odds, strict=True)]
-    fits = [fits[i] for i in np.argsort(total)]
-    best = fits[0]
+    looker = FitLooker(light, ring_px, space, seen_from, config)
+    agree = looker.agreement(fits)
+    order = np.argsort([f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)])
+    best, nose = fits[order[0]], None
+    turned = next((i for i in order if _is_turned(fits[i], best)), None)
+    if heading is not None and turned is not None:
+        pair = [looker.looks(fits[i], float(agree[i]), heading.config) for i in (order[0], turned)]
+        nose = heading.odds(*pair)
+        if nose.log_odds < 0:
+            best, nose = fits[turned], nose.reversed
     deviation = float(np.linalg.norm(best.coefficients))
     if best.cost > config.max_cost or deviation > config.max_deviation:
         return Failure(
@@ -257,7 +267,41 @@ def localize_by_fit(
             f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
             f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
         )
-    return FitLocalization(best.box(space, scale), best, outline)
+    return FitLocalization(best.box(space, scale), best, outline, nose)
+
+
+_TURNED_RAD = float(np.deg2rad(135))
+"""A fit whose nose differs by more is of the same object the other way round."""
+
+
+def _is_turned(fit: FittedInstance, of: FittedInstance) -> bool:
+    return angle_between(fit.yaw_rad, of.yaw_rad) > _TURNED_RAD
+
+
+@dataclass(frozen=True, eq=False)
+class FitLooker:
+    """Compares fits with the picture inside one outline."""
+
+    light: Float32Array
+    ring_px: FloatArray
+    space: ShapeSpace
+    seen_from: GroundedCamera
+    config: FitConfig
+
+    def agreement(self, fits: Sequence[FittedInstance]) -> FloatArray:
+        """Correlation (n,) of edges of the picture with the borders of the visible parts of fits."""
+        scale = self.config.fit.model_scale
+        visible = [_visible_parts(f.parts_m(self.space, scale), self.seen_from) for f in fits]
+        return EdgeWindow(self.light, self.ring_px, self.config.window).agreement(visible)
+
+    def looks(self, fit: FittedInstance, agreement: float, heading: HeadingConfig) -> FitLooks:
+        """What tells whether a fit is the right way round."""
+        space, light = self.space, self.light
+        box = fit.box(space, self.config.fit.model_scale)
+        reading = read_surface(
+            light, Posed(neutral_hull(space.mean), space.reach, box), self.seen_from, heading
+        )
+        return FitLooks(reading, fit.cost, agreement)
 
 
 def _visible_parts(parts_m: FloatArray, seen_from: GroundedCamera) -> list[FloatArray]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from recon.errors import Failure
+from recon.localization.heading import NoseOdds
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
 from rescore.results.sweep_file import StudyPart
@@ -22,6 +23,19 @@ class TablePose(StudyPart):
     yaw_deg: float
 
 
+class Nose(StudyPart):
+    """How sure the joint fit is which end is the front."""
+
+    probability: float
+    log_odds: dict[str, float]
+    """By cue; they add up to the log odds of the nose."""
+
+    @classmethod
+    def of(cls, odds: NoseOdds) -> "Nose":
+        """What the file holds of the odds."""
+        return cls(probability=odds.probability, log_odds=dict(odds.cues))
+
+
 class ScoredPlacement(StudyPart):
     """One car on the table, with the errors of every method."""
 
@@ -29,6 +43,8 @@ class ScoredPlacement(StudyPart):
     pose: TablePose
     methods: dict[str, Score | Failure]
     """By method: its errors, or why there is no estimate."""
+    nose: Nose | None = None
+    """Of the joint fit; None where it has none, or front and rear were not learned."""
 
 
 class ReportedErrors(StudyPart):
