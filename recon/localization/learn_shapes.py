@@ -43,7 +43,7 @@ class ShapeSpaceConfig:
     """Samples along x, the left half of y, and z."""
     reach: tuple[float, float, float] = (0.56, 0.68, 1.08)
     """The grid ends at these multiples of length (both ways), width (mirrors stand out) and height."""
-    modes: int = 12
+    modes: int = 20
     """Principal components kept."""
     outline_points: int = 40
     """Points on each part outline."""

@@ -45,6 +45,9 @@ class FitConfig:
     """Points on the outline."""
     max_cost: float = 600.0
     """A larger cost is a failure: the class does not explain the outline. That of cars is about 25."""
+    usual_strain: float = 40.0
+    """A larger strain says that the object is of no shape of the class, and its box is less to be relied on.
+    Of shapes that the class was not learned from but is made of, one in twenty has more."""
     max_deviation: float = 12.0
     """A larger length of the shape coefficients is a failure: no object of the class looks like this. Where
     k of them are standard normal, it is about the root of k."""
@@ -217,6 +220,8 @@ class FitLocalization:
     fit: FittedInstance
     outline: OutlinePoints
     """The points that were fitted."""
+    outside: bool = False
+    """Whether the outline is of a shape outside the space, which says that the box is less to be relied on."""
     nose: NoseOdds | None = None
     """How sure it is which end is the front; None where no pictures were learned from, or no fit is the other
     way round."""
@@ -267,7 +272,8 @@ def localize_by_fit(
             f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
             f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
         )
-    return FitLocalization(best.box(space, scale), best, outline, nose)
+    outside = best.strain > config.usual_strain
+    return FitLocalization(best.box(space, scale), best, outline, outside, nose)
 
 
 _TURNED_RAD = float(np.deg2rad(135))
