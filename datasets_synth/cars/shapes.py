@@ -37,7 +37,7 @@ class CarShape:
     body_type: str
     """One of ``BODY_TYPES``: whose details the body has."""
     length: float
-    """Of the body without ``add_ons``, as width and height."""
+    """Length of the body without ``add_ons``; width and height too are without them."""
     width: float
     """Width without the mirrors, as in a car's papers."""
     height: float

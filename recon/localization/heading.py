@@ -52,14 +52,14 @@ class HeadingConfig:
     redness: float = 10.0
     """A difference of a (of Lab) from the paint that is much; larger ones count little more."""
     colour: float = 20.0
-    """The same of lightness, and of the distance of colours."""
+    """A difference of lightness or of colour from the paint that is much."""
     clearance_m: float = 0.06
     """A point of the surface is hidden where the way to the camera lies deeper than this in the object,
     metres of the shape space."""
     ridge: float = 3.0
     """Weight of the squared coefficients while learning the cells."""
     cue_ridge: float = 1.0
-    """The same while learning the cues."""
+    """Weight of the squared weights while weighing the cues."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +251,7 @@ def _faces(config: HeadingConfig) -> NDArray[np.intp]:
 
 
 def _cells_of_cues(config: HeadingConfig) -> BoolArray:
-    """Which entries of a reading belong to each look cue, shape (len(LOOKS), 3, cells)."""
+    """Whether each entry of a reading belongs to each look cue, shape (len(LOOKS), 3, cells)."""
     face = _faces(config)
     side = np.tile(np.arange(config.across + config.up) - config.across, config.along)
     row = np.concatenate([side, np.zeros(len(face) - len(side), int)])

@@ -44,9 +44,9 @@ noses, up to 180 degrees. The single plane has no front, so that its error is at
 box. Placements that a method loses are counted and have no error.
 
 - *3DP, joint fit*: pose and shape are fitted together, so that every ray through the outline grazes the
-  object. The shape is one of a linear space, learned from part-labelled views; where outlines of front
-  and rear are alike, the borders of the parts inside decide, and where the surface is redder or less
-  red than its paint: what pictures of the training cars on the table taught. This goes beyond the report.
+  object. The shape is one of a linear space, learned from part-labelled views. It is fitted both ways
+  round; which end is the nose is told by windows, ends, wheels and lamps, as pictures of the training cars
+  in usual and unusual looks taught, and by outline and borders of the parts. This goes beyond the report.
 - *3DP, the report's construction*: parts are registered to the outline for the likeliest view bins,
   their planes are placed from the ground line up (section 4.3), and the class model is carried onto them
   (section 4.4), sized to the outline and standing on the table. Overlap with the outline and borders of
@@ -55,8 +55,8 @@ box. Placements that a method loses are counted and have no error.
 
 What is known before: the camera and the table plane; twelve labelled views at each of three elevations
 of each training car, and its length, width and height in metres, from which the joint fit takes its
-sizes; 24 pictures of each training car on the table with its place, for the looks of front and rear; the
-scale 1:18. The report's construction knows no sizes. Settings were chosen on other shapes than those
+sizes; 12 pictures of each training car on the table with its place, for the looks of front and rear, and 4
+of each car of the splits "calibration" and "validation", by which the cues are weighed; the scale 1:18. The report's construction knows no sizes. Settings were chosen on other shapes than those
 that are learned from or tested on.
 
 Segmentation is by colour: the empty table is known from averaged pictures. On the table a pixel is the

@@ -44,7 +44,7 @@ class ScoredPlacement(StudyPart):
     methods: dict[str, Score | Failure]
     """By method: its errors, or why there is no estimate."""
     nose: Nose | None = None
-    """Of the joint fit; None where it has none, or front and rear were not learned."""
+    """How sure the joint fit is of it; None where there is no fit, or front and rear were not learned."""
 
 
 class ReportedErrors(StudyPart):
