@@ -47,8 +47,8 @@ class JointFitConfig:
     """Least expected error of the outline at the object, in metres of the shape space; that of objects as
     those that the space was learned from."""
     misfit_weight: float = 1.5
-    """The error is expected to be this multiple of what the best fit leaves, where that is more: what no shape
-    of the space explains must not bend the size."""
+    """The error is expected to be this multiple of what the best fit leaves, where that is more: what no
+    shape of the space explains must not bend the size."""
     coarse_outlier_m: float = 0.3
     """Residuals beyond this lose weight while the view bin is looked for, in metres: the mean shape is a poor
     fit to unusual objects, and all of their outline must pull."""
@@ -75,8 +75,8 @@ class FittedInstance:
     cost: float
     """Half the weighted sum of squares with the priors."""
     misfit_m: float
-    """Root of the mean square distance of the outline from the shape, outliers bounded, in metres of the shape
-    space."""
+    """Root of the mean square distance of the outline from the shape, outliers bounded, in metres of the
+    shape space."""
     strain: float
     """The cost where the outline is expected to err as that of a known object does: how far shapes of the
     space had to be bent, and what that left. Where it is large, the object is of no shape of the space."""
@@ -309,11 +309,15 @@ class OutlineFit:
             vector = found.vector
         return found
 
-    def with_noise(self, fit: FittedInstance, noise_m: float) -> FittedInstance:
-        """A fit refined where the outline is expected to err by ``noise_m``."""
+    def relaxed(self, fits: list[FittedInstance]) -> list[FittedInstance]:
+        """The fits refined where the outline is expected to err by what the best of them leaves."""
+        noise_m = self.config.misfit_weight * min(fits, key=lambda f: f.cost).misfit_m
+        if noise_m <= self.config.noise_m:
+            return fits
         problem = copy(self)
         problem.config = replace(self.config, noise_m=noise_m)
-        return replace(problem.refine(fit.vector, problem._fine_stages()[-1]), strain=fit.strain)
+        last = problem._fine_stages()[-1]
+        return [replace(problem.refine(f.vector, last), strain=f.strain) for f in fits]
 
     def _coarse_stage(self) -> "FitStage":
         config, space = self.config, self.space
@@ -389,7 +393,7 @@ def joint_fits(
     # from afar front and rear look alike: the best fit must also be better than itself turned round
     best = min(fits, key=lambda f: f.cost)
     fits.append(problem.fit(turned_round(best, space)))
-    return sorted(fits, key=lambda f: f.cost)
+    return sorted(problem.relaxed(fits), key=lambda f: f.cost)
 
 
 def turned_round(fit: FittedInstance, space: ShapeSpace) -> FloatArray:

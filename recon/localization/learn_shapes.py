@@ -27,7 +27,6 @@ from recon.reconstruction.segment import signed_distance
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 
-
 _MOSTLY_SHOWN = 0.75
 """Parts that so many instances show, as a share, are parts of the space."""
 _ONE_SIDED = 0.1

@@ -44,7 +44,7 @@ class FitConfig:
     outline_points: int = 160
     """Points on the outline."""
     max_cost: float = 600.0
-    """A larger cost is a failure: the class does not explain the outline. That of cars is about 25."""
+    """A larger strain is a failure: the class does not explain the outline. That of cars is about 15."""
     usual_strain: float = 40.0
     """A larger strain says that the object is of no shape of the class, and its box is less to be relied on.
     Of shapes that the class was not learned from but is made of, one in twenty has more."""
@@ -78,7 +78,7 @@ class PartsConfig:
     """Nats of 1 minus the correlation of edges with the borders of the projected instance's visible parts."""
     proportions: float = 0.1
     """Standard deviation of the logarithms of length, width and height beside those of the class model, all
-    enlarged alike: an object turned the wrong way fills its outline with a box as no object of the class has."""
+    enlarged alike: an object turned the wrong way fills its outline with a box that no object has."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
 
 
@@ -221,7 +221,7 @@ class FitLocalization:
     outline: OutlinePoints
     """The points that were fitted."""
     outside: bool = False
-    """Whether the outline is of a shape outside the space, which says that the box is less to be relied on."""
+    """Whether the outline is of a shape outside the space: the box is less to be relied on."""
     nose: NoseOdds | None = None
     """How sure it is which end is the front; None where no pictures were learned from, or no fit is the other
     way round."""
@@ -266,11 +266,11 @@ def localize_by_fit(
         if nose.log_odds < 0:
             best, nose = fits[turned], nose.reversed
     deviation = float(np.linalg.norm(best.coefficients))
-    if best.cost > config.max_cost or deviation > config.max_deviation:
+    if best.strain > config.max_cost or deviation > config.max_deviation:
         return Failure(
             Reason.REGISTRATION_FAILED,
             f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
-            f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
+            f"{config.max_deviation:g} expected, got {best.strain:.0f} and {deviation:.1f}",
         )
     outside = best.strain > config.usual_strain
     return FitLocalization(best.box(space, scale), best, outline, outside, nose)

@@ -19,6 +19,7 @@ from reports.studies.localization_pictures import (
     titled,
 )
 from rescore.studies.localization.kept_trials import KeptTrials
+from rescore.studies.localization.result_file import outside_remark
 from rescore.studies.localization.scores import Score, markdown_table
 from rescore.studies.localization.study import LocalizationStudy, Tally, scored
 from rescore.studies.localization.trials import Trial, run_trial
@@ -41,7 +42,7 @@ def write_localization(study: LocalizationStudy, out: Path, jobs: int) -> Tally:
         kept.add(trial.index, scored(trial), picture)
     tally = Tally(kept.rows(study.placements))
     with atomic_path(out / "localization.md") as beside:
-        beside.write_text(markdown_table(tally.by_car))
+        beside.write_text(f"{markdown_table(tally.by_car)}\n{outside_remark(tally.placements)}\n")
     _save_sheets(kept, tally, out)
     _save_typical(study, tally, out / "reconstruction.png")
     _save_several(study, out / "table.png")
@@ -87,6 +88,8 @@ def _view(trial: Trial, study: LocalizationStudy) -> Instance3DView:
         reason = "lost" if isinstance(own, Score) else str(own.reason)
         return Instance3DView(trial.truth, None, (), np.zeros((0, 3, 3)), f"{name} {reason}")
     numbers = f"{100 * (own.overlap or 0):.0f}% {own.centroid_mm:.1f}mm {own.orientation_deg:.1f}deg"
+    if trial.fit.outside:
+        numbers += " outside"
     if trial.fit.nose is not None:
         numbers += f" nose {100 * trial.fit.nose.probability:.0f}%"
     parts = study.parts_m(trial.fit)

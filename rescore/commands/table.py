@@ -46,6 +46,7 @@ def localize(
     """
     from datasets_synth.cars.mesh_axes import mesh_axes
     from reports.studies.localization_sheets import write_localization
+    from rescore.studies.localization.result_file import outside_remark
     from rescore.studies.localization.scores import markdown_table
     from rescore.studies.localization.study import learned_study
 
@@ -56,6 +57,7 @@ def localize(
         print_json(tally.result.model_dump(mode="json"))
     else:
         print(markdown_table(tally.by_car))
+        print(outside_remark(tally.placements))
     say(f"localization: {out / 'localization.json'}")
 
 

@@ -101,4 +101,4 @@ def _both_ways(
     log_rest = np.log(near.size_m / SCALE) - space.log_size
     start = np.concatenate([near.xy_m / SCALE, [near.yaw_rad], log_rest, np.zeros(space.count)])
     fit = problem.fit(start)
-    return [fit, problem.fit(turned_round(fit, space))]
+    return problem.relaxed([fit, problem.fit(turned_round(fit, space))])

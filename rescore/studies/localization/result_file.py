@@ -45,6 +45,8 @@ class ScoredPlacement(StudyPart):
     """By method: its errors, or why there is no estimate."""
     nose: Nose | None = None
     """How sure the joint fit is of it; None where there is no fit, or front and rear were not learned."""
+    outside: bool | None = None
+    """Whether the joint fit takes the car for a shape outside what was learned; None where it is lost."""
 
 
 class ReportedErrors(StudyPart):
@@ -88,6 +90,20 @@ def scores_by_car(placements: Sequence[ScoredPlacement]) -> dict[str, dict[str, 
         for method in METHODS:
             own[method].append(placement.methods[method])
     return found
+
+
+def outside_remark(placements: Sequence[ScoredPlacement]) -> str:
+    """How many cars the joint fit takes for shapes outside what was learned, and how well it did on both."""
+    marked = [p for p in placements if p.outside]
+    others = [p for p in placements if p.outside is False]
+    text = f"The joint fit takes {len(marked)} of {len(placements)} for shapes outside what was learned"
+    means = [summary([p.methods["3dp"] for p in rows]).overlap for rows in (marked, others)]
+    named = [
+        f"overlap of {which} {100 * mean:.1f} %"
+        for which, mean in zip(("these", "the others"), means, strict=True)
+        if mean is not None
+    ]
+    return f"{text}: {', '.join(named)}." if named else f"{text}."
 
 
 def write_localization(path: Path, result: LocalizationResult) -> None:

@@ -179,9 +179,11 @@ class Tally:
 def scored(trial: Trial) -> ScoredPlacement:
     """The numbers of a trial."""
     methods = {m: trial.scores[m] for m in METHODS}
-    odds = trial.fit.nose if isinstance(trial.fit, FitLocalization) else None
-    nose = None if odds is None else Nose.of(odds)
-    return ScoredPlacement(car=trial.shape_id, pose=_pose(trial), methods=methods, nose=nose)
+    row = ScoredPlacement(car=trial.shape_id, pose=_pose(trial), methods=methods)
+    if not isinstance(trial.fit, FitLocalization):
+        return row
+    nose = None if trial.fit.nose is None else Nose.of(trial.fit.nose)
+    return row.model_copy(update={"nose": nose, "outside": trial.fit.outside})
 
 
 def _pose(trial: Trial) -> TablePose:
