@@ -56,8 +56,8 @@ class HeadingConfig:
     clearance_m: float = 0.06
     """A point of the surface is hidden where the way to the camera lies deeper than this in the object,
     metres of the shape space."""
-    ridge: float = 3.0
-    """Weight of the squared coefficients while learning the cells."""
+    ridge: float = 1.0
+    """Weight of the squared weights while learning the cells; chosen on shapes that are not tested on."""
     doubt: float = 0.1
     """Share of objects on which a cue of the looks misleads, however sure it is."""
     cue_ridge: float = 1.0
