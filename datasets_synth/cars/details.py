@@ -14,7 +14,7 @@ _AROUND = 28
 """Corners of a wheel's circle."""
 TYRE_WIDTH_M = 0.205
 _FREE_TYRE_WIDTH_M = 0.32
-"""Width of tyres that stand beside the body."""
+"""Width of a tyre that stands beside the body."""
 _CREASE_RAD = float(np.deg2rad(50))
 
 

@@ -289,7 +289,9 @@ class FitLooker:
     """Compares fits with the picture inside one outline."""
 
     light: Float32Array
+    """Linear light of the picture, shape (h, w, 3)."""
     ring_px: FloatArray
+    """The outline from the segmentation, shape (m, 2)."""
     space: ShapeSpace
     seen_from: GroundedCamera
     config: FitConfig

@@ -60,9 +60,9 @@ box. Placements that a method loses are counted and have no error.
 What is known before: the camera and the table plane; twelve labelled views at each of three elevations
 of each training car, and its length, width and height in metres, from which the joint fit takes its
 sizes; 12 pictures of each training car on the table with its place, for the looks of front and rear, and 4
-of each car of the splits "calibration" and "validation", by which the cues are weighed; the scale 1:18.
-The report's construction knows no sizes. Settings were chosen on other shapes than those that are learned
-from or tested on.
+of each car of the splits "calibration" and "validation", by which the cues are weighed; the scale 1:18. The
+report's construction knows no sizes. Settings were chosen on other shapes than those that are learned from
+or tested on.
 
 Segmentation is by colour: the empty table is known from averaged pictures. On the table a pixel is the
 car where it is brighter, of another colour, or darker than shade can be; beside the table, where no

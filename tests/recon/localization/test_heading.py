@@ -11,6 +11,7 @@ from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import RescoreError
 from recon.localization.heading import (
     CUES,
+    LOOKS,
     FitLooks,
     Heading,
     HeadingConfig,
@@ -143,6 +144,14 @@ def test_the_neutral_shape_is_alike_at_both_ends() -> None:
     box = StandingBox(np.array([0.4, 20.0]), 0.7, SIZE_M)
     same = FitLooks(read_surface(plain, Posed(neutral, REACH, box), SEEN_FROM, CONFIG), 25.0, 0.3)
     assert learned().odds(same, same).log_odds == pytest.approx(0, abs=1e-6)
+
+
+def test_no_cue_of_the_looks_is_surer_than_its_doubt() -> None:
+    sure = Heading(1000 * learned().cells, CONFIG)
+    odds = sure.odds(*pair(70.0))
+    most = np.log((1 - CONFIG.doubt) / CONFIG.doubt)
+    assert odds.cues["lamps"] == pytest.approx(most)
+    assert max(abs(odds.cues[cue]) for cue in LOOKS) <= most + 1e-9
 
 
 def test_a_heading_comes_back_from_its_file(tmp_path: Path) -> None:
