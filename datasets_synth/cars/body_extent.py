@@ -39,10 +39,13 @@ def _edge_points(corners_m: FloatArray) -> FloatArray:
     """
     start, end = corners_m.reshape(-1, 3), np.roll(corners_m, -1, axis=1).reshape(-1, 3)
     count = np.ceil(np.abs(end - start).max(axis=1) / (0.5 * _CELL_M)).astype(int) + 1
+    # the end of an edge is the start of the next one
+    long = count > 2
+    corners, start, end, count = start, start[long], end[long], count[long]
     edge = np.repeat(np.arange(len(start)), count)
     step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
     share = (step / np.maximum(count[edge] - 1, 1))[:, None]
-    return np.asarray(start[edge] * (1 - share) + end[edge] * share)
+    return np.concatenate([corners, start[edge] * (1 - share) + end[edge] * share])
 
 
 def _sturdy_reach(across: FloatArray, along: FloatArray, run_m: float) -> float:

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from datasets_synth.cars.add_ons import add_ons
 from datasets_synth.cars.body import BodyLines, loft_body
 from datasets_synth.cars.details import handle, mirror, roof_rail, wheel
 from datasets_synth.cars.paint import car_materials
@@ -45,14 +46,17 @@ def _geometry(shape: CarShape) -> Mesh:
         dress_body(loft_body(lines), lines),
         wheel(lines, front, "front_left_wheel"),
         wheel(lines, rear, "rear_left_wheel"),
+        *add_ons(lines),
         mirror(lines),
-        handle(lines, shape.pillar_t - 0.16),
     ]
+    if shape.doors:
+        pieces.append(handle(lines, shape.pillar_t - 0.16))
     if shape.doors == 4:
         pieces.append(handle(lines, min(rear - 0.02, shape.length - 0.6)))
     if shape.body_type in ("estate", "suv"):
         pieces.append(roof_rail(lines))
-    left = join(pieces)
+    # a spare wheel stands behind the body: the middle is that of both
+    left = join(pieces).moved((0.5 * shape.add_ons.spare, 0.0, 0.0))
     mesh = to_mesh(join([left, mirrored(left, _swap_sides())]), ())
     for array in (
         mesh.vertices_m, mesh.faces, mesh.corner_normals, mesh.corner_uv, mesh.face_material, mesh.face_part

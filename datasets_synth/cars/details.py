@@ -13,6 +13,8 @@ from recon.arrays import FloatArray
 _AROUND = 28
 """Corners of a wheel's circle."""
 TYRE_WIDTH_M = 0.205
+_FREE_TYRE_WIDTH_M = 0.32
+"""Width of a tyre that stands beside the body."""
 _CREASE_RAD = float(np.deg2rad(50))
 
 
@@ -23,6 +25,9 @@ def wheel(lines: BodyLines, axle_t: float, part: str) -> Soup:
     rim_r = r * (0.70 if s.body_type in ("coupe", "suv", "sedan") else 0.66)
     outer = float(lines.half_width(np.array(axle_t), np.array(max(0.55, s.wheel_radius + 0.2)))) - 0.035
     inner = outer - TYRE_WIDTH_M
+    if s.add_ons.track:
+        outer = 0.5 * s.add_ons.track
+        inner = outer - _FREE_TYRE_WIDTH_M
     centre = np.array([0.5 * s.length - axle_t, 0.0, r])
     label = PART_LABEL[part]
     shoulder = 0.985 * r

@@ -1,8 +1,8 @@
-"""A user's own car meshes: OBJ, GLB and PLY files read through trimesh.
+"""A user's own car meshes: OBJ, glTF, PLY, STL and OFF files read through trimesh.
 
-Files follow glTF: +Y up, +Z forward (the nose), metres. Everything is turned into the object frame
-(x forward, y left, z up) and put on the ground, the middle of its body
-(`datasets_synth.cars.body_extent`) at the origin.
+Files follow glTF unless said otherwise: +Y up, +Z forward (the nose). Metres are taken as they are; other
+units are known by the length. Everything is turned into the object frame (x forward, y left, z up) and put on
+the ground, the middle of its body (`datasets_synth.cars.body_extent`) at the origin.
 """
 
 import io
@@ -20,22 +20,21 @@ import trimesh
 from datasets_synth.cars.body_extent import body_extent
 from datasets_synth.cars.gltf_files import SUFFIXES as GLTF
 from datasets_synth.cars.gltf_files import plain_gltf
+from datasets_synth.cars.mesh_axes import MeshAxes, metres_a_unit, refuse_turned
 from datasets_synth.cars.parts import CAR_PARTS, PART_LABEL
 from datasets_synth.meshes.mesh import Material, Mesh
 from datasets_synth.meshes.mesh_build import smooth_normals
-from recon.arrays import FloatArray, IntArray
+from recon.arrays import Float32Array, FloatArray, IntArray
 from recon.errors import RescoreError
 from recon.pixels import linear_from_encoded
 from recon.reading import reading
 
-SUFFIXES = (".obj", ".ply", *GLTF)
+SUFFIXES = (".obj", ".ply", ".stl", ".off", *GLTF)
 MAX_FACE_CORNERS = 1000
 """Corners of a face of an OBJ file; one with more is refused before it is cut into triangles."""
-LENGTH_RANGE_M = (1.5, 20.0)
-"""Longest side that a road vehicle in metres may have."""
+MAX_FACES = 2_000_000
+"""Triangles of a mesh; one with more would take minutes and gigabytes, and shows no more on a picture."""
 
-_OBJECT_FROM_GLTF = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-_UNITS = ((0.01, "centimetres"), (0.001, "millimetres"), (0.0254, "inches"), (0.3048, "feet"))
 _CREASE_RAD = float(np.deg2rad(40.0))
 _GREY = (0.35, 0.35, 0.35)
 
@@ -49,21 +48,23 @@ class ImportedCar:
     mesh: Mesh
     size_m: tuple[float, float, float]
     """Length, width, height of the body: no mirrors or aerials, as in a car's papers."""
+    notes: tuple[str, ...] = ()
+    """What was taken for granted or is missing, a line each."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Faces of one geometry of a file, glTF axes."""
+    """Faces of one geometry of a file, in its axes and unit."""
 
-    corners_m: FloatArray
+    corners: FloatArray
     corner_uv: FloatArray
     face_material: IntArray
     materials: tuple[Material, ...]
     part: int
 
 
-def load_meshes(directory: Path) -> tuple[ImportedCar, ...]:
-    """All OBJ, GLB, glTF and PLY files of a folder and the folders in it, in the order of their paths.
+def load_meshes(directory: Path, axes: MeshAxes | None = None) -> tuple[ImportedCar, ...]:
+    """All mesh files (``SUFFIXES``) of a folder and the folders in it, in the order of their paths.
 
     Base colours and textures are kept, several in one file too. A vertex-coloured mesh gets one material for
     each colour (finely quantised). Transparent materials become dark glass: nothing is seen through. Faces
@@ -73,10 +74,16 @@ def load_meshes(directory: Path) -> tuple[ImportedCar, ...]:
     folder's only mesh by those of the folders, as models of ShapeNet. Where two would share a name, both are
     called by all of their paths.
 
+    Args:
+        directory: The folder.
+        axes: Those of the files; None for glTF's.
+
     Raises:
-        RescoreError: no such folder, no mesh in it, a file that cannot be read, holds no faces or needs an
-            extension of glTF that is not read, or measures that no car has in metres with these axes.
+        RescoreError: no such folder, no mesh in it, a file that cannot be read, holds no faces or too many,
+            or needs an extension of glTF that is not read, or measures that no car on its wheels has with
+            these axes.
     """
+    axes = axes or MeshAxes()
     if not directory.is_dir():
         raise RescoreError(
             f"expected a folder of car meshes, got {str(directory)!r}: give an existing folder"
@@ -88,9 +95,10 @@ def load_meshes(directory: Path) -> tuple[ImportedCar, ...]:
     )
     if not paths:
         raise RescoreError(
-            f"expected OBJ, GLB or PLY files in {str(directory)!r}, found none: put car meshes into it"
+            f"expected OBJ, GLB, glTF, PLY, STL or OFF files in {str(directory)!r}, found none: put car "
+            "meshes into it"
         )
-    return tuple(_load(directory, path, name) for path, name in zip(paths, _names(paths), strict=True))
+    return tuple(_load(directory, path, name, axes) for path, name in zip(paths, _names(paths), strict=True))
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -113,21 +121,25 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def _load(directory: Path, path: Path, shape_id: str) -> ImportedCar:
+def _load(directory: Path, path: Path, shape_id: str, axes: MeshAxes) -> ImportedCar:
     """The car of a file; the path is relative to the folder."""
     where = path.as_posix()
-    geometries = _geometries(directory, path)
+    geometries, missing = _geometries(directory, path)
     with reading(where, "a mesh whose faces name its own vertices", "export it again"):
         pieces = [_piece(geometry) for geometry in geometries]
-    corners = np.concatenate([p.corners_m for p in pieces]) @ _OBJECT_FROM_GLTF.T
+    corners = np.concatenate([p.corners for p in pieces]) @ axes.object_from_file.T
     if not np.isfinite(corners).all():
         raise RescoreError(f"{where}: expected finite vertices, got NaN or infinity: export the mesh again")
-    low, high = corners.min((0, 1)), corners.max((0, 1))
-    _check_size(where, high - low)
+    scale, unit = metres_a_unit(where, np.ptp(corners.reshape(-1, 3), axis=0))
+    corners *= scale
+    refuse_turned(where, corners, axes)
     low, high = body_extent(corners)
     corners -= [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]
     length, width, height = (float(v) for v in high - low)
-    return ImportedCar(shape_id, _as_mesh(corners, pieces), (length, width, height))
+    notes = [f"{where}: {name!r} is not there, so that what it colours is plain" for name in missing]
+    if scale != 1:
+        notes.insert(0, f"{where}: taken as {unit}: {length:.2f} m long")
+    return ImportedCar(shape_id, _as_mesh(corners, pieces), (length, width, height), tuple(notes))
 
 
 class _Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
@@ -136,6 +148,16 @@ class _Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
     def __init__(self, path: Path, directory: Path) -> None:
         super().__init__(str(path))
         self._directory = directory.resolve()
+        self.missing: dict[str, None] = {}
+        """Names of files that are not there, in their order."""
+
+    def get(self, name: str) -> bytes:
+        """The content of a file that a mesh names."""
+        try:
+            return bytes(super().get(name))
+        except (OSError, ValueError):
+            self.missing[name.strip()] = None
+            raise
 
     def absolute(self, name: str) -> Path:
         """The place of a file that a mesh names, as in ``../images/paint.jpg`` of ShapeNet.
@@ -152,10 +174,11 @@ class _Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
         return path
 
 
-def _geometries(directory: Path, path: Path) -> list[Any]:
-    """The triangle meshes of a file with their nodes' transforms applied."""
+def _geometries(directory: Path, path: Path) -> tuple[list[Any], tuple[str, ...]]:
+    """The triangle meshes of a file with their nodes' transforms applied, and files that it lacks."""
     suffix, file = path.suffix.lower(), directory / path
     options: dict[str, Any] = {}
+    beside = _Beside(file, directory)
     if suffix == ".obj":
         _refuse_large_faces(file, path.as_posix())
         options = {"split_groups": True}
@@ -163,7 +186,7 @@ def _geometries(directory: Path, path: Path) -> list[Any]:
         written = plain_gltf(file, path.as_posix()) if suffix in GLTF else None
         source = str(file) if written is None else io.BytesIO(written)
         options |= {} if written is None else {"file_type": "glb"}
-        scene = trimesh.load_scene(source, resolver=_Beside(file, directory), process=False, **options)
+        scene = trimesh.load_scene(source, resolver=beside, process=False, **options)
         dumped = scene.dump(concatenate=False)
     except RescoreError:
         raise
@@ -177,35 +200,33 @@ def _geometries(directory: Path, path: Path) -> list[Any]:
         raise RescoreError(
             f"{path.as_posix()}: expected a mesh with faces, got none: export triangles, not points"
         )
-    return found
+    _refuse_many_faces(path.as_posix(), sum(len(g.faces) for g in found))
+    return found, tuple(beside.missing)
+
+
+def _refuse_many_faces(where: str, count: int) -> None:
+    if count > MAX_FACES:
+        raise RescoreError(
+            f"{where}: expected at most {MAX_FACES} faces, got {count}: reduce the mesh (decimate it)"
+        )
 
 
 def _refuse_large_faces(path: Path, where: str) -> None:
-    """Refuses faces whose triangles would take memory with the square of their corners."""
+    """Refuses too many faces, and those whose triangles take memory with the square of their corners."""
+    count = 0
     with path.open("rb") as lines:
         for number, line in enumerate(lines, start=1):
-            corners = len(line.split()) - 1 if line.lstrip()[:2] in (b"f ", b"f\t") else 0
+            if line[:2] not in (b"f ", b"f\t") and line.lstrip()[:2] not in (b"f ", b"f\t"):
+                continue
+            count += 1
+            # a corner takes two characters at least
+            corners = len(line.split()) - 1 if len(line) > 2 * MAX_FACE_CORNERS else 0
             if corners > MAX_FACE_CORNERS:
                 raise RescoreError(
                     f"{where}: line {number}: expected faces of at most {MAX_FACE_CORNERS} corners, got "
                     f"{corners}: export triangles"
                 )
-
-
-def _check_size(where: str, size: FloatArray) -> None:
-    """Refuses measures that a car in metres with the nose along +Z cannot have."""
-    longest = float(size.max())
-    got = " x ".join(f"{v:.4g}" for v in size)
-    if not LENGTH_RANGE_M[0] <= longest <= LENGTH_RANGE_M[1]:
-        unit = next((f" (in {name}?)" for scale, name in _UNITS if 2.3 <= longest * scale <= 6.5), "")
-        raise RescoreError(
-            f"{where}: expected a car {LENGTH_RANGE_M[0]:g} to {LENGTH_RANGE_M[1]:g} metres long, "
-            f"got length x width x height {got}{unit}: scale the mesh to metres"
-        )
-    if size[0] < 0.9 * size[1] or size[0] < 0.7 * size[2]:
-        raise RescoreError(
-            f"{where}: expected +Y up and the nose along +Z, got length x width x height {got}: turn it"
-        )
+    _refuse_many_faces(where, count)
 
 
 def _piece(geometry: Any) -> _Piece:
@@ -304,9 +325,9 @@ def _as_mesh(corners: FloatArray, pieces: list[_Piece]) -> Mesh:
     keep = area > 1e-12
     first = np.cumsum([0] + [len(p.materials) for p in pieces[:-1]])
     material = np.concatenate([p.face_material + start for p, start in zip(pieces, first, strict=True)])
-    part = np.concatenate([np.full(len(p.corners_m), p.part) for p in pieces])
+    part = np.concatenate([np.full(len(p.corners), p.part) for p in pieces])
     kept = corners[keep]
-    vertices, index = np.unique(kept.reshape(-1, 3).astype(np.float32), axis=0, return_inverse=True)
+    vertices, index = _unique_rows(kept.reshape(-1, 3).astype(np.float32))
     return Mesh(
         vertices_m=vertices,
         faces=index.reshape(-1, 3).astype(np.int32),
@@ -316,3 +337,13 @@ def _as_mesh(corners: FloatArray, pieces: list[_Piece]) -> Mesh:
         materials=tuple(m for p in pieces for m in p.materials),
         face_part=part[keep].astype(np.uint8),
     )
+
+
+def _unique_rows(points: Float32Array) -> tuple[Float32Array, IntArray]:
+    """Different rows (k, 3) in their order, and the row of each point (n,); much faster than np.unique."""
+    order = np.lexsort(points.T[::-1])
+    ordered = points[order]
+    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    index = np.empty(len(points), np.int64)
+    index[order] = np.cumsum(new) - 1
+    return ordered[new], index

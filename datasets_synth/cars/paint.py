@@ -1,10 +1,12 @@
 """Materials of the cars: paint, glass, trim, lamps."""
 
+from dataclasses import replace
 from enum import IntEnum
 
 import numpy as np
 
 from datasets_synth.meshes.mesh import Material
+from recon.arrays import FloatArray
 
 
 class Finish(IntEnum):
@@ -90,3 +92,44 @@ def car_materials(rng: np.random.Generator) -> tuple[Material, ...]:
         Finish.SEAL: Material("window seal", grey(0.010), None, 0.06, 20.0, 0.01),
     }
     return tuple(made[finish] for finish in Finish)
+
+
+def unusual_materials(rng: np.random.Generator) -> tuple[Material, ...]:
+    """Materials of one car as other people's models have theirs, in the order of `Finish`.
+
+    Lamps may have no colour or the paint's, glass any colour or none of its own, seals and seams may be
+    missing: what is learned from such cars does not hang on one of them.
+    """
+    made = dict(zip(Finish, car_materials(rng), strict=True))
+    if rng.random() < 0.4:
+        rgb = rng.uniform(0.06, 0.7) * rng.dirichlet((0.7, 0.7, 0.7)) * 1.6
+        made[Finish.PAINT] = replace(made[Finish.PAINT], name="paint other", rgb=_rgb(rgb))
+    paint = made[Finish.PAINT]
+    grey = float(rng.choice([0.012, 0.05, 0.2, 0.45]))
+    glass = _rgb(grey * rng.uniform(0.6, 1.2, 3))
+    if rng.random() < 0.6:
+        made[Finish.GLASS] = replace(made[Finish.GLASS], rgb=glass, mirror=float(rng.uniform(0, 0.2)))
+    if rng.random() < 0.08:
+        made[Finish.GLASS] = paint
+    # what a finish may look like besides itself, and how often it keeps its own look
+    dark, lamp = made[Finish.DARK], made[Finish.LAMP]
+    for finish, kept, others in (
+        (Finish.TAIL_LAMP, 0.4, (paint, dark, lamp)),
+        (Finish.LAMP, 0.5, (paint, dark)),
+        (Finish.BULB, 0.5, (paint, dark)),
+        (Finish.INDICATOR, 0.4, (paint, lamp)),
+        (Finish.PLATE, 0.6, (paint, dark)),
+        (Finish.SEAL, 0.3, (paint, made[Finish.GLASS])),
+        (Finish.SEAM, 0.5, (paint,)),
+        (Finish.TRIM, 0.5, (paint,)),
+        (Finish.CLADDING, 0.5, (paint,)),
+        (Finish.CHROME, 0.5, (paint, dark)),
+    ):
+        if rng.random() >= kept:
+            made[finish] = others[int(rng.integers(len(others)))]
+    return tuple(made[finish] for finish in Finish)
+
+
+def _rgb(values: FloatArray) -> Rgb:
+    r, g, b = (float(v) for v in np.clip(values, 0.006, 0.85))
+    return (r, g, b)

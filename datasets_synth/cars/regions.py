@@ -16,6 +16,10 @@ from datasets_synth.cars.windows import doors, rear_window, side_windows, top_ha
 from datasets_synth.meshes.mesh_build import Soup, recess
 from recon.arrays import FloatArray
 
+_SHALLOW_M = 0.1
+"""A bed less deep than this is closed."""
+_COCKPIT_FLOOR_M = 0.45
+
 
 def dress_body(body: Soup, lines: BodyLines) -> Soup:
     """The half body with its parts, windows, seams, lamps and wheel wells."""
@@ -81,8 +85,10 @@ def _hood(soup: Soup, lines: BodyLines) -> Soup:
 
 
 def _bed(soup: Soup, lines: BodyLines) -> Soup:
-    """The open bed of a pickup, or its dark cover on every second shape."""
+    """The open bed of a pickup, or its dark cover on every second shape and where the bed is low."""
     s = lines.shape
+    if s.add_ons.screen_z:
+        return _cockpit(soup, lines)
     if s.body_type != "pickup":
         return soup
 
@@ -90,18 +96,34 @@ def _bed(soup: Soup, lines: BodyLines) -> Soup:
     outline: tuple[Level, ...] = (
         lambda p: p.y - 0.5 * s.width + 0.17, lambda p: start - p.t, lambda p: p.t - end,
     )  # fmt: skip
-    if int(s.shape_id[-1]) % 2:
+    floor = s.wheel_radius + arch_radius(lines) + 0.02  # above the wheel wells
+    if int(s.shape_id[-1]) % 2 or floor > s.deck_z - _SHALLOW_M:
         return paint(soup, lines, (TOP,), outline, Finish.CLADDING)
     out, inside = divide(soup, lines, (TOP,), *outline)
     hub = np.array([0.5 * (s.length - start - end), 0.0, 0.0])
-    floor = s.wheel_radius + arch_radius(lines) + 0.02  # above the wheel wells
     return recess(
         out, inside, axis=2, floor=floor, hub_m=hub, material=Finish.CLADDING, part=PART_LABEL["trunk"]
     )
 
 
+def _cockpit(soup: Soup, lines: BodyLines) -> Soup:
+    """The open inside of a car without a roof."""
+    s = lines.shape
+    start, end = s.cowl_t + 0.12, s.roof_rear_t + 0.02
+    outline: tuple[Level, ...] = (
+        lambda p: p.y - 0.5 * s.width + 0.19, lambda p: start - p.t, lambda p: p.t - end,
+    )  # fmt: skip
+    out, inside = divide(soup, lines, (TOP,), *outline)
+    hub = np.array([0.5 * (s.length - start - end), 0.0, 0.0])
+    return recess(
+        out, inside, axis=2, floor=_COCKPIT_FLOOR_M, hub_m=hub, material=Finish.TRIM, part=PART_LABEL["roof"]
+    )
+
+
 def _wheel_wells(soup: Soup, lines: BodyLines) -> Soup:
     s = lines.shape
+    if s.add_ons.track:
+        return soup
     radius, inner = arch_radius(lines), well_y(lines)
     out = soup
     for axle in s.axles_t:

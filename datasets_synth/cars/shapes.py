@@ -14,12 +14,30 @@ SHAPES_PER_TYPE = 8
 
 
 @dataclass(frozen=True)
+class AddOns:
+    """What stands on, beside or behind the lofted body, in metres; 0 where there is none."""
+
+    wing_z: float = 0.0
+    """Height of the upper edge of a wing over the tail."""
+    track: float = 0.0
+    """Width over wheels that stand free beside the body; where 0, they turn inside it."""
+    screen_z: float = 0.0
+    """Height of the windscreen of an open car, whose body has no roof."""
+    box_z: float = 0.0
+    """Height of a cargo box behind the cab."""
+    spare: float = 0.0
+    """How far a spare wheel stands out behind the tail."""
+
+
+@dataclass(frozen=True)
 class CarShape:
     """Measures of one car in metres. Stations (t) count from the nose, heights (z) from the ground."""
 
     shape_id: str
     body_type: str
+    """One of ``BODY_TYPES``: whose details the body has."""
     length: float
+    """Length of the body without ``add_ons``; width and height too are without them."""
     width: float
     """Width without the mirrors, as in a car's papers."""
     height: float
@@ -49,13 +67,16 @@ class CarShape:
     pillar_t: float
     """Station of the middle pillar."""
     doors: int
-    """Number of side doors, 2 or 4."""
+    """Number of side doors: 2, 4, or 0 for a racer that one climbs into."""
     spokes: int
+    add_ons: AddOns = AddOns()
 
     @property
     def size_m(self) -> tuple[float, float, float]:
-        """Length, width (without mirrors), height."""
-        return (self.length, self.width, self.height)
+        """Length, width (without mirrors), height, with what stands on the body."""
+        more = self.add_ons
+        height = max(self.height, more.wing_z, more.screen_z, more.box_z)
+        return (self.length + more.spare, max(self.width, more.track), height)
 
     @property
     def axles_t(self) -> tuple[float, float]:
@@ -169,12 +190,12 @@ def car_shapes() -> tuple[CarShape, ...]:
     shapes: list[CarShape] = []
     for number, body_type in enumerate(BODY_TYPES):
         draws = latin_hypercube(_RANGES[body_type], SHAPES_PER_TYPE, [20090411, number])
-        shapes += [_shape(body_type, i, draw) for i, draw in enumerate(draws)]
+        shapes += [shape_of(body_type, i, draw) for i, draw in enumerate(draws)]
     return tuple(shapes)
 
 
-def _shape(body_type: str, number: int, p: dict[str, float]) -> CarShape:
-    """One shape from its drawn parameters."""
+def shape_of(body_type: str, number: int, p: dict[str, float]) -> CarShape:
+    """One shape from its number within the type and its drawn parameters."""
     length, overhang = p["length"], p["overhang"]
     cowl_t = overhang + p["cowl"]
     roof_front_t = cowl_t + p["screen"]

@@ -119,6 +119,8 @@ def rear_window(soup: Soup, lines: BodyLines) -> Soup:
 def doors(soup: Soup, lines: BodyLines) -> Soup:
     """Door gaps: two or four doors, or the sliding door of a van."""
     s = lines.shape
+    if not s.doors:
+        return soup
     edge = _roof_edge(lines)
     front_axle, rear_axle = s.axles_t
     radius = arch_radius(lines)

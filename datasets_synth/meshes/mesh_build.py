@@ -144,8 +144,9 @@ def smooth_normals(corners_m: FloatArray, crease_rad: float) -> FloatArray:
     face = np.repeat(np.arange(m), 3)
     close = (face_normal[face[first]] * face_normal[face[second]]).sum(1) >= np.cos(crease_rad)
     first, second = first[close], second[close]
-    total = np.zeros((3 * m, 3))
-    np.add.at(total, first, face_normal[face[second]] * weight[second, None])
+    total = np.stack(
+        [np.bincount(first, face_normal[face[second], k] * weight[second], 3 * m) for k in range(3)], axis=1
+    )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     own = np.repeat(face_normal, 3, axis=0)
     return np.where(length > 1e-12, total / np.maximum(length, 1e-12), own).reshape(m, 3, 3)

@@ -5,7 +5,8 @@ Every ray through the outline must graze the object, so that the least value of 
 Levenberg's damping find x, y, yaw, the logarithms of the size and the coefficients of the shape space.
 """
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,7 +44,11 @@ class JointFitConfig:
     """Standard deviations up to which a size that the shape does not explain costs its square; beyond, it
     costs its logarithm, since some objects are larger or smaller than any that was learned from."""
     noise_m: float = 0.014
-    """Expected error of the outline at the object, in metres of the shape space."""
+    """Least expected error of the outline at the object, in metres of the shape space; that of objects as
+    those that the space was learned from."""
+    misfit_weight: float = 1.5
+    """The error is expected to be this multiple of what the best fit leaves, where that is more: what no
+    shape of the space explains must not bend the size."""
     coarse_outlier_m: float = 0.3
     """Residuals beyond this lose weight while the view bin is looked for, in metres: the mean shape is a poor
     fit to unusual objects, and all of their outline must pull."""
@@ -69,6 +74,12 @@ class FittedInstance:
     """Coefficients of the shape space, shape (k,)."""
     cost: float
     """Half the weighted sum of squares with the priors."""
+    misfit_m: float
+    """Root of the mean square distance of the outline from the shape, outliers bounded, in metres of the
+    shape space."""
+    strain: float
+    """The cost where the outline is expected to err as that of a known object does: how far shapes of the
+    space had to be bent, and what that left. Where it is large, the object is of no shape of the space."""
 
     @property
     def vector(self) -> FloatArray:
@@ -231,7 +242,14 @@ class OutlineFit:
             if gain < 1e-4 * state.cost:
                 break
         x = state.vector
-        return FittedInstance(x[:2], float(x[2]), x[3:6], x[6:], state.cost)
+        misfit_m = self._misfit_m(state, stage)
+        return FittedInstance(x[:2], float(x[2]), x[3:6], x[6:], state.cost, misfit_m, state.cost)
+
+    def _misfit_m(self, state: "_State", stage: "FitStage") -> float:
+        """Root of the mean square residual, outliers bounded."""
+        weight = stage.rays.weight(state.residual) ** 2
+        bounded = stage.outlier_m**2 * np.log1p((state.residual / stage.outlier_m) ** 2)
+        return float(np.sqrt((weight * bounded).sum() / weight.sum()))
 
     def _normal_equations(self, state: "_State", stage: "FitStage") -> tuple[FloatArray, FloatArray]:
         """Matrix (f, f) and gradient (f,) of the cost in the free unknowns."""
@@ -290,6 +308,16 @@ class OutlineFit:
             found = self.refine(vector, stage)
             vector = found.vector
         return found
+
+    def relaxed(self, fits: list[FittedInstance]) -> list[FittedInstance]:
+        """The fits refined where the outline is expected to err by what the best of them leaves."""
+        noise_m = self.config.misfit_weight * min(fits, key=lambda f: f.cost).misfit_m
+        if noise_m <= self.config.noise_m:
+            return fits
+        problem = copy(self)
+        problem.config = replace(self.config, noise_m=noise_m)
+        last = problem._fine_stages()[-1]
+        return [replace(problem.refine(f.vector, last), strain=f.strain) for f in fits]
 
     def _coarse_stage(self) -> "FitStage":
         config, space = self.config, self.space
@@ -364,10 +392,15 @@ def joint_fits(
     fits = [problem.fit(_with_usual_shape(s, space)) for s in starts]
     # from afar front and rear look alike: the best fit must also be better than itself turned round
     best = min(fits, key=lambda f: f.cost)
-    turned = np.concatenate([best.xy_m, [best.yaw_rad + np.pi], best.log_rest, np.zeros(space.count)])
-    turned[3:6] += space.log_size_modes @ best.coefficients
-    fits.append(problem.fit(turned))
-    return sorted(fits, key=lambda f: f.cost)
+    fits.append(problem.fit(turned_round(best, space)))
+    return sorted(problem.relaxed(fits), key=lambda f: f.cost)
+
+
+def turned_round(fit: FittedInstance, space: ShapeSpace) -> FloatArray:
+    """Unknowns of a start with front and rear exchanged: the same size, the mean shape."""
+    turned = np.concatenate([fit.xy_m, [fit.yaw_rad + np.pi], fit.log_rest, np.zeros(space.count)])
+    turned[3:6] += space.log_size_modes @ fit.coefficients
+    return turned
 
 
 def _with_usual_shape(start: FittedInstance, space: ShapeSpace) -> FloatArray:

@@ -27,6 +27,12 @@ from recon.reconstruction.segment import signed_distance
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
 
+_MOSTLY_SHOWN = 0.75
+"""Parts that so many instances show, as a share, are parts of the space."""
+_ONE_SIDED = 0.1
+"""A part is of one side of the object where the views of that side show it by so much more, as a share of
+all that is seen of it."""
+
 
 @dataclass(frozen=True)
 class ShapeSpaceConfig:
@@ -36,7 +42,7 @@ class ShapeSpaceConfig:
     """Samples along x, the left half of y, and z."""
     reach: tuple[float, float, float] = (0.56, 0.68, 1.08)
     """The grid ends at these multiples of length (both ways), width (mirrors stand out) and height."""
-    modes: int = 12
+    modes: int = 20
     """Principal components kept."""
     outline_points: int = 40
     """Points on each part outline."""
@@ -125,12 +131,12 @@ def _disc_foot(scaled: ScaledViews, label: int) -> tuple[float, float]:
     is along (d_x, d_z), so that its lowest image point is linear in x0, y0 and z0. The radius is half the
     width in the view that the disc faces most.
     """
-    # seen from far aside the body hides the foot of a wheel
-    facing = [
-        v
-        for v, view in enumerate(scaled.views)
-        if abs(scaled.rotation[v, 2, 1]) > 0.6 and (view.labels == label).sum() >= 40
-    ]
+    # seen from far aside the body hides the foot of a wheel, and that of a free one from the other side too
+    side = scaled.rotation[:, 2, 1]
+    shown = np.array([(view.labels == label).sum() for view in scaled.views])
+    one_side = np.abs((side * shown).sum()) > _ONE_SIDED * (np.abs(side) * shown).sum()
+    own = np.sign(side) == np.sign((side * shown).sum()) if one_side else np.ones(len(side), bool)
+    facing = np.nonzero(own & (np.abs(side) > 0.6) & (shown >= 40))[0]
     if len(facing) < 3:
         return np.nan, np.inf
     best = max(facing, key=lambda v: abs(float(scaled.rotation[v, 2, 1])))
@@ -292,8 +298,10 @@ def principal_shapes(shapes: Sequence[InstanceShape], config: ShapeSpaceConfig) 
     modes = np.einsum("nxyz,nk->xyzk", hulls - mean, back)
     log_modes = (sizes - sizes.mean(axis=0)).T @ back
     rest = sizes - sizes.mean(axis=0) - scores @ log_modes.T
-    kept = np.isfinite(outlines).all(axis=(0, 2, 3))
+    kept = np.isfinite(outlines).all(axis=(2, 3)).mean(axis=0) >= _MOSTLY_SHOWN
+    # the few instances without a part, as open cars without side windows, are as the others there
     parts = outlines[:, kept]
+    parts = np.where(np.isfinite(parts), parts, np.nanmean(parts, axis=0))
     return ShapeSpace(
         config.reach,
         mean,

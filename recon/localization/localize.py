@@ -5,6 +5,7 @@ Two ways: by the report's construction, and by a joint fit of pose and shape.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -12,10 +13,18 @@ from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
-from recon.localization.heading import Heading, Posed, read_surface
+from recon.localization.heading import (
+    FitLooks,
+    Heading,
+    HeadingConfig,
+    NoseOdds,
+    Posed,
+    neutral_hull,
+    read_surface,
+)
 from recon.localization.joint_fit import FittedInstance, JointFitConfig, joint_fits
 from recon.localization.outline_edges import OutlineEdgeConfig, OutlinePoints, points_on_edges
-from recon.localization.standing_box import StandingBox, cam_from_ground
+from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground
 from recon.outlines import fill_polygon
 from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
 from recon.reconstruction.instance import Instance3D, build_instance
@@ -35,16 +44,17 @@ class FitConfig:
     outline_points: int = 160
     """Points on the outline."""
     max_cost: float = 600.0
-    """A larger cost is a failure: the class does not explain the outline. That of cars is about 25."""
+    """A larger strain is a failure: the class does not explain the outline. That of cars is about 15."""
+    usual_strain: float = 40.0
+    """A larger strain says that the object is of no shape of the class, and its box is less to be relied on.
+    Of shapes that the class was not learned from but is made of, one in twenty has more."""
     max_deviation: float = 12.0
     """A larger length of the shape coefficients is a failure: no object of the class looks like this. Where
     k of them are standard normal, it is about the root of k."""
     edges: OutlineEdgeConfig = field(default_factory=OutlineEdgeConfig)
     borders_weight: float = 80.0
-    """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts. It tells
-    front from rear where outlines are alike; chosen on shapes that are neither learned from nor tested on."""
-    heading_weight: float = 16.0
-    """Cost of a unit of log odds against the nose where a fit has it, from how the surface looks."""
+    """Cost of 1 minus the correlation of edges in the picture with the borders of the visible parts; chosen
+    on shapes that are neither learned from nor tested on."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
     fit: JointFitConfig = field(default_factory=JointFitConfig)
 
@@ -66,6 +76,9 @@ class PartsConfig:
     """Nats of what the projected instance and the outline do not share (1 - IoU), beside the bin's cost."""
     borders_weight: float = 80.0
     """Nats of 1 minus the correlation of edges with the borders of the projected instance's visible parts."""
+    proportions: float = 0.1
+    """Standard deviation of the logarithms of length, width and height beside those of the class model, all
+    enlarged alike: an object turned the wrong way fills its outline with a box that no object has."""
     window: EdgeWindowConfig = field(default_factory=EdgeWindowConfig)
 
 
@@ -162,7 +175,14 @@ class _PartsTrial:
         """Cost of an instance in the picture, nats."""
         visible, iou = _project_model(instance, self.model, self.ring_px, self.seen_from.camera)
         agree = float(self.window.agreement([visible])[0])
-        return self.config.overlap_weight * (1 - iou) + self.config.borders_weight * (1 - agree)
+        picture = self.config.overlap_weight * (1 - iou) + self.config.borders_weight * (1 - agree)
+        stretch = np.log(instance.size_m) - self._class_log_size
+        return picture + 0.5 * float(((stretch - stretch.mean()) ** 2).sum()) / self.config.proportions**2
+
+    @cached_property
+    def _class_log_size(self) -> FloatArray:
+        """Logarithms (3,) of length, width and height of the class model, in its units."""
+        return np.asarray(np.log(np.ptp(np.concatenate([p.outline for p in self.model.parts]), axis=0)))
 
 
 def _standing_box(instance: Instance3D, ground: GroundPlane) -> StandingBox:
@@ -200,6 +220,11 @@ class FitLocalization:
     fit: FittedInstance
     outline: OutlinePoints
     """The points that were fitted."""
+    outside: bool = False
+    """Whether the outline is of a shape outside the space: the box is less to be relied on."""
+    nose: NoseOdds | None = None
+    """How sure it is which end is the front; None where no pictures were learned from, or no fit is the other
+    way round."""
 
 
 def localize_by_fit(
@@ -213,8 +238,8 @@ def localize_by_fit(
 ) -> FitLocalization | Failure:
     """The joint fit of pose and shape, started from the middle of every view bin; the least cost wins.
 
-    The cost is that of the outline, of how far the borders of the parts are from edges of the picture, and of
-    a surface that looks turned round.
+    The cost is that of the outline and of how far the borders of the parts are from edges of the picture.
+    Which end is the front is told by all cues of the heading, where the fit can be turned round.
 
     Args:
         light: linear light of the picture, shape (h, w, 3).
@@ -230,23 +255,61 @@ def localize_by_fit(
     outline = points_on_edges(light, background, ring_px, config.outline_points, config.edges)
     scale = config.fit.model_scale
     fits = joint_fits(outline, space, seen_from, ViewBins(config.view_bins), config.fit)
-    visible = [_visible_parts(f.parts_m(space, scale), seen_from) for f in fits]
-    agree = EdgeWindow(light, ring_px, config.window).agreement(visible)
-    total = [f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)]
-    if heading is not None:
-        posed = [Posed(space.hull(f.coefficients), space.reach, f.box(space, scale)) for f in fits]
-        odds = [heading.log_odds(read_surface(light, p, seen_from, heading.config)) for p in posed]
-        total = [t - config.heading_weight * o for t, o in zip(total, odds, strict=True)]
-    fits = [fits[i] for i in np.argsort(total)]
-    best = fits[0]
+    looker = FitLooker(light, ring_px, space, seen_from, config)
+    agree = looker.agreement(fits)
+    order = np.argsort([f.cost - config.borders_weight * a for f, a in zip(fits, agree, strict=True)])
+    best, nose = fits[order[0]], None
+    turned = next((i for i in order if _is_turned(fits[i], best)), None)
+    if heading is not None and turned is not None:
+        pair = [looker.looks(fits[i], float(agree[i]), heading.config) for i in (order[0], turned)]
+        nose = heading.odds(*pair)
+        if nose.log_odds < 0:
+            best, nose = fits[turned], nose.reversed
     deviation = float(np.linalg.norm(best.coefficients))
-    if best.cost > config.max_cost or deviation > config.max_deviation:
+    if best.strain > config.max_cost or deviation > config.max_deviation:
         return Failure(
             Reason.REGISTRATION_FAILED,
             f"a cost of at most {config.max_cost:g} and a deviation from the mean shape of at most "
-            f"{config.max_deviation:g} expected, got {best.cost:.0f} and {deviation:.1f}",
+            f"{config.max_deviation:g} expected, got {best.strain:.0f} and {deviation:.1f}",
         )
-    return FitLocalization(best.box(space, scale), best, outline)
+    outside = best.strain > config.usual_strain
+    return FitLocalization(best.box(space, scale), best, outline, outside, nose)
+
+
+_TURNED_RAD = float(np.deg2rad(135))
+"""A fit whose nose differs by more is of the same object the other way round."""
+
+
+def _is_turned(fit: FittedInstance, of: FittedInstance) -> bool:
+    return angle_between(fit.yaw_rad, of.yaw_rad) > _TURNED_RAD
+
+
+@dataclass(frozen=True, eq=False)
+class FitLooker:
+    """Compares fits with the picture inside one outline."""
+
+    light: Float32Array
+    """Linear light of the picture, shape (h, w, 3)."""
+    ring_px: FloatArray
+    """The outline from the segmentation, shape (m, 2)."""
+    space: ShapeSpace
+    seen_from: GroundedCamera
+    config: FitConfig
+
+    def agreement(self, fits: Sequence[FittedInstance]) -> FloatArray:
+        """Correlation (n,) of edges of the picture with the borders of the visible parts of fits."""
+        scale = self.config.fit.model_scale
+        visible = [_visible_parts(f.parts_m(self.space, scale), self.seen_from) for f in fits]
+        return EdgeWindow(self.light, self.ring_px, self.config.window).agreement(visible)
+
+    def looks(self, fit: FittedInstance, agreement: float, heading: HeadingConfig) -> FitLooks:
+        """What tells whether a fit is the right way round."""
+        space, light = self.space, self.light
+        box = fit.box(space, self.config.fit.model_scale)
+        reading = read_surface(
+            light, Posed(neutral_hull(space.mean), space.reach, box), self.seen_from, heading
+        )
+        return FitLooks(reading, fit.cost, agreement)
 
 
 def _visible_parts(parts_m: FloatArray, seen_from: GroundedCamera) -> list[FloatArray]:

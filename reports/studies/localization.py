@@ -16,6 +16,7 @@ from reports.pages import write_page
 from rescore.studies.localization.result_file import (
     LocalizationResult,
     ScoredPlacement,
+    outside_remark,
     read_localization,
     scores_by_car,
 )
@@ -34,7 +35,8 @@ PICTURES = {
 
 _WHAT = """## What is measured
 
-Model cars 1:18 of shapes that nothing was learned from stand one at a time on a black table of 1.2 m by
+Model cars 1:18 of shapes that nothing was learned from, racers with wings and free wheels, open, small, old
+and working cars among them, stand one at a time on a black table of 1.2 m by
 1 m, at random and in any direction. One calibrated camera, 1.4 m from the middle of the table and 35
 degrees above it, takes a rendered picture of 1600 x 1200 pixels with noise. The true box holds the body
 without its mirrors (nor aerials, where a mesh has them): length along the car, width across, height from
@@ -44,20 +46,23 @@ noses, up to 180 degrees. The single plane has no front, so that its error is at
 box. Placements that a method loses are counted and have no error.
 
 - *3DP, joint fit*: pose and shape are fitted together, so that every ray through the outline grazes the
-  object. The shape is one of a linear space, learned from part-labelled views; where outlines of front
-  and rear are alike, the borders of the parts inside decide, and where the surface is redder or less
-  red than its paint: what pictures of the training cars on the table taught. This goes beyond the report.
+  object. The shape is one of a linear space, learned from part-labelled views. It is fitted both ways
+  round; which end is the nose is told by windows, ends, wheels and lamps, as pictures of the training cars
+  in usual and unusual looks taught, and by outline and borders of the parts. An outline that no shape of the
+  space explains is expected to err by as much as the fit leaves; where it takes much bending, the car is
+  marked as outside what was learned. This goes beyond the report.
 - *3DP, the report's construction*: parts are registered to the outline for the likeliest view bins,
   their planes are placed from the ground line up (section 4.3), and the class model is carried onto them
   (section 4.4), sized to the outline and standing on the table. Overlap with the outline and borders of
-  parts choose among the view bins and a few turns within each.
+  parts choose among the view bins and a few turns within each, with how usual the proportions of the box are.
 - *Single plane*: one upright plane on the ground line, as in the report's comparison.
 
 What is known before: the camera and the table plane; twelve labelled views at each of three elevations
 of each training car, and its length, width and height in metres, from which the joint fit takes its
-sizes; 24 pictures of each training car on the table with its place, for the looks of front and rear; the
-scale 1:18. The report's construction knows no sizes. Settings were chosen on other shapes than those
-that are learned from or tested on.
+sizes; 12 pictures of each training car on the table with its place, for the looks of front and rear, and 4
+of each car of the splits "calibration" and "validation", by which the cues are weighed; the scale 1:18. The
+report's construction knows no sizes. Settings were chosen on other shapes than those that are learned from
+or tested on.
 
 Segmentation is by colour: the empty table is known from averaged pictures. On the table a pixel is the
 car where it is brighter, of another colour, or darker than shade can be; beside the table, where no
@@ -96,7 +101,7 @@ def page(result: LocalizationResult, command: str, drawn: Sequence[str]) -> str:
         "`localization.json` holds the numbers of every placement.",
         _summary(result),
         _WHAT,
-        "## Flipped and lost\n\n" + "\n".join(_remarks(rows)),
+        "## Flipped, lost and outside\n\n" + "\n".join([*_remarks(rows), f"- {outside_remark(rows)}"]),
         "## By car\n\n" + markdown_table(scores_by_car(rows)).rstrip(),
         *(f"![{PICTURES[name]}]({name}.jpg)\n\n{PICTURES[name]}." for name in drawn),
     ]

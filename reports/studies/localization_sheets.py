@@ -1,11 +1,10 @@
 """Pictures of the localisation study: sheets of placements, several cars at once, a reconstruction."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from recon.arrays import UInt8Array
+from recon.errors import Failure
 from recon.files import atomic_path
 from recon.localization.localize import FitLocalization
 from recon.localization.standing_box import StandingBox, angle_between
@@ -19,9 +18,11 @@ from reports.studies.localization_pictures import (
     tile,
     titled,
 )
+from rescore.studies.localization.kept_trials import KeptTrials
+from rescore.studies.localization.result_file import outside_remark
 from rescore.studies.localization.scores import Score, markdown_table
-from rescore.studies.localization.study import LocalizationStudy, Tally
-from rescore.studies.localization.trials import Trial
+from rescore.studies.localization.study import LocalizationStudy, Tally, scored
+from rescore.studies.localization.trials import Trial, run_trial
 
 _SHOWN, _WORST = 40, 12
 """Placements in the pictures of the first and of the worst ones."""
@@ -30,55 +31,53 @@ _TYPICAL_OVERLAP = 0.88
 
 
 def write_localization(study: LocalizationStudy, out: Path, jobs: int) -> Tally:
-    """Run the trials of the study, and write ``localization.md`` and the pictures to a folder.
+    """Run the trials of the study that the folder does not hold, and write ``localization.md`` and pictures.
 
-    Pictures are drawn while trials are done, since the photographs are too large to be kept.
+    Each trial is kept with its small picture when it is done: photographs are too large to be kept, and a run
+    that was stopped goes on where it was.
     """
-    tally, sheets = Tally(), _Sheets(study)
-    for trial in study.trials(jobs):
-        tally.add(trial)
-        sheets.add(trial)
+    kept, camera = study.kept(out), TableCamera(study.seen_from)
+    for trial in study.trials(kept.missing(study.placements), jobs):
+        picture = tile(trial.crop_rgb, trial.crop_xy_px, _view(trial, study), camera)
+        kept.add(trial.index, scored(trial), picture)
+    tally = Tally(kept.rows(study.placements))
     with atomic_path(out / "localization.md") as beside:
-        beside.write_text(markdown_table(tally.by_car))
-    sheets.save(out)
+        beside.write_text(f"{markdown_table(tally.by_car)}\n{outside_remark(tally.placements)}\n")
+    _save_sheets(kept, tally, out)
+    _save_typical(study, tally, out / "reconstruction.png")
     _save_several(study, out / "table.png")
     return tally
 
 
-@dataclass(eq=False)
-class _Sheets:
-    """Small pictures of all trials, and a large one of a typical one."""
-
-    study: LocalizationStudy
-    tiles: list[tuple[float, UInt8Array]] = field(default_factory=list)
-    """How bad, and the picture."""
-    typical: tuple[float, UInt8Array, Instance3DView] | None = None
-    """How far from typical, the picture, and what it shows."""
-
-    def add(self, trial: Trial) -> None:
-        """Take what is kept of a trial."""
-        camera = TableCamera(self.study.seen_from)
-        view, own = _view(trial, self.study), trial.scores["3dp"]
-        self.tiles.append((_badness(trial), tile(trial.crop_rgb, trial.crop_xy_px, view, camera)))
-        if not isinstance(own, Score) or own.overlap is None:
-            return
-        off = abs(own.overlap - _TYPICAL_OVERLAP)
-        if self.typical is None or off < self.typical[0]:
-            self.typical = (off, draw(trial.crop_rgb, trial.crop_xy_px, [view], camera, 3.0), view)
-
-    def save(self, out: Path) -> None:
-        """Write the sheets and the reconstruction."""
-        first = sheet([picture for _, picture in self.tiles[:_SHOWN]], 5)
-        save_png(out / "placements.png", titled(first, f"First {min(len(self.tiles), _SHOWN)} placements"))
-        worst = sheet([t for _, t in sorted(self.tiles, key=lambda t: -t[0])[:_WORST]], 4)
-        save_png(out / "worst.png", titled(worst, f"The worst {min(len(self.tiles), _WORST)} placements"))
-        if self.typical is not None:
-            save_reconstruction(out / "reconstruction.png", self.typical[1], self.typical[2])
+def _save_sheets(kept: KeptTrials, tally: Tally, out: Path) -> None:
+    """The first placements, and those with the largest errors."""
+    count = len(tally.placements)
+    first = sheet(kept.tiles(range(min(count, _SHOWN))), 5)
+    save_png(out / "placements.png", titled(first, f"First {min(count, _SHOWN)} placements"))
+    order = sorted(range(count), key=lambda i: -_badness(tally.placements[i].methods["3dp"]))[:_WORST]
+    worst = sheet(kept.tiles(order), 4)
+    save_png(out / "worst.png", titled(worst, f"The worst {len(order)} placements"))
 
 
-def _badness(trial: Trial) -> float:
+def _save_typical(study: LocalizationStudy, tally: Tally, path: Path) -> None:
+    """The reconstruction of the placement of typical overlap, tried once more; none where all are lost."""
+    overlaps = [(i, p.methods["3dp"]) for i, p in enumerate(tally.placements)]
+    off = {
+        i: abs(s.overlap - _TYPICAL_OVERLAP)
+        for i, s in overlaps
+        if isinstance(s, Score) and s.overlap is not None
+    }
+    if not off:
+        return
+    index = min(off, key=lambda i: off[i])
+    car = study.cars[index % len(study.cars)]
+    trial = run_trial(car, index, study.table_class, study.config, study.seed)
+    view, camera = _view(trial, study), TableCamera(study.seen_from)
+    save_reconstruction(path, draw(trial.crop_rgb, trial.crop_xy_px, [view], camera, 3.0), view)
+
+
+def _badness(own: Score | Failure) -> float:
     """How bad the joint fit is: centroid error in mm, lost ones first."""
-    own = trial.scores["3dp"]
     return own.centroid_mm + 2 * own.orientation_deg if isinstance(own, Score) else float("inf")
 
 
@@ -89,6 +88,10 @@ def _view(trial: Trial, study: LocalizationStudy) -> Instance3DView:
         reason = "lost" if isinstance(own, Score) else str(own.reason)
         return Instance3DView(trial.truth, None, (), np.zeros((0, 3, 3)), f"{name} {reason}")
     numbers = f"{100 * (own.overlap or 0):.0f}% {own.centroid_mm:.1f}mm {own.orientation_deg:.1f}deg"
+    if trial.fit.outside:
+        numbers += " outside"
+    if trial.fit.nose is not None:
+        numbers += f" nose {100 * trial.fit.nose.probability:.0f}%"
     parts = study.parts_m(trial.fit)
     return Instance3DView(
         trial.truth, trial.fit.box, study.part_labels, parts, f"{name} {numbers}", trial.ring_px

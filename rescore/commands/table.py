@@ -9,6 +9,12 @@ import typer
 from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
 from rescore.speech import say
 
+Meshes = Annotated[
+    Path | None, typer.Option(help="Folder of OBJ, glTF, PLY, STL or OFF cars to take instead.")
+]
+Up = Annotated[str, typer.Option(help="Axis of the meshes that points up: x, y, z, -x, -y or -z.")]
+Nose = Annotated[str, typer.Option(help="Axis of the meshes that the nose points along.")]
+
 
 @app.command()
 def localize(
@@ -22,9 +28,9 @@ def localize(
     placements: Annotated[
         int, typer.Option(min=1, help="Placements in all, spread evenly over the cars.")
     ] = 200,
-    meshes: Annotated[
-        Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to place instead.")
-    ] = None,
+    meshes: Meshes = None,
+    up: Up = "y",
+    nose: Nose = "z",
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
     as_json: AsJson = False,
@@ -33,21 +39,25 @@ def localize(
 
     Model cars 1:18 are placed at random and seen by one calibrated camera. Cars as dark as the table get
     another paint. The class is learned from part-labelled views of other cars, whose length, width and
-    height are known, and from pictures of them on the table.
+    height are known, and from pictures of them on the table. What it learned and the trials are kept in the
+    folder, so that a run that was stopped goes on where it was.
 
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """
+    from datasets_synth.cars.mesh_axes import mesh_axes
     from reports.studies.localization_sheets import write_localization
+    from rescore.studies.localization.result_file import outside_remark
     from rescore.studies.localization.scores import markdown_table
     from rescore.studies.localization.study import learned_study
 
-    study = learned_study(cars, placements, meshes, seed, jobs)
+    study = learned_study(cars, placements, meshes, seed, jobs, out, mesh_axes(up, nose))
     tally = write_localization(study, out, jobs)
     tally.save(out, study, meshes)
     if as_json:
         print_json(tally.result.model_dump(mode="json"))
     else:
         print(markdown_table(tally.by_car))
+        print(outside_remark(tally.placements))
     say(f"localization: {out / 'localization.json'}")
 
 
@@ -58,9 +68,9 @@ def grasp(
     ],
     cars: Annotated[int, typer.Option(min=1, help="Model cars, spread over the body types.")] = 20,
     placements: Annotated[int, typer.Option(min=1, help="Placements of each car within reach.")] = 3,
-    meshes: Annotated[
-        Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to grasp instead.")
-    ] = None,
+    meshes: Meshes = None,
+    up: Up = "y",
+    nose: Nose = "z",
     show: Annotated[
         int | None, typer.Option(min=0, help="Also write a recording of this trial (0 is the first).")
     ] = None,
@@ -76,12 +86,13 @@ def grasp(
 
     Example: [bold]rescore grasp --cars 20 --placements 3 --out runs/grasp[/bold]
     """
+    from datasets_synth.cars.mesh_axes import mesh_axes
     from reports.recording.grasp import write_grasp_recording
     from reports.studies.grasping import show_trial, write_grasping
     from rescore.grasping.experiment import Experiment
     from rescore.grasping.result_file import grasp_table
 
-    experiment = Experiment.of(cars, placements, meshes, seed)
+    experiment = Experiment.of(cars, placements, meshes, seed, mesh_axes(up, nose))
     experiment.require_trial(show)
     result = experiment.run(out, jobs)
     write_grasping(experiment, result, out)

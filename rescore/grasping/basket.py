@@ -47,8 +47,8 @@ from rescore.grasping.solids import Solid, cut_between, hulls_of
 from rescore.grasping.trial import within_reach
 from rescore.parallel import in_order, one_thread, track
 from rescore.results.sweep_file import StudyPart
-from rescore.studies.localization.segment import segment_table
-from rescore.studies.localization.trials import TrialConfig, empty_table
+from rescore.studies.localization.segment import empty_table, segment_table
+from rescore.studies.localization.trials import TrialConfig
 
 TAUGHT, OTHER = "rectangular_00", "rectangular_01"
 """The basket that the class model is made of, and the one that it has never seen."""

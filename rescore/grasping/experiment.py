@@ -7,7 +7,8 @@ from pathlib import Path
 from joblib import delayed
 from pydantic import TypeAdapter
 
-from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.mesh_axes import MeshAxes
+from datasets_synth.cars.models import table_cars
 from recon.errors import RescoreError
 from rescore.files import read_json_object, remove, write_json, write_provenance
 from rescore.formats.checked_json import read_checked
@@ -16,8 +17,8 @@ from rescore.grasping.result_file import GraspResult, GraspRow, write_grasps
 from rescore.grasping.scene import require_robot
 from rescore.grasping.trial import run_trial
 from rescore.parallel import in_order, track
-from rescore.speech import say
-from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
+from rescore.studies.localization.kept_class import kept_table_class
+from rescore.studies.localization.learned import TableClass, TableClassConfig
 
 RULES = 1
 """Number of the rules of choosing and judging; trials made under others are not taken up again."""
@@ -33,15 +34,21 @@ class Experiment:
     seed: int
 
     @staticmethod
-    def of(cars: int, placements: int, meshes: Path | None, seed: int) -> "Experiment":
+    def of(
+        cars: int, placements: int, meshes: Path | None, seed: int, axes: MeshAxes | None = None
+    ) -> "Experiment":
         """The experiment of the report's size or another, with a user's cars where a folder is named.
+
+        ``axes`` are those of the user's cars; None for glTF's.
 
         Raises:
             RescoreError: the packages of the robot are not installed, or a mesh cannot be used.
         """
         require_robot()
-        chosen = own_cars(cars_of_splits(test_meshes=meshes)["test"]) if meshes else experiment_cars(cars)
-        return Experiment(chosen, placements, seed)
+        if meshes is None:
+            return Experiment(experiment_cars(cars), placements, seed)
+        own = table_cars(meshes, axes)["test"]
+        return Experiment(own_cars(own), placements, seed)
 
     def run(self, out: Path, jobs: int, table_class: TableClass | None = None) -> GraspResult:
         """The result, also written to ``out/grasp.json``; trials that a stopped run left there are kept.
@@ -54,7 +61,7 @@ class Experiment:
         kept = _Kept(out / "trials", self)
         todo = [(i, k) for i, k in self._numbers() if kept.row(i, k) is None]
         if todo:
-            known = table_class or learned_cars(jobs)
+            known = table_class or learned_cars(out / "learned", jobs)
             for row in track(self._tried(todo, known, jobs), "grasp", len(todo)):
                 kept.add(row)
         found = [kept.row(i, k) for i, k in self._numbers()]
@@ -91,11 +98,11 @@ class Experiment:
         return in_order(tasks, jobs)
 
 
-def learned_cars(jobs: int) -> TableClass:
-    """What the training cars teach; front and rear are not told apart, since a grasp needs neither."""
-    train = cars_of_splits()["train"]
-    say(f"learning from {len(train)} cars")
-    return learn_table_class(train, TableClassConfig(heading_pictures=0), jobs)
+def learned_cars(folder: Path, jobs: int) -> TableClass:
+    """What the training cars teach, kept in a folder; front and rear are not told apart, since a grasp needs
+    neither."""
+    config = TableClassConfig(heading_pictures=0)
+    return kept_table_class(folder, table_cars()["train"], config, jobs)
 
 
 class _Kept:

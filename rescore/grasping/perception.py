@@ -11,8 +11,8 @@ from recon.localization.standing_box import StandingBox, cam_from_ground
 from rescore.grasping.choose import Estimate
 from rescore.parallel import one_thread
 from rescore.studies.localization.learned import TableClass
-from rescore.studies.localization.segment import segment_table
-from rescore.studies.localization.trials import TrialConfig, empty_table, fit_region
+from rescore.studies.localization.segment import empty_table, segment_table
+from rescore.studies.localization.trials import TrialConfig, fit_region
 
 METHODS = ("3dp", "3dp_report", "single_plane", "single_plane_narrow", "truth")
 METHOD_NAME = {

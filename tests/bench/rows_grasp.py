@@ -14,8 +14,8 @@ from rescore.grasping.solids import Solid
 from rescore.grasping.trial import placed_car, planned
 from rescore.parallel import one_thread
 from rescore.studies.localization.learned import TableClassConfig, learn_table_class
-from rescore.studies.localization.segment import segment_table
-from rescore.studies.localization.trials import TrialConfig, empty_table, fit_region
+from rescore.studies.localization.segment import empty_table, segment_table
+from rescore.studies.localization.trials import TrialConfig, fit_region
 from tests.bench.timing import processor_s
 
 

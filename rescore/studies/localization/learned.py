@@ -4,19 +4,19 @@ and what front and rear look like, from pictures of the training cars on the tab
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import joblib
 import numpy as np
 from joblib import delayed
 
 from datasets_synth.cars.parts import CAR_PARTS
 from datasets_synth.cars.shapes import CarModel
-from datasets_synth.photos.table_scene import ELEVATION_RAD, SEEN_FROM, photograph, place_at_random
+from datasets_synth.photos.table_scene import ELEVATION_RAD
 from datasets_synth.render.part_render import render_part_labels
-from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.learning.generic_phase import learn_primitives
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.learning.primitives import PrimitiveLibrary
-from recon.localization.heading import Heading, HeadingConfig, Posed, learn_heading, read_surface
+from recon.localization.heading import Heading, HeadingConfig, learn_heading, weigh_cues
 from recon.localization.learn_shapes import (
     InstanceShape,
     ShapeSpaceConfig,
@@ -24,16 +24,15 @@ from recon.localization.learn_shapes import (
     instance_shape,
     principal_shapes,
 )
-from recon.localization.standing_box import StandingBox
 from recon.part_views import PartView
-from recon.pixels import linear_from_srgb
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
-from recon.workers import workers
-from rescore.parallel import one_thread
+from rescore.parallel import in_order, one_thread, track
+from rescore.speech import doing
+from rescore.studies.localization.heading_pictures import fitted_pairs, surface_readings
 
-_PICTURES_SEED = 20090625
-"""Seed of the pictures of training cars."""
+_OTHERS_STREAM = 1000
+"""First stream of random choices of the cars that weigh the cues, beyond those of the training cars."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,11 @@ class TableClassConfig:
     refine_rounds: int = 3
     """Rounds of refining the planes of the class model (see ``LearnConfig``)."""
     space: ShapeSpaceConfig = field(default_factory=ShapeSpaceConfig)
-    heading_pictures: int = 24
-    """Pictures of each training car at random places, from which front and rear are told; 0 where it does not
-    matter which is which, as for a grasp."""
-    heading_error: tuple[float, float, float] = (0.005, 0.03, 0.05)
-    """Standard deviations of the errors of the box in heading pictures, as fits have: place in metres,
-    direction in radians, logarithms of the size."""
+    heading_pictures: int = 12
+    """Pictures of each training car at random places, from which the looks of front and rear are learned; 0
+    where it does not matter which is which, as for a grasp."""
+    cue_pictures: int = 4
+    """Pictures of each car that weighs the cues for front and rear."""
     heading: HeadingConfig = field(default_factory=HeadingConfig)
 
 
@@ -69,12 +67,18 @@ class TableClass:
     heading: Heading | None
     """None where no pictures were learned from."""
 
+    @property
+    def digest(self) -> str:
+        """A digest of what trials depend on."""
+        return str(joblib.hash((self.model, self.space, self.heading)))
+
 
 def learn_table_class(
     cars: Sequence[CarModel],
     config: TableClassConfig,
     jobs: int,
     library: PrimitiveLibrary | None = None,
+    others: Sequence[CarModel] = (),
 ) -> TableClass:
     """The class model, the shape space and the looks of training cars; pictures are rendered here.
 
@@ -85,23 +89,49 @@ def learn_table_class(
         config: settings.
         jobs: cars at a time.
         library: primitives of the view bins at the first elevation; None to learn them here.
+        others: cars of other shapes, by which the cues for front and rear are weighed.
     """
     bins = ViewBins(12, config.elevations_rad[0])
-    library = library or learn_primitives(bins, jobs=jobs)
-    learned = workers(jobs)(delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars))
+    with doing("learn primitives"):
+        library = library or learn_primitives(bins, jobs=jobs)
+    tasks = (delayed(_learn_one)(car, config, library) for car in cars)
+    learned: list[_Learned] = list(track(in_order(tasks, jobs), "learn shapes", len(cars)))
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
     chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]
     # sums over several threads differ in the last digits, and the fits with them
     with one_thread():
         space = principal_shapes([one.shape for one in learned], config.space)
-        readings = [r for one in learned for r in one.readings]
-        heading = learn_heading(readings, config.heading) if readings else None
         views = [view for i in chosen for view in learned[i].views]
         model = learn_class_model(
             views, "car", CAR_PARTS, LearnConfig(bins=bins, refine_rounds=config.refine_rounds), library
         )
+    heading = _heading(cars, others, space, config, jobs) if config.heading_pictures else None
     return TableClass(model, space, heading)
+
+
+def _heading(
+    cars: Sequence[CarModel],
+    others: Sequence[CarModel],
+    space: ShapeSpace,
+    config: TableClassConfig,
+    jobs: int,
+) -> Heading:
+    """Front and rear from pictures of the training cars, cues weighed by fits to other cars."""
+    settings = config.heading
+    tasks = (
+        delayed(surface_readings)(c, i, config.heading_pictures, space, settings) for i, c in enumerate(cars)
+    )
+    found = list(track(in_order(tasks, jobs), "learn front and rear", len(cars)))
+    tasks = (
+        delayed(fitted_pairs)(c, _OTHERS_STREAM + i, config.cue_pictures, space, settings)
+        for i, c in enumerate(others)
+    )
+    fitted = list(track(in_order(tasks, jobs), "weigh cues", len(others)))
+    with one_thread():
+        heading = learn_heading([r for own in found for r in own], settings)
+        pairs = [p for own in fitted for p in own]
+        return weigh_cues(heading, pairs) if pairs else heading
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +141,9 @@ class _Learned:
     views: tuple[PartView, ...]
     """Labelled views of the first ring."""
     shape: InstanceShape
-    readings: list[FloatArray]
-    """Looks of its surface in pictures, each of shape (cells,)."""
 
 
-def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
+def _learn_one(car: CarModel, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
     mesh = car.build(np.random.default_rng(0))
     rings = [ViewBins(12, e) for e in config.elevations_rad]
     views = [
@@ -127,24 +155,4 @@ def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: Pri
     with one_thread():
         instance = TrainingInstance(tuple(views), ring_of, car.size_m)
         shape = instance_shape(instance, CAR_PARTS, config.space, library)
-        readings = _readings(car, index, shape, config)
-    return _Learned(tuple(views[: rings[0].count]), shape, readings)
-
-
-def _readings(car: CarModel, index: int, shape: InstanceShape, config: TableClassConfig) -> list[FloatArray]:
-    """Readings of the surface of a training car off pictures of it on the table, with errors as fits have."""
-    out = []
-    place, turned, size = config.heading_error
-    for k in range(config.heading_pictures):
-        rng = np.random.default_rng([_PICTURES_SEED, index, k])
-        placement = place_at_random(car, rng)
-        light = linear_from_srgb(photograph([placement], rng))
-        true = placement.box
-        box = StandingBox(
-            true.xy_m + rng.normal(0, place, 2),
-            true.yaw_rad + rng.normal(0, turned),
-            true.size_m * np.exp(rng.normal(0, size, 3)),
-        )
-        posed = Posed(shape.hull, config.space.reach, box)
-        out.append(read_surface(light, posed, SEEN_FROM, config.heading))
-    return out
+    return _Learned(tuple(views[: rings[0].count]), shape)

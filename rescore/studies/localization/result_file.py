@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from recon.errors import Failure
+from recon.localization.heading import NoseOdds
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
 from rescore.results.sweep_file import StudyPart
@@ -22,6 +23,19 @@ class TablePose(StudyPart):
     yaw_deg: float
 
 
+class Nose(StudyPart):
+    """How sure the joint fit is which end is the front."""
+
+    probability: float
+    log_odds: dict[str, float]
+    """By cue; they add up to the log odds of the nose."""
+
+    @classmethod
+    def of(cls, odds: NoseOdds) -> "Nose":
+        """What the file holds of the odds."""
+        return cls(probability=odds.probability, log_odds=dict(odds.cues))
+
+
 class ScoredPlacement(StudyPart):
     """One car on the table, with the errors of every method."""
 
@@ -29,6 +43,10 @@ class ScoredPlacement(StudyPart):
     pose: TablePose
     methods: dict[str, Score | Failure]
     """By method: its errors, or why there is no estimate."""
+    nose: Nose | None = None
+    """How sure the joint fit is of it; None where there is no fit, or front and rear were not learned."""
+    outside: bool | None = None
+    """Whether the joint fit takes the car for a shape outside what was learned; None where it is lost."""
 
 
 class ReportedErrors(StudyPart):
@@ -72,6 +90,20 @@ def scores_by_car(placements: Sequence[ScoredPlacement]) -> dict[str, dict[str, 
         for method in METHODS:
             own[method].append(placement.methods[method])
     return found
+
+
+def outside_remark(placements: Sequence[ScoredPlacement]) -> str:
+    """How many cars the joint fit takes for shapes outside what was learned, and how well it did on both."""
+    marked = [p for p in placements if p.outside]
+    others = [p for p in placements if p.outside is False]
+    text = f"The joint fit takes {len(marked)} of {len(placements)} for shapes outside what was learned"
+    means = [summary([p.methods["3dp"] for p in rows]).overlap for rows in (marked, others)]
+    named = [
+        f"overlap of {which} {100 * mean:.1f} %"
+        for which, mean in zip(("these", "the others"), means, strict=True)
+        if mean is not None
+    ]
+    return f"{text}: {', '.join(named)}." if named else f"{text}."
 
 
 def write_localization(path: Path, result: LocalizationResult) -> None:

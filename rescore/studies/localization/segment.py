@@ -1,12 +1,14 @@
 """Colour segmentation of a car on the black table: what differs in colour from the known empty table."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from datasets_synth.photos.table_scene import photograph_empty, table_mask
 from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.errors import Failure, Reason
 from recon.pixels import linear_from_srgb
@@ -64,6 +66,12 @@ class EmptyTable:
         return EmptyTable(
             _smooth(light, config), cv2.dilate(on_table.astype(np.uint8), edge).astype(bool), config
         )
+
+
+@lru_cache(maxsize=1)
+def empty_table(config: TableSegmentConfig) -> EmptyTable:
+    """The empty table, photographed once in a process."""
+    return EmptyTable.of_pictures(photograph_empty(), table_mask(), config)
 
 
 def _smooth(light: Float32Array, config: TableSegmentConfig) -> Float32Array:

@@ -6,19 +6,24 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.mesh_axes import MeshAxes
+from datasets_synth.cars.models import table_cars
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import SCALE, SEEN_FROM, Placement, photograph
 from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.errors import Failure, RescoreError
 from recon.localization.localize import FitLocalization
+from rescore.experiment.source_digest import source_digest
 from rescore.files import write_provenance
 from rescore.parallel import track
-from rescore.speech import say
-from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
+from rescore.studies.localization import trials
+from rescore.studies.localization.kept_class import kept_table_class
+from rescore.studies.localization.kept_trials import KeptTrials
+from rescore.studies.localization.learned import TableClass, TableClassConfig
 from rescore.studies.localization.result_file import (
     LocalizationResult,
+    Nose,
     ScoredPlacement,
     TablePose,
     localization_result,
@@ -26,11 +31,10 @@ from rescore.studies.localization.result_file import (
     write_localization,
 )
 from rescore.studies.localization.scores import METHODS, Score
-from rescore.studies.localization.segment import TableRegion, segment_table
+from rescore.studies.localization.segment import TableRegion, empty_table, segment_table
 from rescore.studies.localization.trials import (
     Trial,
     TrialConfig,
-    empty_table,
     fit_region,
     run_trials,
     several_at_once,
@@ -73,10 +77,20 @@ class LocalizationStudy:
         """Labels of the parts of ``parts_m``."""
         return self.table_class.space.part_labels
 
-    def trials(self, jobs: int) -> Iterator[Trial]:
-        """The trials in order, as they are done."""
-        trials = run_trials(self.cars, self.placements, self.table_class, self.config, self.seed, jobs)
-        return track(trials, "localise", self.placements)
+    def trials(self, numbers: Sequence[int], jobs: int) -> Iterator[Trial]:
+        """The trials of these numbers in order, as they are done."""
+        found = run_trials(self.cars, numbers, self.table_class, self.config, self.seed, jobs)
+        return track(found, "localise", self.placements, done=self.placements - len(numbers))
+
+    def kept(self, out: Path) -> KeptTrials:
+        """The trials of this study that a run left in a folder; those of another study are removed."""
+        settings = {
+            "seed": self.seed,
+            "cars": [[car.shape_id, getattr(car, "digest", "")] for car in self.cars],
+            "class": self.table_class.digest,
+            "code": source_digest(trials),
+        }
+        return KeptTrials(out / "placements", settings)
 
     def several(self) -> SeveralCars:
         """Up to nine of the cars in one photograph, localised by the joint fit."""
@@ -92,8 +106,16 @@ class LocalizationStudy:
         return SeveralCars(rgb, tuple(placed), found)
 
 
-def learned_study(cars: int, placements: int, meshes: Path | None, seed: int, jobs: int) -> LocalizationStudy:
-    """The study with its class learned.
+def learned_study(
+    cars: int,
+    placements: int,
+    meshes: Path | None,
+    seed: int,
+    jobs: int,
+    out: Path,
+    axes: MeshAxes | None = None,
+) -> LocalizationStudy:
+    """The study with its class learned, or read from where an earlier run kept it.
 
     Args:
         cars: Cars to place, spread over the body types.
@@ -101,19 +123,21 @@ def learned_study(cars: int, placements: int, meshes: Path | None, seed: int, jo
         meshes: Folder of cars to place instead; None for none.
         seed: Of every random choice.
         jobs: Pictures at a time while learning.
+        out: Folder of the study; what is learned is kept in it.
+        axes: Those of the meshes; None for glTF's.
 
     Raises:
         RescoreError: fewer placements than cars, or a mesh that cannot be used.
     """
-    split = cars_of_splits(test_meshes=meshes)
+    split = table_cars(meshes, axes)
     chosen = _spread(split["test"], cars)
     if placements < len(chosen):
         raise RescoreError(
             f"--placements: expected at least one for each of {len(chosen)} cars, got {placements}; "
             "ask for more placements or fewer --cars"
         )
-    say(f"learning from {len(split['train'])} cars")
-    learned = learn_table_class(split["train"], TableClassConfig(), jobs)
+    others = [*split["calibration"], *split["validation"]]
+    learned = kept_table_class(out / "learned", split["train"], TableClassConfig(), jobs, others)
     return LocalizationStudy(chosen, placements, learned, seed)
 
 
@@ -124,11 +148,11 @@ def _spread(cars: Sequence[CarModel], count: int) -> tuple[CarModel, ...]:
     return tuple(cars[i * len(cars) // count] for i in range(count))
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Tally:
-    """The numbers of trials; their pictures are not kept."""
+    """The numbers of trials."""
 
-    placements: list[ScoredPlacement] = field(default_factory=list)
+    placements: Sequence[ScoredPlacement]
     """A placement a trial, as in ``localization.json``."""
 
     @property
@@ -141,11 +165,6 @@ class Tally:
         """Content of ``localization.json``."""
         return localization_result(self.placements)
 
-    def add(self, trial: Trial) -> None:
-        """Count a trial."""
-        methods = {m: trial.scores[m] for m in METHODS}
-        self.placements.append(ScoredPlacement(car=trial.shape_id, pose=_pose(trial), methods=methods))
-
     def save(self, out: Path, study: LocalizationStudy, meshes: Path | None) -> None:
         """Write ``localization.json`` with its settings to a folder."""
         write_localization(out / "localization.json", self.result)
@@ -155,6 +174,16 @@ class Tally:
             "meshes": str(meshes) if meshes else None,
         }
         write_provenance(out / "localization.json", "localize", settings, study.seed)
+
+
+def scored(trial: Trial) -> ScoredPlacement:
+    """The numbers of a trial."""
+    methods = {m: trial.scores[m] for m in METHODS}
+    row = ScoredPlacement(car=trial.shape_id, pose=_pose(trial), methods=methods)
+    if not isinstance(trial.fit, FitLocalization):
+        return row
+    nose = None if trial.fit.nose is None else Nose.of(trial.fit.nose)
+    return row.model_copy(update={"nose": nose, "outside": trial.fit.outside})
 
 
 def _pose(trial: Trial) -> TablePose:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 from joblib import delayed
@@ -16,7 +15,6 @@ from datasets_synth.photos.table_scene import (
     photograph_empty,
     place_at_random,
     project_ground,
-    table_mask,
 )
 from recon.arrays import FloatArray, UInt8Array
 from recon.errors import Failure
@@ -35,7 +33,7 @@ from recon.pixels import linear_from_srgb
 from rescore.parallel import in_order, one_thread
 from rescore.studies.localization.learned import TableClass
 from rescore.studies.localization.scores import Score, score
-from rescore.studies.localization.segment import EmptyTable, TableRegion, TableSegmentConfig, segment_table
+from rescore.studies.localization.segment import TableRegion, TableSegmentConfig, empty_table, segment_table
 
 _CROP_MARGIN_PX = 60
 """Around the outline, so that the box is seen whole."""
@@ -82,13 +80,18 @@ class Trial:
 
 
 def run_trials(
-    cars: Sequence[CarModel], count: int, table_class: TableClass, config: TrialConfig, seed: int, jobs: int
+    cars: Sequence[CarModel],
+    numbers: Sequence[int],
+    table_class: TableClass,
+    config: TrialConfig,
+    seed: int,
+    jobs: int,
 ) -> Iterator[Trial]:
-    """``count`` placements spread evenly over the cars, in order, as they are done.
+    """Placements of these numbers, spread evenly over the cars, in order, as they are done.
 
     The same seed gives the same trials for any number of jobs.
     """
-    tasks = (delayed(run_trial)(cars[i % len(cars)], i, table_class, config, seed) for i in range(count))
+    tasks = (delayed(run_trial)(cars[i % len(cars)], i, table_class, config, seed) for i in numbers)
     return in_order(tasks, jobs)
 
 
@@ -140,12 +143,6 @@ def fit_region(
     light, empty = linear_from_srgb(rgb), photograph_empty()
     space, heading = table_class.space, table_class.heading
     return localize_by_fit(light, empty, region.ring_px, space, SEEN_FROM, config.fit, heading)
-
-
-@lru_cache(maxsize=1)
-def empty_table(config: TableSegmentConfig) -> EmptyTable:
-    """The empty table, photographed once in a process."""
-    return EmptyTable.of_pictures(photograph_empty(), table_mask(), config)
 
 
 def several_at_once(cars: Sequence[CarModel], rng: np.random.Generator) -> list[Placement]:

@@ -7,6 +7,8 @@ import pytest
 import trimesh
 from PIL import Image
 
+from datasets_synth.cars import mesh_import
+from datasets_synth.cars.mesh_axes import mesh_axes
 from datasets_synth.cars.mesh_import import MAX_FACE_CORNERS, load_meshes
 from datasets_synth.cars.parts import PART_LABEL
 from recon.errors import RescoreError
@@ -142,23 +144,107 @@ def test_files_come_in_the_order_of_their_names(tmp_path: Path) -> None:
 def test_errors_say_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(RescoreError, match=r"expected a folder of car meshes, got .*nowhere"):
         load_meshes(tmp_path / "nowhere")
-    with pytest.raises(RescoreError, match=r"expected OBJ, GLB or PLY files in .*found none"):
+    with pytest.raises(RescoreError, match=r"expected OBJ, GLB, glTF, PLY, STL or OFF files in .*found none"):
         load_meshes(tmp_path)
     (tmp_path / "broken.glb").write_bytes(b"not a mesh at all")
     with pytest.raises(RescoreError, match=r"broken\.glb: expected a readable mesh file"):
         load_meshes(tmp_path)
 
 
-@pytest.mark.parametrize(("scale", "unit"), [(100.0, "centimetres"), (1000.0, "millimetres")])
-def test_wrong_units_are_named(tmp_path: Path, scale: float, unit: str) -> None:
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(100.0, "centimetres"), (1000.0, "millimetres"), (1 / 0.0254, "inches")]
+)
+def test_other_units_are_known_by_the_length_and_told(tmp_path: Path, scale: float, unit: str) -> None:
     write_obj(tmp_path, scale)
-    with pytest.raises(RescoreError, match=rf"car\.obj: .*in {unit}\?.*scale the mesh to metres"):
+    (car,) = load_meshes(tmp_path)
+    # the body stands at (3, 1, -1) units, which is put to the middle
+    assert car.size_m == pytest.approx((4.2 + 0.1, 1.8, 1.4), abs=0.06)
+    assert car.notes == (f"car.obj: taken as {unit}: {car.size_m[0]:.2f} m long",)
+    write_obj(tmp_path, 1e5)
+    with pytest.raises(RescoreError, match=r"car\.obj: expected a car 1\.5 to 20 metres .* scale the mesh"):
         load_meshes(tmp_path)
 
 
-def test_wrong_axes_are_named(tmp_path: Path) -> None:
-    trimesh.creation.box(extents=(4.2, 1.4, 1.8)).export(tmp_path / "sideways.ply")
-    with pytest.raises(RescoreError, match=r"sideways\.ply: expected \+Y up and the nose along \+Z"):
+def wedge(length: float, width: float, height: float) -> trimesh.Trimesh:
+    """A car of three boxes, glTF axes: a body with a narrower cabin behind its middle."""
+    body = trimesh.creation.box(extents=(width, 0.5 * height, length))
+    cabin = trimesh.creation.box(extents=(0.8 * width, 0.5 * height, 0.5 * length))
+    cabin.apply_translation((0, 0.5 * height, -0.1 * length))
+    return trimesh.util.concatenate([body, cabin])
+
+
+def turned(mesh: trimesh.Trimesh, *order: tuple[int, int]) -> trimesh.Trimesh:
+    """The mesh with axis k of the new one along a sign times an axis of the old one."""
+    matrix = np.zeros((4, 4))
+    matrix[3, 3] = 1
+    for k, (axis, sign) in enumerate(order):
+        matrix[k, axis] = sign
+    assert np.linalg.det(matrix) == pytest.approx(1)
+    return mesh.copy().apply_transform(matrix)
+
+
+def test_wrong_axes_are_named_and_can_be_told(tmp_path: Path) -> None:
+    car = wedge(4.2, 1.8, 1.5)
+    # z up, the nose along -x: x = -length, y = -width, z = height
+    turned(car, (2, -1), (0, -1), (1, 1)).export(tmp_path / "car.stl")
+    with pytest.raises(RescoreError, match=r"car\.stl: expected up along y and the nose along z, got .*--up"):
+        load_meshes(tmp_path)
+    (found,) = load_meshes(tmp_path, mesh_axes("z", "-x"))
+    assert found.size_m == pytest.approx((4.2, 1.8, 1.5), abs=1e-3)
+    v = found.mesh.vertices_m
+    # the cabin, above half the height, lies behind the middle
+    assert v[v[:, 2] > 1.0][:, 0].mean() == pytest.approx(-0.42, abs=0.01)
+    with pytest.raises(RescoreError, match="--nose: expected one of x, y, z, -x, -y, -z, got 'forward'"):
+        mesh_axes("y", "forward")
+    with pytest.raises(RescoreError, match="expected two different axes, got y and -y"):
+        mesh_axes("y", "-y")
+
+
+def test_a_car_on_its_side_is_refused(tmp_path: Path) -> None:
+    # its measures alone could be those of a tall van
+    turned(wedge(4.2, 1.8, 1.6), (1, 1), (0, -1), (2, 1)).export(tmp_path / "fallen.ply")
+    with pytest.raises(RescoreError, match=r"fallen\.ply: expected up along y .* lies on its side"):
+        load_meshes(tmp_path)
+    (tmp_path / "fallen.ply").unlink()
+    wedge(4.2, 1.8, 1.6).export(tmp_path / "standing.ply")
+    assert len(load_meshes(tmp_path)) == 1
+
+
+def test_a_body_without_wheels_stands_on_its_lowest_point(tmp_path: Path) -> None:
+    body = wedge(4.2, 1.8, 1.5)
+    body.apply_translation((0, 3.0, 0))
+    body.export(tmp_path / "body.off")
+    (car,) = load_meshes(tmp_path)
+    assert car.mesh.vertices_m[:, 2].min() == pytest.approx(0, abs=1e-6)
+
+
+def test_files_that_a_mesh_names_and_lacks_are_told(tmp_path: Path) -> None:
+    write_obj(tmp_path)
+    (tmp_path / "skin.png").unlink()
+    (car,) = load_meshes(tmp_path)
+    assert car.notes == ("car.obj: 'skin.png' is not there, so that what it colours is plain",)
+    assert car.mesh.materials[0].texture is None
+    (tmp_path / "car.mtl").unlink()
+    (car,) = load_meshes(tmp_path)
+    assert car.notes == ("car.obj: 'car.mtl' is not there, so that what it colours is plain",)
+    assert len(car.mesh.faces) == 24
+
+
+def test_a_text_that_is_called_a_mesh_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.obj").write_text("Dear reader,\nthis is a shopping list: flour, eggs, milk.\n")
+    with pytest.raises(RescoreError, match=r"^notes\.obj: expected a (readable mesh file|mesh with faces)"):
+        load_meshes(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl"])
+def test_too_many_faces_are_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    wedge(4.2, 1.8, 1.5).export(tmp_path / f"car.{suffix}")
+    monkeypatch.setattr(mesh_import, "MAX_FACES", 24)
+    assert len(load_meshes(tmp_path)) == 1
+    monkeypatch.setattr(mesh_import, "MAX_FACES", 23)
+    with pytest.raises(RescoreError, match=rf"^car\.{suffix}: expected at most 23 faces, got 24: reduce"):
         load_meshes(tmp_path)
 
 

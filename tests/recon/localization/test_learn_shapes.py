@@ -152,3 +152,30 @@ def test_an_object_much_smaller_than_any_learned_is_recovered() -> None:
     outline = outline_of(silhouette(truth))
     best = joint_fits(outline, space(), SEEN_FROM, BINS, JointFitConfig())[0].box(space(), 1.0)
     assert volume_overlap(best, truth) > 0.8
+
+
+def test_a_fit_says_when_the_outline_is_of_a_shape_outside_the_space() -> None:
+    truth = StandingBox(np.array([-0.4, 20.0]), 2.0, np.array([4.3, 1.78, 1.5]))
+    plain = silhouette(truth)
+    rows, columns = np.nonzero(plain)
+    loaded = plain.copy()
+    middle = int(columns.mean())
+    loaded[rows.min() - 14 : rows.min() + 10, middle - 20 : middle + 20] = True
+    found = []
+    for mask in (plain, loaded):
+        light = np.where(mask[..., None], 0.4, 0.05).astype(np.float32) * np.ones(3, np.float32)
+        ring = largest_outline(mask)
+        assert ring is not None
+        fit = localize_by_fit(light, np.full_like(light, 0.05), ring, space(), SEEN_FROM, FitConfig())
+        assert isinstance(fit, FitLocalization)
+        found.append(fit.outside)
+    assert found == [False, True]
+    # larger errors are expected of the odd outline, so that what is on the roof bends the size less
+    free, stiff = (
+        joint_fits(outline_of(loaded), space(), SEEN_FROM, BINS, JointFitConfig(misfit_weight=w))[0]
+        for w in (1.5, 0.0)
+    )
+    assert free.cost < 0.1 * free.strain
+    assert stiff.cost == stiff.strain
+    apart = [volume_overlap(f.box(space(), 1.0), truth) for f in (free, stiff)]
+    assert apart[0] > apart[1] + 0.03

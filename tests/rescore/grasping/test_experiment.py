@@ -88,7 +88,7 @@ def test_a_stopped_run_goes_on_and_other_settings_start_anew(
     assert (out / "grasp.json").read_bytes() == whole
     # all trials are there, so that nothing is tried
     monkeypatch.setattr(module, "run_trial", None)
-    monkeypatch.setattr(module, "learn_table_class", None)
+    monkeypatch.setattr(module, "kept_table_class", None)
     assert experiment.run(out, 1) == result
     settings = json.loads((out / "trials" / "settings.json").read_text())
     assert settings["seed"] == 0

@@ -1,6 +1,8 @@
 """Section 5.1 end to end, tiny: learn from a few cars, place one of another shape, localise it."""
 
 import json
+import shutil
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,17 +21,21 @@ from datasets_synth.photos.table_scene import (
     place_at_random,
 )
 from recon.errors import Failure, Reason, RescoreError
+from recon.localization.heading import CUES
 from recon.localization.learn_shapes import ShapeSpaceConfig
 from recon.localization.localize import FitLocalization
 from recon.localization.standing_box import cam_from_ground
 from recon.view_bins import ViewBins
 from reports.studies.localization_sheets import write_localization
+from rescore.studies.localization import kept_class
+from rescore.studies.localization import study as study_module
+from rescore.studies.localization.kept_class import kept_table_class
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
 from rescore.studies.localization.result_file import read_localization
 from rescore.studies.localization.scores import METHODS, Score, markdown_table, summary
-from rescore.studies.localization.segment import segment_table
-from rescore.studies.localization.study import LocalizationStudy, learned_study
-from rescore.studies.localization.trials import TrialConfig, empty_table, localize_placement
+from rescore.studies.localization.segment import empty_table, segment_table
+from rescore.studies.localization.study import LocalizationStudy, Tally, learned_study
+from rescore.studies.localization.trials import TrialConfig, localize_placement
 from tests.exact_primitives import exact_library
 
 CARS = cars_of_splits()
@@ -40,6 +46,7 @@ SMALL = TableClassConfig(
     refine_rounds=0,
     space=ShapeSpaceConfig(cells=(56, 20, 24), modes=2),
     heading_pictures=3,
+    cue_pictures=2,
 )
 
 
@@ -47,7 +54,7 @@ SMALL = TableClassConfig(
 def small_class() -> TableClass:
     sedans = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))]
     library = exact_library(ViewBins(12, SMALL.elevations_rad[0]))
-    return learn_table_class(sedans[:4], SMALL, 1, library)
+    return learn_table_class(sedans[:4], SMALL, 1, library, others=[sedan().car])
 
 
 def sedan() -> Placement:
@@ -112,23 +119,90 @@ def test_an_empty_picture_is_lost_by_every_method_with_its_reason() -> None:
         assert result.reason is Reason.NO_OUTLINE
 
 
-def test_the_study_counts_what_its_trials_found_and_draws_it(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def study() -> LocalizationStudy:
     cars = tuple(c for c in CARS["test"] if c.shape_id.startswith(("sedan", "estate")))[:2]
-    study = LocalizationStudy(cars, 2, small_class(), seed=0)
-    tally = write_localization(study, tmp_path, jobs=1)
-    tally.save(tmp_path, study, None)
-    value = read_localization(tmp_path / "localization.json")
+    return LocalizationStudy(cars, 2, small_class(), seed=0)
+
+
+@pytest.fixture(scope="module")
+def done(study: LocalizationStudy, tmp_path_factory: pytest.TempPathFactory) -> tuple[Tally, Path]:
+    out = tmp_path_factory.mktemp("localize")
+    return write_localization(study, out, jobs=1), out
+
+
+def test_the_study_counts_what_its_trials_found_and_draws_it(
+    study: LocalizationStudy, done: tuple[Tally, Path]
+) -> None:
+    tally, out = done
+    tally.save(out, study, None)
+    value = read_localization(out / "localization.json")
     assert value == tally.result
-    assert [row.car for row in value.placements] == [car.shape_id for car in cars]
+    assert [row.car for row in value.placements] == [car.shape_id for car in study.cars]
     for method in METHODS:
         assert value.methods[method] == summary([row.methods[method] for row in value.placements])
-    assert (tmp_path / "localization.md").read_text() == markdown_table(tally.by_car)
-    for name in ("placements", "worst", "table"):
-        assert cv2.imread(str(tmp_path / f"{name}.png")).std() > 10
-    settings = json.loads((tmp_path / "localization.json.config.json").read_text())["config"]
+    for row in value.placements:
+        assert row.nose is not None
+        assert 0.5 <= row.nose.probability <= 1
+        assert tuple(row.nose.log_odds) == CUES
+    assert (out / "localization.md").read_text() == markdown_table(tally.by_car)
+    for name in ("placements", "worst", "table", "reconstruction"):
+        assert cv2.imread(str(out / f"{name}.png")).std() > 10
+    settings = json.loads((out / "localization.json.config.json").read_text())["config"]
     assert settings == {"cars": 2, "placements": 2, "meshes": None}
 
 
-def test_fewer_placements_than_cars_are_refused() -> None:
+def test_a_stopped_run_goes_on_and_another_study_starts_anew(
+    study: LocalizationStudy, done: tuple[Tally, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tally, out = done
+    shutil.copytree(out / "placements", tmp_path / "placements")
+    assert study.kept(tmp_path).missing(3) == [2]
+    (tmp_path / "placements" / "0001.json").unlink()
+    assert study.kept(tmp_path).missing(2) == [1]
+    tried = []
+
+    def run_one(cars: object, numbers: list[int], *rest: object) -> list[object]:
+        tried.extend(numbers)
+        return []
+
+    monkeypatch.setattr(study_module, "run_trials", run_one)
+    assert list(study.trials(study.kept(tmp_path).missing(2), 1)) == []
+    assert tried == [1]
+    shutil.copy(out / "placements" / "0001.json", tmp_path / "placements")
+    assert study.kept(tmp_path).rows(2) == list(tally.placements)
+    assert replace(study, seed=1).kept(tmp_path).missing(2) == [0, 1]
+
+
+def test_what_was_learned_is_kept_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    def learn(*arguments: object, **named: object) -> TableClass:
+        calls.append(arguments)
+        return small_class()
+
+    monkeypatch.setattr(kept_class, "learn_table_class", learn)
+    cars, others = CARS["train"][:2], CARS["calibration"][:1]
+    first = kept_table_class(tmp_path / "learned", cars, SMALL, 1, others)
+    again = kept_table_class(tmp_path / "learned", cars, SMALL, 1, others)
+    assert len(calls) == 1
+    # the first call too takes what the files hold
+    assert again.digest == first.digest
+    assert np.allclose(first.space.mean, small_class().space.mean, atol=2e-3)
+    assert first.heading is not None
+    assert first.heading.as_json == small_class().heading.as_json
+    # other settings, or files that are damaged, are learned anew
+    kept_table_class(tmp_path / "learned", cars[:1], SMALL, 1, others)
+    assert len(calls) == 2
+    (tmp_path / "learned" / "heading.json").unlink()
+    kept_table_class(tmp_path / "learned", cars[:1], SMALL, 1, others)
+    assert len(calls) == 3
+    (tmp_path / "learned" / "class_model.json").write_text("{")
+    kept_table_class(tmp_path / "learned", cars[:1], SMALL, 1, others)
+    assert len(calls) == 4
+
+
+def test_fewer_placements_than_cars_are_refused_before_anything_is_learned(tmp_path: Path) -> None:
     with pytest.raises(RescoreError, match="--placements: expected at least one for each of 5 cars, got 4"):
-        learned_study(cars=5, placements=4, meshes=None, seed=0, jobs=1)
+        learned_study(cars=5, placements=4, meshes=None, seed=0, jobs=1, out=tmp_path)
+    assert not list(tmp_path.iterdir())
