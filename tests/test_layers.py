@@ -30,6 +30,7 @@ FLOORS = {
     "recon": (
         *(
             "errors arrays compiled",
+            "stores",
             "files reading workers boxes camera depth_map outlines view_bins pixels shape_matching",
             "shape_space view_looks",
         ),
