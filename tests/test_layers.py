@@ -38,7 +38,7 @@ FLOORS = {
     "rescore": (
         *(
             "speech defaults",
-            "files parallel locks stopping",
+            "files parallel locks stopping engines",
             "data",
             "metrics",
             "cues",
