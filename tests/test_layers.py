@@ -39,7 +39,7 @@ FLOORS = {
     "rescore": (
         *(
             "speech defaults",
-            "files parallel locks stopping",
+            "files parallel locks stopping engines",
             "data",
             "metrics",
             "cues",

@@ -3,24 +3,25 @@
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from joblib import delayed
 
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.pictures import read_rgb
 from rescore.data.splits import Splits
 from rescore.detectors.base import Detections, Detector, FrameDetector
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import Candidates, CandidateTable
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 
 
-def calibrate_detector(detector: Detector, data: DataSet, jobs: int, show: bool = True) -> PlattScaling:
+def calibrate_detector(detector: Detector, data: DataSet, jobs: Workers, show: bool = True) -> PlattScaling:
     """Platt scaling fitted on the split "calibration" of a data set, which has trained nothing."""
     return calibrate_and_detect(detector, data, jobs, show)[0]
 
 
 def calibrate_and_detect(
-    detector: Detector, data: DataSet, jobs: int, show: bool = True
+    detector: Detector, data: DataSet, jobs: Workers, show: bool = True
 ) -> tuple[PlattScaling, CandidateTable]:
     """Platt scaling fitted on the split "calibration" of a data set, and the candidates of that split."""
     frames = Splits.of(data).calibration
@@ -35,7 +36,7 @@ def calibrate_and_detect(
 
 
 def detect_candidates(
-    detector: Detector, scaling: PlattScaling, data: DataSet, jobs: int, show: bool = True
+    detector: Detector, scaling: PlattScaling, data: DataSet, jobs: Workers, show: bool = True
 ) -> CandidateTable:
     """The candidates of every frame of a data set, with likelihoods."""
     return _with_likelihoods(_detections(detector, data, jobs, f"detect {detector.name}", show), scaling)
@@ -55,13 +56,14 @@ def _with_likelihoods(found: Iterable[tuple[int, Detections]], scaling: PlattSca
 
 
 def _detections(
-    detector: Detector, data: DataSet, jobs: int, what: str, show: bool
+    detector: Detector, data: DataSet, jobs: Workers, what: str, show: bool
 ) -> Iterator[tuple[int, Detections]]:
-    tasks = (delayed(_detect_frame)(record, data.truth[record.image_id], detector) for record in data.frames)
-    return track(in_order(tasks, jobs), what, len(data.frames), show)
+    annotated = ((record, data.truth[record.image_id]) for record in data.frames)
+    return track(map_frames(_detect_frame, annotated, detector, jobs), what, len(data.frames), show)
 
 
-def _detect_frame(record: FrameRecord, truth: Truth, detector: Detector) -> tuple[int, Detections]:
+def _detect_frame(annotated: tuple[FrameRecord, Truth], detector: Detector) -> tuple[int, Detections]:
+    record, truth = annotated
     if isinstance(detector, FrameDetector):
         return record.image_id, detector.detect_frame(record, truth)
     rgb = read_rgb(record.left_path, record.width_px, record.height_px)

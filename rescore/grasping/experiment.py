@@ -4,18 +4,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from joblib import delayed
 from pydantic import TypeAdapter
 
 from datasets_synth.cars.models import cars_of_splits
 from recon.errors import RescoreError
+from rescore.engines.map_frames import map_frames
 from rescore.files import read_json_object, remove, write_json, write_provenance
 from rescore.formats.checked_json import read_checked
 from rescore.grasping.cars import TableCar, experiment_cars, own_cars
 from rescore.grasping.result_file import GraspResult, GraspRow, write_grasps
 from rescore.grasping.scene import require_robot
 from rescore.grasping.trial import run_trial
-from rescore.parallel import in_order, track
+from rescore.parallel import track
 from rescore.speech import say
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
 
@@ -87,8 +87,12 @@ class Experiment:
     def _tried(
         self, todo: Sequence[tuple[int, int]], table_class: TableClass, jobs: int
     ) -> Iterator[GraspRow]:
-        tasks = (delayed(run_trial)(self.cars[i], i, k, table_class, self.seed) for i, k in todo)
-        return in_order(tasks, jobs)
+        return map_frames(_trial_of, todo, (self.cars, table_class, self.seed), jobs)
+
+
+def _trial_of(numbers: tuple[int, int], shared: tuple[tuple[TableCar, ...], TableClass, int]) -> GraspRow:
+    (i, k), (cars, table_class, seed) = numbers, shared
+    return run_trial(cars[i], i, k, table_class, seed)
 
 
 def learned_cars(jobs: int) -> TableClass:

@@ -7,14 +7,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import delayed
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import RescoreError
-from recon.workers import workers
 from rescore.detectors.crop_training import WindowDetector, at_one_size
 from rescore.detectors.registry import load_detector
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
+from rescore.engines.map_frames import map_frames
 from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture, read_uiuc
 from rescore.parallel import one_thread
 
@@ -69,12 +68,10 @@ def evaluate_uiuc(detector: WindowDetector, pictures: Sequence[TestPicture], job
             f"detector {detector.name}: expected one trained on the set's crops, {CAR_WIDTH_PX} px wide, got "
             f"one for cars from {smallest:g} px on; train it with rescore train --crops"
         )
-    single = at_one_size(detector)
-    tasks = (delayed(_picture_hits)(single, picture) for picture in pictures)
-    return recall_precision(workers(jobs)(tasks))
+    return recall_precision(list(map_frames(_picture_hits, pictures, at_one_size(detector), jobs)))
 
 
-def _picture_hits(detector: WindowDetector, picture: TestPicture) -> tuple[FloatArray, BoolArray, int]:
+def _picture_hits(picture: TestPicture, detector: WindowDetector) -> tuple[FloatArray, BoolArray, int]:
     with one_thread():
         found = lone(detector.scan(_read(picture)))
     hit = hits(found.xyxy_px[:, :2], found.score, picture.left_top_px, CAR_WIDTH_PX, CAR_HEIGHT_PX)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from joblib import delayed
 
 from datasets_synth.cars.parts import CAR_PARTS
 from datasets_synth.cars.shapes import CarModel
@@ -29,7 +28,7 @@ from recon.part_views import PartView
 from recon.pixels import linear_from_srgb
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
-from recon.workers import workers
+from rescore.engines.map_frames import map_frames
 from rescore.parallel import one_thread
 
 _PICTURES_SEED = 20090625
@@ -88,7 +87,7 @@ def learn_table_class(
     """
     bins = ViewBins(12, config.elevations_rad[0])
     library = library or learn_primitives(bins, jobs=jobs)
-    learned = workers(jobs)(delayed(_learn_one)(car, i, config, library) for i, car in enumerate(cars))
+    learned = list(map_frames(_learn_one, enumerate(cars), (config, library), jobs))
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
     chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]
@@ -115,7 +114,8 @@ class _Learned:
     """Looks of its surface in pictures, each of shape (cells,)."""
 
 
-def _learn_one(car: CarModel, index: int, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
+def _learn_one(numbered: tuple[int, CarModel], shared: tuple[TableClassConfig, PrimitiveLibrary]) -> _Learned:
+    (index, car), (config, library) = numbered, shared
     mesh = car.build(np.random.default_rng(0))
     rings = [ViewBins(12, e) for e in config.elevations_rad]
     views = [
