@@ -33,10 +33,3 @@ class Engine(Protocol):
     def close(self, finished: bool) -> None:
         """Let the workers go; where records are left, cancel them and end what runs."""
 
-
-def run(function: Any, record: Any, shared: Any, number: int) -> Ended:
-    """The function of a record, its error as a value."""
-    try:
-        return Ended(number, function(record, shared))
-    except Exception as error:
-        return Ended(number, error=error)

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from joblib.externals.loky import ProcessPoolExecutor
-from joblib.externals.loky.backend.reduction import dump
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from recon.workers import end_with_parent, thread_limits
-from rescore.engines.engine import TRIES, Ended, run
+from rescore.engines.engine import TRIES, Ended
+from rescore.engines.shared import pickled, run, run_with
 
 _IDLE_S = 300
 """Seconds after which a process that has nothing to do ends."""
@@ -50,7 +50,7 @@ class _Process:
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
-        self.has: deque[tuple[int, Any]] = deque()
+        self.has: deque[tuple[int, bytes]] = deque()
         self.life = 0
         self.renew()
 
@@ -89,17 +89,16 @@ class Processes:
     """The engine of several jobs.
 
     A process has one record that runs and one that waits. Where it ends, the first of them is held to be the
-    cause: it is tried again, ``TRIES`` times in all, and the other one is no matter of record.
+    cause and is given again with the other one, until it was the cause ``TRIES`` times.
     """
 
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any, jobs: int) -> None:
         handle, name = tempfile.mkstemp(prefix="rescore_shared_")
         with os.fdopen(handle, "wb") as file:
-            # loky's pickle takes functions of a script too, which have no module to be imported from
-            dump((function, shared), file)
+            file.write(pickled((function, shared)))
         self._shared = Path(name)
         self._processes = _processes(jobs)
-        self._ended: queue.SimpleQueue[tuple[_Process, int, int, Future[Ended]]] = queue.SimpleQueue()
+        self._ended: queue.SimpleQueue[tuple[_Process, int, int, Future[bytes]]] = queue.SimpleQueue()
         self._deaths: dict[int, int] = {}
 
     def ahead(self) -> int:
@@ -108,11 +107,17 @@ class Processes:
 
     def put(self, number: int, record: Any) -> None:
         """Give a record to the process that has least."""
-        self._give(min(self._processes, key=lambda p: len(p.has)), number, record)
+        self._give(min(self._processes, key=lambda p: len(p.has)), number, pickled(record))
 
-    def _give(self, process: _Process, number: int, record: Any) -> None:
+    def _give(self, process: _Process, number: int, record: bytes) -> None:
         process.has.append((number, record))
-        future = process.pool.submit(_run, self._shared, number, record)
+        try:
+            future = process.pool.submit(_run, self._shared, record, number)
+        except BrokenProcessPool:
+            if len(process.has) > 1:  # the others tell of its end, and this record is given again with them
+                return
+            process.renew()
+            future = process.pool.submit(_run, self._shared, record, number)
         life = process.life
         future.add_done_callback(lambda done: self._ended.put((process, life, number, done)))
 
@@ -124,14 +129,14 @@ class Processes:
                 continue
             error = future.exception()
             if error is None:
-                ended = future.result()
+                ended: Ended = pickle.loads(future.result())
             elif isinstance(error, BrokenProcessPool):
                 set_aside = self._renewed(process)
                 if set_aside is None:
                     continue
                 return set_aside
-            else:  # the record, or its result, does not travel
-                ended = Ended(number, error=RuntimeError(str(error)))
+            else:
+                raise error
             process.has = deque(given for given in process.has if given[0] != number)
             return ended
 
@@ -157,14 +162,6 @@ class Processes:
         self._shared.unlink(missing_ok=True)
 
 
-_held: tuple[Path | None, Any] = (None, None)
-"""What this process has read last of what is shared, and from where."""
 
-
-def _run(path: Path, number: int, record: Any) -> Ended:
-    global _held  # noqa: PLW0603 - a process keeps it from one record to the next
-    if _held[0] != path:
-        _held = (None, None)
-        _held = (path, pickle.loads(path.read_bytes()))
-    function, shared = _held[1]
-    return run(function, record, shared, number)
+def _run(path: Path, record: bytes, number: int) -> bytes:
+    return run_with(path.name, path.read_bytes, record, number)

@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 
 from recon.errors import RescoreError
 from rescore.engines.engine import TRIES, Ended, Engine
-from rescore.engines.executor import Workers, executor_of
+from rescore.engines.clusters import require
+from rescore.engines.executor import EngineName, Workers, executor_of
 from rescore.engines.local import InProcess, Processes
 
 R = TypeVar("R")
@@ -65,6 +66,16 @@ def map_frames(
 
 def _started(function: Callable[[R, S], T], shared: S, executor: Workers) -> Engine:
     chosen = executor_of(executor)
+    if chosen.engine is EngineName.DASK:
+        require("distributed", "dask")
+        from rescore.engines.on_dask import OnDask  # noqa: PLC0415 - comes with an extra
+
+        return OnDask(function, shared, chosen)
+    if chosen.engine is EngineName.RAY:
+        require("ray", "ray")
+        from rescore.engines.on_ray import OnRay  # noqa: PLC0415 - comes with an extra
+
+        return OnRay(function, shared, chosen)
     if chosen.jobs == 1:
         return InProcess(function, shared)
     return Processes(function, shared, chosen.jobs)
