@@ -43,6 +43,10 @@ _SECRET = re.compile(r"key|secret|token|password|credential", re.IGNORECASE)
 _URL = re.compile(r"(?P<scheme>[a-z0-9]+):/+(?P<rest>.*)", re.DOTALL)
 
 
+class StoreError(RescoreError):
+    """A store that refuses, or fails at every try: no fault of what was to be read."""
+
+
 class State(NamedTuple):
     """What a store says of an object."""
 
@@ -143,7 +147,7 @@ class RemotePath(PurePosixPath):
         try:
             _asked(self, "write", lambda fs: fs.pipe_file(self.key, data))
         except FileNotFoundError:
-            raise RescoreError(f"{self}: expected to write here, found no such bucket; make it") from None
+            raise StoreError(f"{self}: expected to write here, found no such bucket; make it") from None
         _state.cache_clear()
 
 
@@ -244,7 +248,7 @@ def _asked(path: RemotePath, doing: str, ask: Callable[[Any], T]) -> T:
 
     Raises:
         FileNotFoundError: there is no such object.
-        RescoreError: the store refuses, or still fails at the last try.
+        StoreError: the store refuses, or still fails at the last try.
     """
     for n in range(TRIES):
         try:
@@ -256,7 +260,7 @@ def _asked(path: RemotePath, doing: str, ask: Callable[[Any], T]) -> T:
             lasting = isinstance(error, PermissionError) or "Credential" in type(error).__name__
             if lasting or n == TRIES - 1:
                 tried = "" if lasting else f" at each of {TRIES} tries"
-                raise RescoreError(
+                raise StoreError(
                     f"{path}: expected to {doing} it, got {_told(error)}{tried}; check the address, the "
                     "store and the credentials of the environment"
                 ) from None
@@ -280,7 +284,7 @@ def _told(error: Exception) -> str:
 
 @cache
 def _filesystem(scheme: str) -> Any:
-    missing = RescoreError(
+    missing = StoreError(
         f"{scheme}://: expected the package's extra {EXTRAS[scheme]!r}, which is not installed; "
         f"pip install 'rescore[{EXTRAS[scheme]}]'"
     )

@@ -31,7 +31,8 @@ app = typer.Typer(
 )
 
 LEARNED_PANEL = "Modes with a learned D"
-DETECTION_FORMS = "COCO results JSON, or a folder of KITTI's or YOLO's text with scores"
+DETECTION_FORMS = "COCO results JSON, a table in parts, or a folder of KITTI's or YOLO's text with scores"
+TABLE_OUT = "a .json file in COCO's results form, else a folder for a table in parts"
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
@@ -75,7 +76,9 @@ AsJson = Annotated[
 def file_target(path: Path | None) -> Path | None:
     """The file that an option names to write; refused before any work where it cannot be written."""
     from recon.files import refuse_as_file
+    from recon.stores import located
 
+    path = None if path is None else located(path)
     if path is not None:
         refuse_as_file(path)
     return path
@@ -84,10 +87,19 @@ def file_target(path: Path | None) -> Path | None:
 def folder_target(path: Path | None) -> Path | None:
     """The folder that an option names to write to; refused before any work where it cannot be."""
     from recon.files import refuse_as_folder
+    from recon.stores import located
 
+    path = None if path is None else located(path)
     if path is not None:
         refuse_as_folder(path)
     return path
+
+
+def table_target(path: Path) -> Path:
+    """The file or folder that an option names to write detections to: JSON, or a table in parts."""
+    found = file_target(path) if path.suffix == ".json" else folder_target(path)
+    assert found is not None
+    return found
 
 
 ALL_PROCESSORS = os.cpu_count() or 1

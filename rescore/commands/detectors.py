@@ -10,6 +10,7 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    TABLE_OUT,
     Changes,
     Dataset,
     Jobs,
@@ -18,11 +19,12 @@ from rescore.commands.base import (
     Split,
     app,
     config_of,
-    file_target,
     folder_target,
     read_data,
     read_split,
+    table_target,
 )
+from rescore.commands.parts.in_parts import detect_in_parts, in_parts
 from rescore.speech import say
 
 
@@ -100,7 +102,7 @@ def detect(
     detector: Annotated[
         Path, typer.Option(help="Detector that `rescore train` wrote, with its .platt.json.")
     ],
-    out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.", callback=file_target)],
+    out: Annotated[Path, typer.Option(help=f"Detections to write: {TABLE_OUT}.", callback=table_target)],
     split: Split = "test",
     jobs: Jobs = ALL_PROCESSORS,
 ) -> None:
@@ -114,12 +116,18 @@ def detect(
     from rescore.files import write_provenance
     from rescore.formats.coco import write_detections
 
-    data = read_split(dataset, split)
-    trained = load_detector(detector)
-    table = detect_candidates(trained, load_scaling(_scaling_of(detector)), data, jobs)
-    write_detections(out, trained.name, table, data)
+    scaling = _scaling_of(detector)
+    if in_parts(out):
+        found = detect_in_parts(dataset, split, detector, scaling, out, jobs)
+        n, n_frames = found.rows, sum(p.frames for p in found.parts)
+    else:
+        data = read_split(dataset, split)
+        trained = load_detector(detector)
+        table = detect_candidates(trained, load_scaling(scaling), data, jobs)
+        write_detections(out, trained.name, table, data)
+        n, n_frames = len(table), len(data.frames)
     write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
-    say(f"{len(table)} detections in {len(data.frames)} frames: {out}")
+    say(f"{n} detections in {n_frames} frames: {out}")
 
 
 def _scaling_of(detector: Path) -> Path:

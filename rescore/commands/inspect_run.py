@@ -9,6 +9,7 @@ import typer
 
 from recon.errors import RescoreError
 from rescore.commands.base import AsJson, app, print_json
+from rescore.commands.parts.evaluating import run_to_show
 from rescore.speech import say
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ def inspect(
     from rescore.results.run_folder import load_run
 
     form = None if export is None else _choice("--export", export, TableFormat)
+    run = run_to_show(run)
     loaded = load_run(run)
     inspection = inspect_run(loaded, detector, mode, _point(recall, false_positives), evidence_model)
     chosen = _choice("--only", only, Only) if only else Only.CHANGED if frame is None else Only.ALL

@@ -32,17 +32,18 @@ def calibrate_and_detect(
         scores.append(of_frame.score[counts])
         is_car.append(car[counts])
     scaling = fit_platt(np.concatenate([np.zeros(0), *scores]), np.concatenate([np.zeros(0, bool), *is_car]))
-    return scaling, _with_likelihoods(found, scaling)
+    return scaling, with_likelihoods(found, scaling)
 
 
 def detect_candidates(
     detector: Detector, scaling: PlattScaling, data: DataSet, jobs: Workers, show: bool = True
 ) -> CandidateTable:
     """The candidates of every frame of a data set, with likelihoods."""
-    return _with_likelihoods(_detections(detector, data, jobs, f"detect {detector.name}", show), scaling)
+    return with_likelihoods(_detections(detector, data, jobs, f"detect {detector.name}", show), scaling)
 
 
-def _with_likelihoods(found: Iterable[tuple[int, Detections]], scaling: PlattScaling) -> CandidateTable:
+def with_likelihoods(found: Iterable[tuple[int, Detections]], scaling: PlattScaling) -> CandidateTable:
+    """The candidates of detections by image, with likelihoods."""
     return CandidateTable.of_candidates(
         Candidates(
             image_id,
@@ -59,10 +60,11 @@ def _detections(
     detector: Detector, data: DataSet, jobs: Workers, what: str, show: bool
 ) -> Iterator[tuple[int, Detections]]:
     annotated = ((record, data.truth[record.image_id]) for record in data.frames)
-    return track(map_frames(_detect_frame, annotated, detector, jobs), what, len(data.frames), show)
+    return track(map_frames(detect_frame_of, annotated, detector, jobs), what, len(data.frames), show)
 
 
-def _detect_frame(annotated: tuple[FrameRecord, Truth], detector: Detector) -> tuple[int, Detections]:
+def detect_frame_of(annotated: tuple[FrameRecord, Truth], detector: Detector) -> tuple[int, Detections]:
+    """The image of a frame, read from disk, and what a detector finds in it."""
     record, truth = annotated
     if isinstance(detector, FrameDetector):
         return record.image_id, detector.detect_frame(record, truth)

@@ -43,20 +43,20 @@ def rescore_frames(
     files = source.files if isinstance(source, Predictions) else {}
     model = source if isinstance(source, ClassModel) else None
     tasks = (
-        _Task(
+        FrameTask(
             record,
             candidates.get(record.image_id, Candidates.none(record.image_id)),
             files.get(record.image_id),
         )
         for record in data.frames
     )
-    tables = map_frames(_rescore_record, tasks, _Shared(model, rescoring, evidence_dir), jobs)
+    tables = map_frames(rescore_record, tasks, FrameShared(model, rescoring, evidence_dir), jobs)
     frames = track(tables, progress, len(data.frames), show=bool(progress))
     return RescoredTable.concatenate(list(frames))
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class FrameTask:
     """What one frame is rescored from."""
 
     record: FrameRecord
@@ -65,11 +65,12 @@ class _Task:
 
     @property
     def image_id(self) -> int:
+        """The frame."""
         return self.record.image_id
 
 
 @dataclass(frozen=True, eq=False)
-class _Shared:
+class FrameShared:
     """What is the same for all frames."""
 
     model: ClassModel | None
@@ -77,10 +78,11 @@ class _Shared:
     evidence_dir: Path | None
 
     def file(self, image_id: int) -> Path | None:
+        """The evidence file of a frame; None where none is written."""
         return None if self.evidence_dir is None else evidence_path(self.evidence_dir, image_id)
 
 
-def _rescore_record(task: _Task, shared: _Shared) -> RescoredTable:
+def rescore_record(task: FrameTask, shared: FrameShared) -> RescoredTable:
     """One frame from disk to its table; what led there goes to the file, not through the pipe."""
     record, candidates, rescoring = task.record, task.candidates, shared.rescoring
     source, file = shared.model or task.predicted, shared.file(record.image_id)

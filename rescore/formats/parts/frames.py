@@ -23,7 +23,8 @@ from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
 from rescore.formats.parts.candidates import CORNERS, arrays_of_table, refuse_kind
-from rescore.formats.parts.table import Part, PartTable, is_parts, write_part
+from rescore.formats.parts.manifest import is_parts
+from rescore.formats.parts.table import Part, PartTable, write_part
 from rescore.metrics.matching import TruthTable
 
 FRAMES = "frames"
@@ -135,11 +136,6 @@ def _name(root: Path, path: Path | None) -> str | None:
     if remote(root) is not None and path.is_relative_to(root):
         return path.relative_to(root).as_posix()
     return str(path) if remote(path) is not None else path.resolve().as_uri()
-
-
-def is_frame_parts(root: Path) -> bool:
-    """Whether a folder holds a data set in parts."""
-    return is_parts(root)
 
 
 def read_frame_parts(root: Path, classes: ClassMap) -> DataSet:

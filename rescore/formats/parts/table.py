@@ -27,9 +27,8 @@ from recon.reading import reading
 from recon.stores import RemotePath, remote
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
+from rescore.formats.parts.manifest import MANIFEST
 
-MANIFEST = "parts.json"
-"""Name of the file that makes a folder a table."""
 PARTS = "parts"
 """Name of the folder below in which the Parquet files lie."""
 VERSION = 1
@@ -174,13 +173,32 @@ def names_there(root: Path) -> set[str]:
     return {p.stem for p in folder.iterdir() if p.suffix == ".parquet" and not p.name.startswith(".")}
 
 
-def is_parts(path: Path) -> bool:
-    """Whether a folder holds a table in parts."""
-    return path.suffix not in {".json", ".txt"} and (path / MANIFEST).is_file()
-
-
 def write_part(root: Path, name: str, groups: Iterable[pa.Table]) -> int:
     """Write a part of one or two groups of rows by a single put; returns its bytes."""
+    data = _parquet(groups)
+    _put(root, name, data)
+    return len(data)
+
+
+def write_counted_part(root: Path, part: Part, groups: Iterable[pa.Table]) -> Part:
+    """Write a part under a name that tells its counts after the one that is given; returns it so named."""
+    data = _parquet(groups)
+    counts = (part.frames, part.rows, part.failed, len(data))
+    name = "-".join([part.name, *map(str, counts)])
+    _put(root, name, data)
+    return part.model_copy(update={"name": name, "bytes": len(data)})
+
+
+def counted_part(name: str) -> Part | None:
+    """The part of a name that tells its counts; None where it does not."""
+    digest, *counts = name.split("-")
+    if len(counts) != 4 or not all(c.isdecimal() for c in counts):
+        return None
+    frames, rows, failed, n_bytes = map(int, counts)
+    return Part(name=name, rows=rows, bytes=n_bytes, frames=frames, failed=failed) if digest else None
+
+
+def _parquet(groups: Iterable[pa.Table]) -> memoryview:
     whole = io.BytesIO()
     writer = None
     for table in groups:
@@ -188,25 +206,12 @@ def write_part(root: Path, name: str, groups: Iterable[pa.Table]) -> int:
         writer.write_table(table, row_group_size=max(len(table), 1))
     assert writer is not None, "a part has rows of some table"
     writer.close()
+    return whole.getbuffer()
+
+
+def _put(root: Path, name: str, data: memoryview) -> None:
     with atomic_path(part_file(root, name)) as beside:
-        beside.write_bytes(whole.getbuffer())
-    return whole.tell()
-
-
-def part_of_file(root: Path, name: str) -> Part:
-    """What ``parts.json`` says of a part that was written before."""
-    table = PartTable(root, "", {}, ())
-    path = part_file(root, name)
-    probe = Part(name=name, rows=0, bytes=path.stat().st_size)
-    with reading(path, "a part of a table", "remove it and run the command again"):
-        file = table._open(probe)
-        groups = file.metadata.num_row_groups
-        rows = file.metadata.row_group(groups - 1).num_rows
-        if groups < 2:
-            return probe.model_copy(update={"rows": rows})
-        status = file.read_row_group(0, columns=["status"])["status"].to_pylist()
-    failed = sum(s != "ok" for s in status)
-    return probe.model_copy(update={"rows": rows, "frames": len(status), "failed": failed})
+        beside.write_bytes(data)
 
 
 class _Objects(pafs.FileSystemHandler):  # type: ignore[misc]
