@@ -65,7 +65,7 @@ PANELS = {
         "apply",
         "evaluate",
     ),
-    "Looking at a run": ("report", "log", "inspect"),
+    "Looking at a run": ("report", "log", "inspect", "query"),
     "Your own data": ("doctor", "import", "convert"),
     "One picture in 3D": ("reconstruct", "popup", "learn-primitives"),
     "Studies": (

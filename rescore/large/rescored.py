@@ -80,7 +80,7 @@ class RescoreWork:
 def rescore_tasks(
     frames: Frames,
     split: str,
-    found: Mapping[int, Candidates] | "PartsByImage",
+    found: "Mapping[int, Candidates] | PartsByImage",
     predicted: Mapping[int, PredictedFile],
 ) -> Iterator[RescoreTask]:
     """A task for each frame of a split ("all" for every frame), with its candidates, one after another."""

@@ -78,9 +78,7 @@ def _file(table: PartTable, data: DataSet) -> DetectionFile:
     return DetectionFile(
         detector=str(table.about["detector"]),
         table=CandidateTable.concatenate([t for t, _ in known]),
-        posterior=np.concatenate([np.zeros(0), *(p for _, p in known if p is not None)])
-        if rescored
-        else None,
+        posterior=posterior if rescored else None,
         w=table.about.get("w") if rescored else None,
         registration=Registration(table.about.get("registration", Registration.PAPER)),
         n_beyond_max=0,
@@ -118,10 +116,8 @@ class _Change:
 
 def chosen_frames(candidates: PartTable, metrics: Metrics) -> IntArray:
     """Ids of the frames of the sample of a run, shape (k,); without rescoring, frames evenly spread."""
-    points = {
-        (row.detector, row.mode): _threshold(candidates, row.detector, row.mode, metrics)
-        for row in metrics.rows
-    }
+    keys = [(row.detector, row.mode) for row in metrics.rows]
+    least = {key: _threshold(candidates, *key, metrics) for key in keys}
     best = _Change(np.zeros(0, np.int64), np.zeros(0, object), np.zeros(0))
     seen: list[IntArray] = []
     for columns in _columns(candidates, metrics.modes):

@@ -69,7 +69,7 @@ def _frames(ids: Any, cars: Any) -> pa.Table:
         "split": pa.array(["test"] * len(ids)),
         "width_px": pa.array([640] * len(ids), pa.int64()),
         "height_px": pa.array([480] * len(ids), pa.int64()),
-        "left": pa.array([f"left/street_{i // 1000}/{i:08d}.png" for i in ids]),
+        "left_file": pa.array([f"left/street_{i // 1000}/{i:08d}.png" for i in ids]),
         "objects": listed,
     }
     return pa.table([columns.get(f.name, pa.nulls(len(ids), f.type)) for f in schema], schema=schema)

@@ -43,7 +43,7 @@ _OBJECT = pa.struct(
         **dict.fromkeys(_BOX, pa.float64()),
     }
 )
-_FILES = {"left": "left_path", "right": "right_path", "disparity": "disparity_path"}
+_FILES = {"left_file": "left_path", "right_file": "right_path", "disparity_file": "disparity_path"}
 _CAMERA = ("fx", "fy", "cx", "cy", "baseline_m", "height_m", "pitch_rad", "roll_rad")
 SCHEMA = pa.schema(
     {
@@ -51,7 +51,9 @@ SCHEMA = pa.schema(
         "split": pa.string(),
         "width_px": pa.int64(),
         "height_px": pa.int64(),
-        **dict.fromkeys((*_FILES, "instances", "instance_kinds", "measured", "quantity"), pa.string()),
+        **dict.fromkeys(
+            (*_FILES, "instance_file", "instance_kinds", "measured_file", "quantity"), pa.string()
+        ),
         **dict.fromkeys(("factor", *_CAMERA, "disparity_offset_px"), pa.float64()),
         "objects": pa.list_(_OBJECT),
     }
@@ -87,11 +89,14 @@ def frame_rows(root: Path, frames: Sequence[FrameRecord], data: DataSet) -> pa.T
 def _row(root: Path, f: FrameRecord, truth: Truth) -> dict[str, Any]:
     row: dict[str, Any] = {name: getattr(f, name) for name in ("image_id", "split", "width_px", "height_px")}
     row |= {name: _name(root, getattr(f, field)) for name, field in _FILES.items()}
-    row |= {"instances": _name(root, f.instance_path), "disparity_offset_px": f.disparity_offset_px or None}
+    row |= {
+        "instance_file": _name(root, f.instance_path),
+        "disparity_offset_px": f.disparity_offset_px or None,
+    }
     if f.instance_kinds:
         row["instance_kinds"] = json.dumps({str(i): kind for i, kind in f.instance_kinds.items()})
     if f.measured is not None:
-        row |= {"measured": _name(root, f.measured.path), "quantity": f.measured.quantity.value}
+        row |= {"measured_file": _name(root, f.measured.path), "quantity": f.measured.quantity.value}
         row["factor"] = f.measured.factor
     if f.camera is not None:
         left = f.camera.left
@@ -211,7 +216,7 @@ def truth_of_parts(table: PartTable, split: str) -> tuple[TruthTable, FloatArray
 
 def has_instances(table: PartTable) -> bool:
     """Whether a frame has a picture of instance numbers, as rendered ones have."""
-    return any(table.columns(p, ["instances"])["instances"].null_count < p.rows for p in table.parts)
+    return any(table.columns(p, ["instance_file"])["instance_file"].null_count < p.rows for p in table.parts)
 
 
 def _object_columns(listed: pa.ListArray, names: Sequence[str]) -> dict[str, Any]:
@@ -254,21 +259,21 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
     def place(name: str) -> Path | None:
         return None if row[name] is None else beside(root, row[name])
 
-    left = place("left")
+    left = place("left_file")
     assert left is not None, "every frame has a left picture"
-    measured = place("measured")
+    measured = place("measured_file")
     kinds = json.loads(row["instance_kinds"] or "{}")
     return FrameRecord(
         image_id=row["image_id"],
         left_path=left,
-        right_path=place("right"),
-        disparity_path=place("disparity"),
+        right_path=place("right_file"),
+        disparity_path=place("disparity_file"),
         split=row["split"],
         width_px=row["width_px"],
         height_px=row["height_px"],
         camera=_camera(row),
         ground=None if row["height_m"] is None else GroundPlane(*(row[name] for name in _CAMERA[5:])),
-        instance_path=place("instances"),
+        instance_path=place("instance_file"),
         instance_kinds={int(i): kind for i, kind in kinds.items()},
         measured=None
         if measured is None
