@@ -1,4 +1,4 @@
-"""SQL on the tables of a run, by DuckDB: nothing is written, and of large tables only what is asked is read."""
+"""SQL on the tables of a run, by DuckDB: nothing is written, and no more is read than what is asked for."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
