@@ -10,8 +10,10 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    Address,
     Changes,
     Dataset,
+    Engine,
     Jobs,
     Preset,
     Seed,
@@ -22,6 +24,7 @@ from rescore.commands.base import (
     folder_target,
     read_data,
     read_split,
+    workers_of,
 )
 from rescore.speech import say
 
@@ -103,6 +106,8 @@ def detect(
     out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.", callback=file_target)],
     split: Split = "test",
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Find the 15 best candidates of every frame, with raw scores and likelihoods.
 
@@ -114,9 +119,10 @@ def detect(
     from rescore.files import write_provenance
     from rescore.formats.coco import write_detections
 
+    workers = workers_of(engine, address, jobs)
     data = read_split(dataset, split)
     trained = load_detector(detector)
-    table = detect_candidates(trained, load_scaling(_scaling_of(detector)), data, jobs)
+    table = detect_candidates(trained, load_scaling(_scaling_of(detector)), data, workers)
     write_detections(out, trained.name, table, data)
     write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
     say(f"{len(table)} detections in {len(data.frames)} frames: {out}")

@@ -13,9 +13,11 @@ from rescore.commands.base import (
     MAP_HELP,
     REGISTRATION_HELP,
     AdaptShare,
+    Address,
     AsJson,
     Changes,
     Dataset,
+    Engine,
     EvidenceModelFile,
     Jobs,
     Preset,
@@ -29,6 +31,7 @@ from rescore.commands.base import (
     folder_target,
     read_split,
     with_share,
+    workers_of,
 )
 from rescore.commands.depth_source import (
     Model,
@@ -55,6 +58,8 @@ def synth(
     config: Changes = None,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     train_meshes: TrainMeshes = None,
     test_meshes: TestMeshes = None,
 ) -> None:
@@ -67,10 +72,11 @@ def synth(
     from datasets_synth.build import build_dataset
     from rescore.locks import locked
 
+    workers = workers_of(engine, address, jobs)
     settings = config_of(preset, config)
     with locked(out):
         build_dataset(
-            settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
+            settings.synth, out, seed=seed, jobs=workers, train_meshes=train_meshes, test_meshes=test_meshes
         )
     say(f"data set: {out}")
 
@@ -132,6 +138,8 @@ def apply(
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
@@ -148,11 +156,12 @@ def apply(
     from rescore.formats.coco import write_rescored
     from rescore.fusion.rescore_frame import Rescoring
 
+    workers = workers_of(engine, address, jobs)
     used = Named(model, predicted, tuned, w, registration, evidence_model).rescores(preset, config)
     data = read_split(dataset, split, used.settings.class_name, maps)
     looked = with_stereo_for(with_camera(used.settings.rescore, camera), data, disparities)
     finding = Rescoring(looked, predict=evidence is not None or used.mode.predicts)
-    source, table, detector = evidence_of(data, detections, used.source, finding, jobs, evidence)
+    source, table, detector = evidence_of(data, detections, used.source, finding, workers, evidence)
     learned, shift = with_share(used.learned, table, adapt_share)
     rescoring = Rescoring(looked, learned, used.w, suppress)
     found = rescoring.fuse(table)

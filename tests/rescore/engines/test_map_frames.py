@@ -1,12 +1,13 @@
 """One interface over frames, by real engines on the loopback address: the same results, and nothing lost."""
 
 import os
+import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +113,8 @@ def test_few_records_are_taken_ahead_of_the_one_that_is_wanted(executor: Executo
 
     def records() -> Iterator[int]:
         nonlocal taken
-        for taken in count(1):
+        while True:
+            taken += 1
             yield taken
 
     found = map_frames(light_work.doubled, records(), 0, executor)
@@ -146,17 +148,15 @@ def test_workers_are_other_processes_and_are_kept(executor: Executor) -> None:
 
 
 def test_an_idle_process_that_was_killed_is_replaced() -> None:
-    import signal
-
     for pid in set(map_frames(light_work.pid_of, range(30), None, 2)):
         os.kill(pid, signal.SIGKILL)
     assert list(map_frames(light_work.doubled, range(30), 0, 2)) == [2 * n for n in range(30)]
 
 
 def test_what_cannot_be_sent_is_an_error_of_its_record() -> None:
-    import threading
-
-    found: list[Any] = list(map_frames(lambda _n, _s: threading.Lock(), range(2), None, 2, failed=lambda f: f))
+    found: list[Any] = list(
+        map_frames(lambda _n, _s: threading.Lock(), range(2), None, 2, failed=lambda f: f)
+    )
     assert all("cannot be sent" in f.reason for f in found)
 
 
