@@ -26,7 +26,7 @@ streets: setup
 	$(BIN)/rescore reproduce --preset streets --out runs/streets --jobs $(JOBS)
 
 test: setup
-	sh .ci/setup-tests
+	VENV=$(VENV) sh .ci/setup-tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

@@ -41,6 +41,7 @@ from recon.stereo.sgbm import (
 from recon.view_bins import ViewBins
 from rescore.data.frames import SPLITS
 from rescore.data.pictures import is_whole_png_file
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.files import read_json, write_json
 from rescore.parallel import one_thread, track
@@ -107,7 +108,7 @@ def build_dataset(
     config: SynthConfig,
     out: Path,
     seed: int = 0,
-    jobs: int = 1,
+    jobs: Workers = 1,
     *,
     train_meshes: Path | None = None,
     test_meshes: Path | None = None,
@@ -367,7 +368,7 @@ def _write_pictures(
     cars: dict[str, tuple[CarModel, ...]],
     *,
     key: str,
-    jobs: int,
+    jobs: Workers,
 ) -> dict[str, tuple[Path, ...]]:
     """Render the pictures of cars that posters show, each split its own cars."""
     paths = {

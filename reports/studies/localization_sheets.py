@@ -19,6 +19,7 @@ from reports.studies.localization_pictures import (
     tile,
     titled,
 )
+from rescore.engines.executor import Workers
 from rescore.studies.localization.scores import Score, markdown_table
 from rescore.studies.localization.study import LocalizationStudy, Tally
 from rescore.studies.localization.trials import Trial
@@ -29,7 +30,7 @@ _TYPICAL_OVERLAP = 0.88
 """The reconstruction that is drawn is the one nearest to it."""
 
 
-def write_localization(study: LocalizationStudy, out: Path, jobs: int) -> Tally:
+def write_localization(study: LocalizationStudy, out: Path, jobs: Workers) -> Tally:
     """Run the trials of the study, and write ``localization.md`` and the pictures to a folder.
 
     Pictures are drawn while trials are done, since the photographs are too large to be kept.

@@ -14,6 +14,7 @@ from rescore.speech import say
 
 if TYPE_CHECKING:
     from rescore.data.frames import DataSet
+    from rescore.engines.executor import Executor
     from rescore.evidence.candidates import CandidateTable
     from rescore.evidence.model import EvidenceModel
     from rescore.evidence.registration import Registration
@@ -46,6 +47,21 @@ Seed = Annotated[
     typer.Option(help="Seed of every random choice; it fixes every byte, of a recording the rows."),
 ]
 Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default="all processors")]
+CLUSTER_PANEL = "Clusters (docs/scale.md)"
+Engine = Annotated[
+    str,
+    typer.Option(
+        help="Who runs the frames: joblib (processes of this machine), dask or ray.",
+        rich_help_panel=CLUSTER_PANEL,
+    ),
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        help="A cluster that runs, such as tcp://host:8786 of Dask or auto of Ray; else one starts here.",
+        rich_help_panel=CLUSTER_PANEL,
+    ),
+]
 Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
 TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
@@ -103,6 +119,13 @@ def table_target(path: Path) -> Path:
 
 
 ALL_PROCESSORS = os.cpu_count() or 1
+
+
+def workers_of(engine: str, address: str | None, jobs: int) -> "Executor":
+    """Who runs the frames, by the options."""
+    from rescore.engines.executor import Executor
+
+    return Executor.of(engine, jobs, address)
 
 
 def config_of(preset: str, changes: Path | None) -> "RunConfig":

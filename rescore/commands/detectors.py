@@ -11,8 +11,10 @@ from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
     TABLE_OUT,
+    Address,
     Changes,
     Dataset,
+    Engine,
     Jobs,
     Preset,
     Seed,
@@ -23,6 +25,7 @@ from rescore.commands.base import (
     read_data,
     read_split,
     table_target,
+    workers_of,
 )
 from rescore.commands.parts.in_parts import detect_in_parts, in_parts
 from rescore.speech import say
@@ -105,6 +108,8 @@ def detect(
     out: Annotated[Path, typer.Option(help=f"Detections to write: {TABLE_OUT}.", callback=table_target)],
     split: Split = "test",
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Find the 15 best candidates of every frame, with raw scores and likelihoods.
 
@@ -116,14 +121,15 @@ def detect(
     from rescore.files import write_provenance
     from rescore.formats.coco import write_detections
 
+    workers = workers_of(engine, address, jobs)
     scaling = _scaling_of(detector)
     if in_parts(out):
-        found = detect_in_parts(dataset, split, detector, scaling, out, jobs)
+        found = detect_in_parts(dataset, split, detector, scaling, out, workers)
         n, n_frames = found.rows, sum(p.frames for p in found.parts)
     else:
         data = read_split(dataset, split)
         trained = load_detector(detector)
-        table = detect_candidates(trained, load_scaling(scaling), data, jobs)
+        table = detect_candidates(trained, load_scaling(scaling), data, workers)
         write_detections(out, trained.name, table, data)
         n, n_frames = len(table), len(data.frames)
     write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)

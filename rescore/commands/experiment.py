@@ -14,9 +14,11 @@ from rescore.commands.base import (
     REGISTRATION_HELP,
     TABLE_OUT,
     AdaptShare,
+    Address,
     AsJson,
     Changes,
     Dataset,
+    Engine,
     EvidenceModelFile,
     Jobs,
     Preset,
@@ -28,6 +30,7 @@ from rescore.commands.base import (
     config_of,
     folder_target,
     table_target,
+    workers_of,
 )
 from rescore.commands.depth_source import Model, Predicted
 from rescore.commands.parts.applying import Applying
@@ -51,6 +54,8 @@ def synth(
     config: Changes = None,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     train_meshes: TrainMeshes = None,
     test_meshes: TestMeshes = None,
 ) -> None:
@@ -63,10 +68,11 @@ def synth(
     from datasets_synth.build import build_dataset
     from rescore.locks import locked
 
+    workers = workers_of(engine, address, jobs)
     settings = config_of(preset, config)
     with locked(out):
         build_dataset(
-            settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
+            settings.synth, out, seed=seed, jobs=workers, train_meshes=train_meshes, test_meshes=test_meshes
         )
     say(f"data set: {out}")
 
@@ -128,6 +134,8 @@ def apply(
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
@@ -138,9 +146,10 @@ def apply(
 
     Example: [bold]rescore apply MY_DATA my_detections.json --out rescored.json[/bold]
     """
+    workers = workers_of(engine, address, jobs)
     used = Named(model, predicted, tuned, w, registration, evidence_model).rescores(preset, config)
     applying = Applying(
-        dataset, detections, out, split, maps, evidence, used, suppress, camera, disparities, jobs
+        dataset, detections, out, split, maps, evidence, used, suppress, camera, disparities, workers
     )
     if in_parts(out):
         applying.to_parts(adapt_share)

@@ -1,5 +1,6 @@
-"""What an engine is to ``map_frames``: it takes numbered records and gives what became of each."""
+"""What an engine is to ``map_frames``: it takes numbered tasks of records and gives what became of each."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -8,28 +9,38 @@ TRIES = 3
 
 
 @dataclass(frozen=True)
-class Ended:
-    """What became of one record: a value, an error of the function, or an end of its workers."""
+class Outcome:
+    """What a record came to: a value, or an error of the function."""
 
-    number: int
     value: Any = None
     error: Exception | None = None
-    killed: bool = False
-    """Whether the record was set aside because it ended its workers."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What became of one task."""
+
+    task: int
+    outcomes: tuple[Outcome, ...] | None
+    """Of each record; None where the task ended as many workers as it may."""
+    seconds: float = 0.0
+    """Time in the function."""
 
 
 class Engine(Protocol):
-    """Workers that have the function and what it shares, and are given records."""
+    """Workers that have the function and what it shares, and are given tasks."""
+
+    task_s: float
+    """Seconds of work that a task should hold; 0 where tasks of one record are as good."""
 
     def ahead(self) -> int:
-        """Number of records that keep all workers busy, with those that run."""
+        """Number of tasks that keep all workers busy, with those that run."""
 
-    def put(self, number: int, record: Any) -> None:
-        """Give a record to the workers."""
+    def put(self, task: int, records: Sequence[Any], deaths: int) -> None:
+        """Give a task to the workers; it may end ``deaths`` of them before it is given up."""
 
     def take(self) -> Ended:
-        """What became of a record that ended; waits for one."""
+        """What became of a task that ended; waits for one."""
 
-    def close(self, finished: bool) -> None:
-        """Let the workers go; where records are left, cancel them and end what runs."""
-
+    def close(self) -> None:
+        """Let the workers go; where tasks are left, cancel them and end what runs."""

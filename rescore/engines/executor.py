@@ -39,8 +39,8 @@ class Executor:
             raise RescoreError(f"--engine: expected {known}, got {engine!r}; choose one of these")
         if address is not None and engine == EngineName.JOBLIB:
             raise RescoreError(
-                "--address: expected --engine dask or ray with it, got joblib, which runs on this machine; name "
-                "the engine"
+                "--address: expected --engine dask or ray with it, got joblib, which runs on this machine; "
+                "name the engine"
             )
         return Executor(EngineName(engine), jobs, address)
 

@@ -5,7 +5,7 @@ import pickle
 import queue
 import tempfile
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from recon.workers import end_with_parent, thread_limits
-from rescore.engines.engine import TRIES, Ended
+from rescore.engines.engine import Ended
 from rescore.engines.shared import pickled, run, run_with
 
 _IDLE_S = 300
@@ -22,35 +22,37 @@ _IDLE_S = 300
 
 
 class InProcess:
-    """The engine of one job: this process, one record after another."""
+    """The engine of one job: this process, one task after another."""
+
+    task_s = 0.0
 
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any) -> None:
         self._function, self._shared = function, shared
-        self._given: deque[tuple[int, Any]] = deque()
+        self._given: deque[tuple[int, Sequence[Any]]] = deque()
 
     def ahead(self) -> int:
-        """One: a record is run when its result is asked for."""
+        """One: a task is run when its result is asked for."""
         return 1
 
-    def put(self, number: int, record: Any) -> None:
-        """Keep a record."""
-        self._given.append((number, record))
+    def put(self, task: int, records: Sequence[Any], deaths: int) -> None:
+        """Keep a task."""
+        self._given.append((task, records))
 
     def take(self) -> Ended:
-        """Run the record that was kept first."""
-        number, record = self._given.popleft()
-        return run(self._function, record, self._shared, number)
+        """Run the task that was kept first."""
+        return run(*self._given.popleft(), self._function, self._shared)
 
-    def close(self, finished: bool) -> None:
+    def close(self) -> None:
         """Nothing is left to end."""
 
 
 class _Process:
-    """One process, and the records that it has, the one that runs first."""
+    """One process, and the tasks that it has, the one that runs first."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
         self.has: deque[tuple[int, bytes]] = deque()
+        """Numbers of tasks with their pickled records."""
         self.life = 0
         self.renew()
 
@@ -71,7 +73,7 @@ class _Process:
 
 
 _idle: list[_Process] = []
-"""Processes that wait for the next records: a new one takes seconds to import what it needs."""
+"""Processes that wait for the next tasks: a new one takes seconds to import what it needs."""
 
 
 def _processes(jobs: int) -> list[_Process]:
@@ -88,9 +90,11 @@ def _processes(jobs: int) -> list[_Process]:
 class Processes:
     """The engine of several jobs.
 
-    A process has one record that runs and one that waits. Where it ends, the first of them is held to be the
-    cause and is given again with the other one, until it was the cause ``TRIES`` times.
+    A process has one task that runs and one that waits. Where it ends, the first of them is held to be the
+    cause and is given again with the other one, until it was the cause as often as it may.
     """
+
+    task_s = 0.0
 
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any, jobs: int) -> None:
         handle, name = tempfile.mkstemp(prefix="rescore_shared_")
@@ -98,62 +102,63 @@ class Processes:
             file.write(pickled((function, shared)))
         self._shared = Path(name)
         self._processes = _processes(jobs)
-        self._ended: queue.SimpleQueue[tuple[_Process, int, int, Future[bytes]]] = queue.SimpleQueue()
-        self._deaths: dict[int, int] = {}
+        self._ended: queue.SimpleQueue[tuple[_Process, int, Future[bytes]]] = queue.SimpleQueue()
+        self._deaths_left: dict[int, int] = {}
 
     def ahead(self) -> int:
-        """Two records for each process."""
+        """Two tasks for each process."""
         return 2 * len(self._processes)
 
-    def put(self, number: int, record: Any) -> None:
-        """Give a record to the process that has least."""
-        self._give(min(self._processes, key=lambda p: len(p.has)), number, pickled(record))
+    def put(self, task: int, records: Sequence[Any], deaths: int) -> None:
+        """Give a task to the process that has least."""
+        self._deaths_left[task] = deaths
+        self._give(min(self._processes, key=lambda p: len(p.has)), task, pickled(records))
 
-    def _give(self, process: _Process, number: int, record: bytes) -> None:
-        process.has.append((number, record))
+    def _give(self, process: _Process, task: int, records: bytes) -> None:
+        process.has.append((task, records))
         try:
-            future = process.pool.submit(_run, self._shared, record, number)
+            future = process.pool.submit(_run, self._shared, task, records)
         except BrokenProcessPool:
-            if len(process.has) > 1:  # the others tell of its end, and this record is given again with them
+            if len(process.has) > 1:  # the others tell of its end, and this task is given again with them
                 return
             process.renew()
-            future = process.pool.submit(_run, self._shared, record, number)
+            future = process.pool.submit(_run, self._shared, task, records)
         life = process.life
-        future.add_done_callback(lambda done: self._ended.put((process, life, number, done)))
+        future.add_done_callback(lambda done: self._ended.put((process, life, done)))
 
     def take(self) -> Ended:
-        """What became of a record; a process that ended meanwhile is renewed."""
+        """What became of a task; a process that ended meanwhile is renewed."""
         while True:
-            process, life, number, future = self._ended.get()
-            if life != process.life:  # told once for each record that an ended process had
+            process, life, future = self._ended.get()
+            if life != process.life:  # told once for each task that an ended process had
                 continue
             error = future.exception()
-            if error is None:
-                ended: Ended = pickle.loads(future.result())
-            elif isinstance(error, BrokenProcessPool):
-                set_aside = self._renewed(process)
-                if set_aside is None:
-                    continue
-                return set_aside
-            else:
+            if isinstance(error, BrokenProcessPool):
+                given_up = self._renewed(process)
+                if given_up is not None:
+                    return given_up
+            elif error is not None:
                 raise error
-            process.has = deque(given for given in process.has if given[0] != number)
-            return ended
+            else:
+                ended: Ended = pickle.loads(future.result())
+                process.has.popleft()
+                del self._deaths_left[ended.task]
+                return ended
 
     def _renewed(self, process: _Process) -> Ended | None:
-        """Renew a process and give it back its records; without the first if that is set aside."""
+        """Renew a process and give it back its tasks; without the first if that is given up."""
         process.renew()
         given, process.has = process.has, deque()
         first = given[0][0]
-        self._deaths[first] = self._deaths.get(first, 0) + 1
-        set_aside = self._deaths[first] == TRIES
-        for number, record in given:
-            if number != first or not set_aside:
-                self._give(process, number, record)
-        return Ended(first, killed=True) if set_aside else None
+        self._deaths_left[first] -= 1
+        given_up = not self._deaths_left[first]
+        for task, records in given:
+            if task != first or not given_up:
+                self._give(process, task, records)
+        return Ended(first, None) if given_up else None
 
-    def close(self, finished: bool) -> None:
-        """Keep the processes for the next records; end those that are still at work."""
+    def close(self) -> None:
+        """Keep the processes for the next tasks; end those that are still at work."""
         for process in self._processes:
             if process.has:
                 process.end()
@@ -162,6 +167,5 @@ class Processes:
         self._shared.unlink(missing_ok=True)
 
 
-
-def _run(path: Path, record: bytes, number: int) -> bytes:
-    return run_with(path.name, path.read_bytes, record, number)
+def _run(path: Path, task: int, records: bytes) -> bytes:
+    return run_with(path.name, path.read_bytes, task, records)

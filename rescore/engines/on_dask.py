@@ -1,20 +1,20 @@
 """Workers of a Dask cluster, one that runs or one of this machine."""
 
+import atexit
 import pickle
 import queue
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
-import dask
 from distributed import Client, Future, KilledWorker, LocalCluster
 
 from recon.errors import RescoreError
-from rescore.engines.clusters import Ahead
+from rescore.engines.clusters import TASK_S, Ahead
 from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
@@ -23,90 +23,124 @@ _PATIENCE_S = 60
 """Seconds that a cluster has to answer, and to have a worker."""
 
 
+@dataclass
+class _Given:
+    """A task that is out."""
+
+    records: bytes
+    deaths: int
+    """Of workers, after which it is given up."""
+    alone: bool
+    """Whether more than one record, whose deaths are sorted out elsewhere, or a single one."""
+    died: int = 0
+    """Workers that it may have ended so far."""
+
+
 class OnDask:
     """The engine of Dask.
 
-    The scheduler gives records of dead workers to others. Where it gives one up, what waited behind it on the
-    same worker is given up with it: so each of them is tried again while nothing else runs, and then a death
-    is its own.
+    The scheduler gives tasks of dead workers to others. Where it gives one up, it gives up what waited behind
+    it on the same worker too. So a task of one record is tried again while nothing else runs: then a death is
+    its own.
     """
 
+    task_s = TASK_S
+
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any, executor: Executor) -> None:
-        self._cluster = None if executor.address is not None else _local(executor.jobs)
-        self._client = _connected(executor.address or self._cluster)
+        self._cluster = _Cluster.of(executor)
+        self._client = self._cluster.client
         self._name = f"rescore-{uuid.uuid4().hex}"
         # a task, not scattered data: Dask makes it again where all workers that held it are gone
         self._shared = self._client.submit(bytes, pickled((function, shared)), key=f"{self._name}-shared")
         self._ahead = Ahead(lambda: sum(self._client.nthreads().values()))
         self._ended: queue.SimpleQueue[tuple[int, Future]] = queue.SimpleQueue()
-        self._given: dict[int, bytes] = {}
-        self._deaths: dict[int, int] = {}
+        self._given: dict[int, _Given] = {}
         self._suspects: deque[int] = deque()
 
     def ahead(self) -> int:
-        """Two records for each worker; none while suspects are to be tried alone."""
-        return 0 if self._suspects else self._ahead.records()
+        """Two tasks for each worker; none while suspects are to be tried alone."""
+        return 0 if self._suspects else self._ahead.tasks()
 
-    def put(self, number: int, record: Any) -> None:
-        """Give a record to the scheduler."""
-        self._given[number] = pickled(record)
-        self._submit(number)
+    def put(self, task: int, records: Sequence[Any], deaths: int) -> None:
+        """Give a task to the scheduler."""
+        self._given[task] = _Given(pickled(records), deaths, alone=len(records) == 1)
+        self._submit(task)
 
-    def _submit(self, number: int) -> None:
-        deaths = self._deaths.get(number, 0)
-        future = self._client.submit(
-            _run,
-            self._name,
-            self._shared,
-            self._given[number],
-            number,
-            # later ones first would keep the one whose turn it is waiting
-            priority=-number,
-            key=f"{self._name}-record-{number}-{deaths}",
-            retries=TRIES - 1,
-        )
-        future.add_done_callback(lambda done: self._ended.put((number, done)))
+    def _submit(self, task: int) -> None:
+        given = self._given[task]
+        key = f"{self._name}-task-{task}-{given.died}"
+        arguments = (self._name, self._shared, task, given.records)
+        future = self._client.submit(_run, *arguments, key=key, retries=TRIES - 1)
+        future.add_done_callback(lambda done: self._ended.put((task, done)))
 
     def take(self) -> Ended:
-        """What became of a record."""
+        """What became of a task."""
         while True:
             if self._suspects and len(self._suspects) == len(self._given):
                 self._submit(self._suspects[0])
-            number, future = self._ended.get()
+            task, future = self._ended.get()
             with _scheduler_lives():
                 try:
                     ended: Ended = pickle.loads(future.result())
                 except KilledWorker as killed:
-                    if not self._is_set_aside(number, killed.allowed_failures + 1):
+                    if not self._is_given_up(task, killed.allowed_failures + 1):
                         continue
-                    ended = Ended(number, killed=True)
-            del self._given[number]
-            if number in self._suspects:
-                self._suspects.remove(number)
+                    ended = Ended(task, None)
+            del self._given[task]
+            if task in self._suspects:
+                self._suspects.remove(task)
             return ended
 
-    def _is_set_aside(self, number: int, deaths: int) -> bool:
-        """Count deaths of workers under a record; whether they were enough, the last ones its own."""
-        alone = number in self._suspects
-        self._deaths[number] = self._deaths.get(number, 0) + deaths
-        if not alone:
-            self._suspects.append(number)
-        return alone and self._deaths[number] >= TRIES
+    def _is_given_up(self, task: int, deaths: int) -> bool:
+        """Count deaths of workers under a task; whether it is to be given up."""
+        given = self._given[task]
+        given.died += deaths
+        if not given.alone:
+            return True
+        was_alone = task in self._suspects
+        if not was_alone:
+            self._suspects.append(task)
+        return was_alone and given.died >= given.deaths
 
-    def close(self, finished: bool) -> None:
-        """Cancel what runs, and leave the cluster; one of this machine ends."""
-        self._client.close()
-        if self._cluster is not None:
-            self._cluster.close()
+    def close(self) -> None:
+        """Cancel what is left; a cluster of this machine is ended then, since Dask lets what runs go on."""
+        if self._given:
+            self._cluster.end()
 
 
-def _run(name: str, shared: bytes, record: bytes, number: int) -> bytes:
-    return run_with(name, lambda: shared, record, number)
+def _run(name: str, shared: bytes, task: int, records: bytes) -> bytes:
+    return run_with(name, lambda: shared, task, records)
+
+
+class _Cluster:
+    """A connection to a cluster, and the cluster itself if it was started here; kept for the next records."""
+
+    _open: ClassVar[dict[Executor, "_Cluster"]] = {}
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+        self._own = None if executor.address is not None else _local(executor.jobs)
+        self.client = _connected(executor.address or self._own)
+        atexit.register(self.end)
+
+    @staticmethod
+    def of(executor: Executor) -> "_Cluster":
+        """The cluster of an executor."""
+        if executor not in _Cluster._open:
+            _Cluster._open[executor] = _Cluster(executor)
+        return _Cluster._open[executor]
+
+    def end(self) -> None:
+        """Leave the cluster, which cancels what waits; one of this machine ends."""
+        atexit.unregister(self.end)
+        _Cluster._open.pop(self._executor, None)
+        self.client.close()
+        if self._own is not None:
+            self._own.close()
 
 
 def _local(jobs: int) -> LocalCluster:
     """A cluster of this machine, on the loopback address alone."""
-    # the scheduler's own patience is for deaths that have nothing to do with the task
     return LocalCluster(
         n_workers=jobs,
         threads_per_worker=1,
@@ -114,6 +148,7 @@ def _local(jobs: int) -> LocalCluster:
         dashboard_address=None,
         memory_limit=0,
         silence_logs="CRITICAL",
+        # each death is counted here, and what only waited on the worker is no suspect for long
         scheduler_kwargs={"allowed_failures": 0},
     )
 
@@ -136,5 +171,5 @@ def _scheduler_lives() -> Iterator[None]:
         yield
     except (CancelledError, OSError) as error:
         raise RescoreError(
-            "dask: expected the scheduler to answer, got nothing; start it again and run the command again"
+            "--engine dask: expected the scheduler to answer, got nothing; start it and run the command again"
         ) from error

@@ -1,13 +1,14 @@
 """What all records share, on its way to the workers and there: pickled once, unpickled once a worker."""
 
 import pickle
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from io import BytesIO
 from typing import Any
 
 from joblib.externals.loky.backend.reduction import dump
 
-from rescore.engines.engine import Ended
+from rescore.engines.engine import Ended, Outcome
 
 
 def pickled(value: Any) -> bytes:
@@ -20,27 +21,33 @@ def pickled(value: Any) -> bytes:
     return file.getvalue()
 
 
-def run(function: Any, record: Any, shared: Any, number: int) -> Ended:
-    """The function of a record, its error as a value."""
+def run(task: int, records: Iterable[Any], function: Any, shared: Any) -> Ended:
+    """What became of a task, done here."""
+    start_s = time.perf_counter()
+    outcomes = tuple(_outcome(record, function, shared) for record in records)
+    return Ended(task, outcomes, time.perf_counter() - start_s)
+
+
+def _outcome(record: Any, function: Any, shared: Any) -> Outcome:
     try:
-        return Ended(number, function(record, shared))
+        return Outcome(function(record, shared))
     except Exception as error:
-        return Ended(number, error=error)
+        return Outcome(error=error)
 
 
 _held: tuple[str, Any] = ("", None)
 """Name of what this worker has read last of what is shared, and the thing itself."""
 
 
-def run_with(name: str, read: Callable[[], bytes], record: bytes, number: int) -> bytes:
-    """In a worker: what became of a pickled record, pickled; ``read`` gives the function and what is shared."""
-    global _held  # noqa: PLW0603 - a worker keeps it from one record to the next
+def run_with(name: str, read: Callable[[], bytes], task: int, records: bytes) -> bytes:
+    """In a worker: what became of a pickled task, pickled; ``read`` gives the function and what is shared."""
+    global _held  # noqa: PLW0603 - a worker keeps it from one task to the next
     if _held[0] != name:
         _held = ("", None)
         _held = (name, pickle.loads(read()))
-    function, shared = _held[1]
-    ended = run(function, pickle.loads(record), shared, number)
+    ended = run(task, pickle.loads(records), *_held[1])
     try:
         return pickled(ended)
     except Exception as error:
-        return pickled(Ended(number, error=RuntimeError(f"the result, or its error, does not travel: {error}")))
+        stuck = RuntimeError(f"a result, or an error, cannot be sent: {error}")
+        return pickled(Ended(task, tuple(Outcome(error=stuck) for _ in ended.outcomes or ()), ended.seconds))

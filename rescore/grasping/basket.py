@@ -32,6 +32,7 @@ from recon.learning.learn import learn_class_model
 from recon.localization.localize import PartsConfig, localize_by_parts
 from recon.localization.standing_box import StandingBox, cam_from_ground, turn
 from recon.part_views import PartView
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
@@ -284,7 +285,7 @@ class BasketTrial:
     record: Record
 
 
-def basket_study(placements: int, seed: int, jobs: int) -> BasketResult:
+def basket_study(placements: int, seed: int, jobs: Workers) -> BasketResult:
     """The basket that taught the class model, and another, each at a number of places.
 
     Raises:

@@ -8,6 +8,7 @@ from pydantic import TypeAdapter
 
 from recon.arrays import FloatArray
 from recon.localization.standing_box import StandingBox, turn
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
@@ -61,7 +62,7 @@ class ErrorGrid(StudyPart):
         return tuple(sorted([*none, *own], key=lambda p: p.level))
 
 
-def error_grid(placements: int, seed: int, jobs: int) -> ErrorGrid:
+def error_grid(placements: int, seed: int, jobs: Workers) -> ErrorGrid:
     """The grid, on cars that are not those of the experiment.
 
     Args:

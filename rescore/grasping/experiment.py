@@ -8,6 +8,7 @@ from pydantic import TypeAdapter
 
 from datasets_synth.cars.models import cars_of_splits
 from recon.errors import RescoreError
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.files import read_json_object, remove, write_json, write_provenance
 from rescore.formats.checked_json import read_checked
@@ -43,7 +44,7 @@ class Experiment:
         chosen = own_cars(cars_of_splits(test_meshes=meshes)["test"]) if meshes else experiment_cars(cars)
         return Experiment(chosen, placements, seed)
 
-    def run(self, out: Path, jobs: int, table_class: TableClass | None = None) -> GraspResult:
+    def run(self, out: Path, jobs: Workers, table_class: TableClass | None = None) -> GraspResult:
         """The result, also written to ``out/grasp.json``; trials that a stopped run left there are kept.
 
         Args:
@@ -85,7 +86,7 @@ class Experiment:
         return ((i, k) for k in range(self.placements) for i in range(len(self.cars)))
 
     def _tried(
-        self, todo: Sequence[tuple[int, int]], table_class: TableClass, jobs: int
+        self, todo: Sequence[tuple[int, int]], table_class: TableClass, jobs: Workers
     ) -> Iterator[GraspRow]:
         return map_frames(_trial_of, todo, (self.cars, table_class, self.seed), jobs)
 
@@ -95,7 +96,7 @@ def _trial_of(numbers: tuple[int, int], shared: tuple[tuple[TableCar, ...], Tabl
     return run_trial(cars[i], i, k, table_class, seed)
 
 
-def learned_cars(jobs: int) -> TableClass:
+def learned_cars(jobs: Workers) -> TableClass:
     """What the training cars teach; front and rear are not told apart, since a grasp needs neither."""
     train = cars_of_splits()["train"]
     say(f"learning from {len(train)} cars")

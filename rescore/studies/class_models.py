@@ -20,6 +20,7 @@ from recon.learning.learn import learn_class_model, part_costs
 from recon.learning.primitives import primitive_normals
 from recon.part_views import PartViews
 from recon.view_bins import ViewBins
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 
 ELEVATION_DEG = 20.0
@@ -124,7 +125,7 @@ class ModelStudy:
     """Models to look at, with what each was learned from in words."""
 
 
-def study(jobs: int = 1) -> ModelStudy:
+def study(jobs: Workers = 1) -> ModelStudy:
     """The whole study of class models: selection, accuracy, and models to look at; always the same."""
     tasks = [(name, ELEVATION_DEG) for name in ACCURACY_CLASSES] + [("car", STREET_ELEVATION_DEG)]
     rows = list(map_frames(_accuracy, tasks, None, jobs))

@@ -13,6 +13,7 @@ from datasets_synth.photos.distractor_kinds import KIND, ORDINARY_CAR, POSTERS, 
 from datasets_synth.street.car_pictures import car_picture
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.class_model import ClassModel
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import OK, Candidates
 from rescore.evidence.model import EvidenceModel
@@ -62,7 +63,7 @@ class Judged:
 
 
 def judge_bank(
-    judge: Judge, kinds: Sequence[str], count: int, config: BankConfig, seed: int, jobs: int
+    judge: Judge, kinds: Sequence[str], count: int, config: BankConfig, seed: int, jobs: Workers
 ) -> Iterator[Judged]:
     """``count`` things of each kind as they are done, kind by kind; cars are those of split "test"."""
     cars = tuple(cars_of_splits()["test"])
@@ -73,7 +74,7 @@ def judge_bank(
 
 
 def judge_bank_of_run(
-    root: Path, out: Path, count: int, *, detector: str, seed: int, jobs: int
+    root: Path, out: Path, count: int, *, detector: str, seed: int, jobs: Workers
 ) -> "tuple[BankResult, list[Judged]]":
     """Judge ``count`` things of every kind with the evidence of a finished run.
 

@@ -16,6 +16,7 @@ from recon.arrays import BoolArray
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet
 from rescore.data.splits import FittingSet, Splits
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import OK, Candidates, CandidateTable
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
@@ -135,7 +136,7 @@ def study_places(
     command: str,
     *,
     seed: int,
-    jobs: int,
+    jobs: Workers,
 ) -> PlacesResult:
     """The figures of a detector on labelled frames: alone, rescored, and with D fitted on other places.
 
@@ -168,7 +169,7 @@ def study_places(
 
 
 def leave_one_out(
-    given: LabelledPlaces, config: EvidenceConfig, jobs: int
+    given: LabelledPlaces, config: EvidenceConfig, jobs: Workers
 ) -> tuple[CandidateTable, tuple[PlaceFacts, ...]]:
     """The candidates with D of a model that was fitted on all other places, and the facts of each place.
 

@@ -15,6 +15,7 @@ import numpy as np
 from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
 from rescore.data.frames import DataSet, FrameRecord
 from rescore.data.pictures import read_rgb
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.parallel import one_thread, track
 
@@ -43,7 +44,7 @@ class Points:
     """Shape (n, 128), of length 1."""
 
 
-def places_of(data: DataSet, jobs: int) -> tuple[tuple[int, ...], ...]:
+def places_of(data: DataSet, jobs: Workers) -> tuple[tuple[int, ...], ...]:
     """The image ids of the frames of each place, places and frames in the order of the data set.
 
     Args:

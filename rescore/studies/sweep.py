@@ -12,6 +12,7 @@ from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.instance_fits import fit_instances
@@ -47,7 +48,7 @@ class SweepConfig:
     """Settings of a sweep."""
 
     seed: int = 0
-    jobs: int = 1
+    jobs: Workers = 1
     bootstrap: BootstrapConfig = field(default_factory=lambda: BootstrapConfig(n_resamples=1000))
 
 
@@ -79,7 +80,14 @@ Step = tuple[Dial | None, float]
 
 
 def sweep_run(
-    root: Path, out: Path, dials: Sequence[Dial], frames: int | None, *, detector: str, seed: int, jobs: int
+    root: Path,
+    out: Path,
+    dials: Sequence[Dial],
+    frames: int | None,
+    *,
+    detector: str,
+    seed: int,
+    jobs: Workers,
 ) -> SweepResult:
     """Sweep a finished run over dials; writes ``sweep.json`` to the folder ``out`` and returns its content.
 

@@ -13,6 +13,7 @@ from recon.errors import RescoreError
 from rescore.detectors.crop_training import WindowDetector, at_one_size
 from rescore.detectors.registry import load_detector
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture, read_uiuc
 from rescore.parallel import one_thread
@@ -39,7 +40,7 @@ class Found:
         }
 
 
-def evaluate_files(folder: Path, detectors: Sequence[Path], jobs: int) -> Iterator[Found]:
+def evaluate_files(folder: Path, detectors: Sequence[Path], jobs: Workers) -> Iterator[Found]:
     """What each detector finds in the test pictures of a folder, as they are done.
 
     Raises:
@@ -53,7 +54,9 @@ def evaluate_files(folder: Path, detectors: Sequence[Path], jobs: int) -> Iterat
         yield Found(detector.name, len(pictures), evaluate_uiuc(detector, pictures, jobs))
 
 
-def evaluate_uiuc(detector: WindowDetector, pictures: Sequence[TestPicture], jobs: int) -> RecallPrecision:
+def evaluate_uiuc(
+    detector: WindowDetector, pictures: Sequence[TestPicture], jobs: Workers
+) -> RecallPrecision:
     """Recall and precision on the single-scale test pictures, by the set's own rule.
 
     The detector looks for cars of the set's size alone; its boxes must be windows such as the set's crops.

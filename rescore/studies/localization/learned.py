@@ -28,6 +28,7 @@ from recon.part_views import PartView
 from recon.pixels import linear_from_srgb
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
+from rescore.engines.executor import Workers, executor_of
 from rescore.engines.map_frames import map_frames
 from rescore.parallel import one_thread
 
@@ -72,7 +73,7 @@ class TableClass:
 def learn_table_class(
     cars: Sequence[CarModel],
     config: TableClassConfig,
-    jobs: int,
+    jobs: Workers,
     library: PrimitiveLibrary | None = None,
 ) -> TableClass:
     """The class model, the shape space and the looks of training cars; pictures are rendered here.
@@ -86,7 +87,7 @@ def learn_table_class(
         library: primitives of the view bins at the first elevation; None to learn them here.
     """
     bins = ViewBins(12, config.elevations_rad[0])
-    library = library or learn_primitives(bins, jobs=jobs)
+    library = library or learn_primitives(bins, jobs=executor_of(jobs).jobs)
     learned = list(map_frames(_learn_one, enumerate(cars), (config, library), jobs))
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)

@@ -13,6 +13,7 @@ from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.errors import Failure, RescoreError
 from recon.localization.localize import FitLocalization
+from rescore.engines.executor import Workers
 from rescore.files import write_provenance
 from rescore.parallel import track
 from rescore.speech import say
@@ -73,7 +74,7 @@ class LocalizationStudy:
         """Labels of the parts of ``parts_m``."""
         return self.table_class.space.part_labels
 
-    def trials(self, jobs: int) -> Iterator[Trial]:
+    def trials(self, jobs: Workers) -> Iterator[Trial]:
         """The trials in order, as they are done."""
         trials = run_trials(self.cars, self.placements, self.table_class, self.config, self.seed, jobs)
         return track(trials, "localise", self.placements)
@@ -92,7 +93,9 @@ class LocalizationStudy:
         return SeveralCars(rgb, tuple(placed), found)
 
 
-def learned_study(cars: int, placements: int, meshes: Path | None, seed: int, jobs: int) -> LocalizationStudy:
+def learned_study(
+    cars: int, placements: int, meshes: Path | None, seed: int, jobs: Workers
+) -> LocalizationStudy:
     """The study with its class learned.
 
     Args:

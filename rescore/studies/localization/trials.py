@@ -31,6 +31,7 @@ from recon.localization.localize import (
 from recon.localization.single_plane import UprightSurface, lower_edge, single_plane
 from recon.localization.standing_box import StandingBox
 from recon.pixels import linear_from_srgb
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.parallel import one_thread
 from rescore.studies.localization.learned import TableClass
@@ -82,7 +83,12 @@ class Trial:
 
 
 def run_trials(
-    cars: Sequence[CarModel], count: int, table_class: TableClass, config: TrialConfig, seed: int, jobs: int
+    cars: Sequence[CarModel],
+    count: int,
+    table_class: TableClass,
+    config: TrialConfig,
+    seed: int,
+    jobs: Workers,
 ) -> Iterator[Trial]:
     """``count`` placements spread evenly over the cars, in order, as they are done.
 

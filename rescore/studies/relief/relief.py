@@ -16,6 +16,7 @@ from recon.localization.disparity_fit import DisparityFitConfig
 from recon.shape_space import ShapeSpace
 from recon.stereo.sgbm import SgbmConfig
 from rescore.data.frames import SPLITS, FrameRecord, Truth, load_frame
+from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.evidence.instance_fits import fit_instances
 from rescore.experiment.config import run_config
@@ -35,7 +36,7 @@ from rescore.studies.relief.relief_file import (
 from rescore.studies.relief.shown_cars import RenderedTruth, shown_cars
 
 
-def study_relief(root: Path, split: str, command: str, *, seed: int, jobs: int) -> ReliefResult:
+def study_relief(root: Path, split: str, command: str, *, seed: int, jobs: Workers) -> ReliefResult:
     """The study on one split of a finished run.
 
     Args:
