@@ -120,8 +120,12 @@ class RemotePath(PurePosixPath):
 
     def iterdir(self) -> Iterator["RemotePath"]:
         """What lies directly below, without what lies deeper."""
-        found = _asked(self, "list", lambda fs: _listed(fs, self.key))
-        return (RemotePath(f"{self.scheme}:/{name}") for name in found)
+        # of a folder that is not there, some clients list what lies above it
+        if not self.is_dir():
+            return iter(())
+        names = _asked(self, "list", lambda fs: list(fs.ls(self.key, detail=False)))
+        own = sorted(name.rstrip("/") for name in names)
+        return (RemotePath(f"{self.scheme}:/{name}") for name in own if name != self.key)
 
     def read_bytes(self) -> bytes:
         """The whole object, from the cache where it is kept there."""
@@ -223,14 +227,6 @@ def remote(path: object) -> RemotePath | None:
 
 def _info(path: RemotePath) -> dict[str, Any]:
     return _asked(path, "look at", lambda fs: dict(fs.info(path.key)))
-
-
-def _listed(fs: Any, key: str) -> list[str]:
-    try:
-        names = fs.ls(key, detail=False)
-    except FileNotFoundError:
-        return []
-    return sorted(name.rstrip("/") for name in names if name.rstrip("/") != key)
 
 
 @lru_cache(maxsize=10_000)
