@@ -220,6 +220,15 @@ def beside(folder: Path, name: str) -> Path:
     return located(name) if "://" in name else folder / name
 
 
+def name_from(folder: Path, path: Path) -> str:
+    """The name for ``beside`` of a file as seen from a folder; a URL where the two are not in one place."""
+    if remote(folder) is None and remote(path) is None:
+        return os.path.relpath(path.resolve(), folder.resolve())
+    if remote(folder) is not None and path.is_relative_to(folder):
+        return path.relative_to(folder).as_posix()
+    return str(path) if remote(path) is not None else path.resolve().as_uri()
+
+
 def remote(path: object) -> RemotePath | None:
     """The path where it is one of a store; None for one of this machine."""
     return path if isinstance(path, RemotePath) else None

@@ -12,7 +12,7 @@ import pyarrow.dataset as pads
 import pyarrow.parquet as pq
 
 from recon.errors import RescoreError
-from recon.stores import remote
+from recon.stores import located, remote
 from rescore.data.frames import DataSet
 from rescore.formats.open import read_dataset
 from rescore.formats.parts.candidates import DETECTIONS, RESCORED
@@ -109,7 +109,7 @@ def _tables(run: Path) -> tuple[dict[str, Source], dict[str, str]]:
             "`rescore evaluate` first"
         )
     metrics, config = read_metrics(folder.metrics), read_run_config(folder.config)
-    data_dir = folder.data if config.data is None else Path(config.data)
+    data_dir = folder.data if config.data is None else located(config.data)
     parts = run / "candidates"
     if is_parts(parts):
         candidates: Source = PartTable.read(parts).dataset()

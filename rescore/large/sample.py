@@ -18,9 +18,8 @@ from recon.arrays import FloatArray, IntArray
 from rescore.data.frames import DataSet
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import Registration
-from rescore.files import remove
 from rescore.formats.coco import DetectionFile
-from rescore.formats.coco_write import write_dataset
+from rescore.formats.coco_write import overwrite_dataset
 from rescore.formats.parts.candidates import RESCORED, arrays_of_table
 from rescore.formats.parts.table import PartTable
 from rescore.fusion.tune import Tuning
@@ -52,8 +51,7 @@ def write_sample(
     chosen = set(chosen_frames(candidates, metrics).tolist())
     data = _data_of(frames, split, chosen)
     folder = run_dir / "sample"
-    remove(folder)
-    write_dataset(folder / "data", data, copy=False)
+    overwrite_dataset(folder / "data", data, copy=False)
     files = [_file(table, data) for table in tables]
     evaluate(data, files, folder, tunings=tunings, min_iou=min_iou)
     return data

@@ -4,6 +4,7 @@ A column that an evaluation adds is named here alone. The numbers of the depth e
 ``rescore.evidence.candidates.NUMBERS``.
 """
 
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from recon.arrays import FloatArray, IntArray, stacked
 from recon.errors import RescoreError
 from recon.files import atomic_path
 from recon.reading import reading
+from recon.stores import remote
 from rescore.data.boxes3d import BOX_NAMES
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
 from rescore.evidence.cues import CUES
@@ -306,7 +308,7 @@ def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)
     if not path.is_file():
         raise RescoreError(f"{path}: expected a table of candidates, found no file; run `rescore evaluate`")
     with reading(path, "a table of candidates", "run `rescore evaluate` again"):
-        table = pq.read_table(path)
+        table = pq.read_table(path if remote(path) is None else io.BytesIO(path.read_bytes()))
     missing = [name for name in needed if name not in table.column_names]
     if missing:
         raise RescoreError(

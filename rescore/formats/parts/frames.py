@@ -4,7 +4,6 @@ Files of a frame are named as in ``annotations.json``: relative to the folder, o
 """
 
 import json
-import os
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +16,7 @@ import pyarrow.compute as pc
 from recon.arrays import FloatArray, IntArray
 from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
-from recon.stores import beside, remote
+from recon.stores import beside, name_from
 from rescore.data.boxes3d import BOX_NAMES, Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import DataSet, FrameRecord, Truth
@@ -133,14 +132,7 @@ def _is_nan(value: object) -> bool:
 
 
 def _name(root: Path, path: Path | None) -> str | None:
-    """The name of a file as seen from a folder; a URL where the two are not in one place."""
-    if path is None:
-        return None
-    if remote(root) is None and remote(path) is None:
-        return os.path.relpath(path.resolve(), root.resolve())
-    if remote(root) is not None and path.is_relative_to(root):
-        return path.relative_to(root).as_posix()
-    return str(path) if remote(path) is not None else path.resolve().as_uri()
+    return None if path is None else name_from(root, path)
 
 
 def read_frame_parts(root: Path, classes: ClassMap) -> DataSet:

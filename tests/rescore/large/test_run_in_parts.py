@@ -13,7 +13,7 @@ import pytest
 from recon.errors import RescoreError
 from recon.stores import StoreError
 from rescore.data.frames import DataSet, FrameRecord, Truth
-from rescore.engines import local
+from rescore.engines import map_frames
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.formats.parts.candidates import DETECTIONS, arrays_of_table, read_part_detections
 from rescore.formats.parts.table import PARTS, Part, PartTable
@@ -122,10 +122,10 @@ def test_a_frame_that_ends_its_worker_is_set_aside_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # what counts to three is tested where it stands; a new worker takes seconds
-    monkeypatch.setattr(local, "TRIES", 1)
+    monkeypatch.setattr(map_frames, "TRIES", 1)
     _, parts = run(tmp_path, Boxes(kills=(12,)), jobs=2)
     table = table_of(tmp_path, parts)
-    assert list(table.failed_frames()) == [(12, "ended its worker 3 times")]
+    assert list(table.failed_frames()) == [(12, "ended its worker 1 times")]
     assert table.rows == N_FRAMES - 1
     assert [p.frames for p in parts] == [10, 10, 5]
 
