@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, NamedTuple, TypeVar, cast
@@ -126,6 +127,10 @@ class RemotePath(PurePosixPath):
         names = _asked(self, "list", lambda fs: list(fs.ls(self.key, detail=False)))
         own = sorted(name.rstrip("/") for name in names)
         return (RemotePath(f"{self.scheme}:/{name}") for name in own if name != self.key)
+
+    def glob(self, pattern: str) -> Iterator["RemotePath"]:
+        """What lies directly below and has a name of a pattern."""
+        return (path for path in self.iterdir() if fnmatchcase(path.name, pattern))
 
     def read_bytes(self) -> bytes:
         """The whole object, from the cache where it is kept there."""

@@ -126,7 +126,7 @@ def _show_failed(table: Path, as_json: bool) -> None:
         print_json([{"image_id": i, "reason": reason} for i, reason in found])
         return
     for image_id, reason in found:
-        print(shown(f"{image_id}\t{reason}"))
+        print(image_id, shown(reason), sep="\t")
     say(f"{len(found)} frames failed")
 
 
