@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import dask
 from distributed import Client, Future, KilledWorker, LocalCluster
 
 from recon.errors import RescoreError
@@ -141,16 +142,30 @@ class _Cluster:
 
 def _local(jobs: int) -> LocalCluster:
     """A cluster of this machine, on the loopback address alone."""
-    return LocalCluster(
-        n_workers=jobs,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address=None,
-        memory_limit=0,
-        silence_logs="CRITICAL",
-        # each death is counted here, and what only waited on the worker is no suspect for long
-        scheduler_kwargs={"allowed_failures": 0},
+    # what is sampled for a dashboard, which is not shown, would cost a tenth of a processor
+    dask.config.set(
+        {
+            "distributed.worker.profile.enabled": False,
+            "distributed.admin.system-monitor.interval": "10s",
+            "distributed.admin.tick.interval": "1s",
+        }
     )
+    try:
+        return LocalCluster(
+            n_workers=jobs,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,
+            memory_limit=0,
+            silence_logs="CRITICAL",
+            # each death is counted here, and what only waited on the worker is no suspect for long
+            scheduler_kwargs={"allowed_failures": 0},
+        )
+    except RuntimeError as error:
+        raise RescoreError(
+            f"--engine dask: expected {jobs} workers to start, got {error}; a script of one's own needs "
+            '`if __name__ == "__main__":`'
+        ) from error
 
 
 def _connected(where: Any) -> Client:
