@@ -21,7 +21,7 @@ PACKAGES = {"dask": "distributed", "ray": "ray"}
 
 def engines() -> list[Row]:
     """Frames of 100 ms by each engine with two workers."""
-    rounds = _rounds_of(FRAME_S)
+    rounds = rounds_of(FRAME_S)
     return [_row(name, wanted, rounds) for name, wanted in WANTED.items() if _installed(name)]
 
 
@@ -38,7 +38,7 @@ def busy(_number: int, rounds: int) -> float:
     return time.process_time() - start_s
 
 
-def _rounds_of(seconds: float) -> int:
+def rounds_of(seconds: float) -> int:
     """Steps that take so long, in one process."""
     busy(0, 10_000)
     return max(1, round(10_000 * seconds / statistics.median(busy(0, 10_000) for _ in range(5))))
@@ -46,15 +46,15 @@ def _rounds_of(seconds: float) -> int:
 
 def _row(engine: str, wanted: float, rounds: int) -> Row:
     executor = Executor.of(engine, 2, None)
-    list(map_frames(busy, range(8), rounds, executor))
-    spent = [_spent_s(rounds, executor) for _ in range(REPEATS)]
+    list(map_frames(busy, range(FRAMES), rounds, executor))
+    spent = [spent_s(rounds, executor) for _ in range(REPEATS)]
     ratio = statistics.median(all_s / frames_s for all_s, frames_s in spent)
     ours_ms, bare_ms = (1e3 * statistics.median(times) / FRAMES for times in zip(*spent, strict=True))
     what = f"a frame of 100 ms by {engine}, two workers: all processes / the function alone"
     return Row(what, ratio, "ratio", wanted, ours_ms=ours_ms, bare_ms=bare_ms)
 
 
-def _spent_s(rounds: int, executor: Executor) -> tuple[float, float]:
+def spent_s(rounds: int, executor: Executor) -> tuple[float, float]:
     """Processor seconds of this process and all that it started, and those of the function in the same run.
 
     One process that does the work spends the latter; apart, the two would differ by what else a machine does.
