@@ -9,6 +9,8 @@ from rescore.speech import now_s
 
 TASK_S = 1.0
 """Seconds of work in a task of a cluster: what it costs to send one, some milliseconds, is then little."""
+TASK_S_OF_A_WORKER = 0.02
+"""Seconds more for each worker, where there are many: one process sends the tasks of all."""
 _LOOK_S = 5.0
 """Seconds between two looks at how many workers there are."""
 
@@ -37,15 +39,30 @@ def quiet_ray(local: bool) -> None:
         os.environ.setdefault(name, value)
 
 
-class Ahead:
-    """How many tasks keep all workers busy: two for each, by a count that is renewed now and then."""
+class Crew:
+    """The workers that there are now, by a count that is renewed now and then."""
 
     def __init__(self, count: Callable[[], int]) -> None:
         self._count = count
-        self._tasks, self._looked_s = 0, float("-inf")
+        self._workers, self._looked_s = 1, float("-inf")
 
-    def tasks(self) -> int:
-        """The number; workers that are being replaced leave at least two."""
+    @property
+    def workers(self) -> int:
+        """Their number; at least one, since those that died are replaced."""
         if now_s() - self._looked_s >= _LOOK_S:
-            self._tasks, self._looked_s = 2 * max(self._count(), 1), now_s()
-        return self._tasks
+            self._workers, self._looked_s = max(self._count(), 1), now_s()
+        return self._workers
+
+    @property
+    def task_s(self) -> float:
+        """Seconds of work that a task should hold."""
+        return seconds_of_a_task(self.workers)
+
+    def ahead(self) -> int:
+        """Number of tasks that keep all busy: two for each."""
+        return 2 * self.workers
+
+
+def seconds_of_a_task(workers: int) -> float:
+    """Seconds of work that a task should hold, so that workers do not wait for the one that sends them."""
+    return max(TASK_S, TASK_S_OF_A_WORKER * workers)

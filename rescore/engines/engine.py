@@ -30,8 +30,9 @@ class Ended:
 class Engine(Protocol):
     """Workers that have the function and what it shares, and are given tasks."""
 
-    task_s: float
-    """Seconds of work that a task should hold; 0 where tasks of one record are as good."""
+    @property
+    def task_s(self) -> float:
+        """Seconds of work that a task should hold; 0 where tasks of one record are as good."""
 
     def ahead(self) -> int:
         """Number of tasks that keep all workers busy, with those that run."""

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
@@ -24,7 +24,7 @@ _IDLE_S = 300
 class InProcess:
     """The engine of one job: this process, one task after another."""
 
-    task_s = 0.0
+    task_s: ClassVar[float] = 0.0
 
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any) -> None:
         self._function, self._shared = function, shared
@@ -94,7 +94,7 @@ class Processes:
     cause and is given again with the other one, until it was the cause as often as it may.
     """
 
-    task_s = 0.0
+    task_s: ClassVar[float] = 0.0
 
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any, jobs: int) -> None:
         handle, name = tempfile.mkstemp(prefix="rescore_shared_")

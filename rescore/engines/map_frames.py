@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 _HELD = 4
 """Times as many records as keep the workers busy may be done ahead of the one whose turn it is."""
-_MOST_IN_A_TASK = 64
+_MOST_IN_A_TASK = 256
 """Records; what a dead worker had is done again."""
 
 

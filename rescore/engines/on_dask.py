@@ -7,14 +7,15 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from distributed import Client, Future, KilledWorker, LocalCluster
+import dask
+from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin
 
 from recon.errors import RescoreError
-from rescore.engines.clusters import TASK_S, Ahead
+from rescore.engines.clusters import Crew
 from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
@@ -44,22 +45,24 @@ class OnDask:
     its own.
     """
 
-    task_s = TASK_S
-
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any, executor: Executor) -> None:
         self._cluster = _Cluster.of(executor)
         self._client = self._cluster.client
         self._name = f"rescore-{uuid.uuid4().hex}"
-        # a task, not scattered data: Dask makes it again where all workers that held it are gone
-        self._shared = self._client.submit(bytes, pickled((function, shared)), key=f"{self._name}-shared")
-        self._ahead = Ahead(lambda: sum(self._client.nthreads().values()))
+        self._client.register_plugin(_Shared(self._name, pickled((function, shared))))
+        self._crew = Crew(lambda: sum(self._client.nthreads().values()))
         self._ended: queue.SimpleQueue[tuple[int, Future]] = queue.SimpleQueue()
         self._given: dict[int, _Given] = {}
         self._suspects: deque[int] = deque()
 
+    @property
+    def task_s(self) -> float:
+        """A second, more where there are many workers."""
+        return self._crew.task_s
+
     def ahead(self) -> int:
         """Two tasks for each worker; none while suspects are to be tried alone."""
-        return 0 if self._suspects else self._ahead.tasks()
+        return 0 if self._suspects else self._crew.ahead()
 
     def put(self, task: int, records: Sequence[Any], deaths: int) -> None:
         """Give a task to the scheduler."""
@@ -69,7 +72,7 @@ class OnDask:
     def _submit(self, task: int) -> None:
         given = self._given[task]
         key = f"{self._name}-task-{task}-{given.died}"
-        arguments = (self._name, self._shared, task, given.records)
+        arguments = (self._name, task, given.records)
         future = self._client.submit(_run, *arguments, key=key, retries=TRIES - 1)
         future.add_done_callback(lambda done: self._ended.put((task, done)))
 
@@ -106,10 +109,36 @@ class OnDask:
         """Cancel what is left; a cluster of this machine is ended then, since Dask lets what runs go on."""
         if self._given:
             self._cluster.end()
+        else:
+            with suppress(OSError):  # of a scheduler that is gone
+                self._client.unregister_worker_plugin(self._name)
 
 
-def _run(name: str, shared: bytes, task: int, records: bytes) -> bytes:
-    return run_with(name, lambda: shared, task, records)
+class _Shared(WorkerPlugin):  # type: ignore[misc] # which has no types
+    """What all records share, on its way to each worker, also to those that come later.
+
+    Scattered data would be gone with the last worker that has it.
+    """
+
+    def __init__(self, name: str, shared: bytes) -> None:
+        self.name = name
+        self._shared = shared
+
+    def setup(self, worker: Any) -> None:
+        """Keep it in a worker."""
+        _shared_here[self.name] = self._shared
+
+    def teardown(self, worker: Any) -> None:
+        """Let it go."""
+        _shared_here.pop(self.name, None)
+
+
+_shared_here: dict[str, bytes] = {}
+"""In a worker: what it was given, by name."""
+
+
+def _run(name: str, task: int, records: bytes) -> bytes:
+    return run_with(name, lambda: _shared_here[name], task, records)
 
 
 class _Cluster:
@@ -141,16 +170,32 @@ class _Cluster:
 
 def _local(jobs: int) -> LocalCluster:
     """A cluster of this machine, on the loopback address alone."""
-    return LocalCluster(
-        n_workers=jobs,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address=None,
-        memory_limit=0,
-        silence_logs="CRITICAL",
-        # each death is counted here, and what only waited on the worker is no suspect for long
-        scheduler_kwargs={"allowed_failures": 0},
+    dask.config.set(
+        {
+            # what is sampled for a dashboard, which is not shown, would cost a tenth of a processor
+            "distributed.worker.profile.enabled": False,
+            "distributed.admin.system-monitor.interval": "10s",
+            "distributed.admin.tick.interval": "1s",
+            # a worker that is being replaced just then would be given up for good
+            "distributed.deploy.lost-worker-timeout": "365 days",
+        }
     )
+    try:
+        return LocalCluster(
+            n_workers=jobs,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=0,
+            silence_logs="CRITICAL",
+            # each death is counted here, and what only waited on the worker is no suspect for long
+            scheduler_kwargs={"allowed_failures": 0},
+        )
+    except RuntimeError as error:
+        raise RescoreError(
+            f"--engine dask: expected {jobs} workers to start, got {error}; a script of one's own needs "
+            '`if __name__ == "__main__":`'
+        ) from error
 
 
 def _connected(where: Any) -> Client:

@@ -9,7 +9,7 @@ import ray
 from ray.exceptions import RayError
 
 from recon.errors import RescoreError
-from rescore.engines.clusters import TASK_S, Ahead
+from rescore.engines.clusters import Crew
 from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
@@ -21,20 +21,23 @@ class OnRay:
     It stays connected until this process ends, since a cluster takes seconds to start.
     """
 
-    task_s = TASK_S
-
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any, executor: Executor) -> None:
         if not ray.is_initialized():
             _connect(executor)
         self._name = uuid.uuid4().hex
         self._shared = ray.put(pickled((function, shared)))
         self._run = ray.remote(_run)
-        self._ahead = Ahead(lambda: int(ray.cluster_resources().get("CPU", 0)))
+        self._crew = Crew(lambda: int(ray.cluster_resources().get("CPU", 0)))
         self._given: dict[Any, int] = {}
+
+    @property
+    def task_s(self) -> float:
+        """A second, more where there are many workers."""
+        return self._crew.task_s
 
     def ahead(self) -> int:
         """Two tasks for each processor of the cluster."""
-        return self._ahead.tasks()
+        return self._crew.ahead()
 
     def put(self, task: int, records: Sequence[Any], deaths: int) -> None:
         """Give a task to the cluster."""

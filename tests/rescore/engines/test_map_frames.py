@@ -123,9 +123,9 @@ def test_few_records_are_taken_ahead_of_the_one_that_is_wanted(executor: Executo
         next(found)
         ahead.append(taken - yielded)
     found.close()
-    # what is out and what is done: five times two tasks a worker of at most 64 records, for ever
-    assert max(ahead[:750]) <= 5 * 2 * 2 * 64
-    assert max(ahead[750:]) <= 5 * 2 * 2 * 64
+    # what is out and what is done: five times two tasks a worker of at most 256 records, for ever
+    assert max(ahead[:750]) <= 5 * 2 * 2 * 256
+    assert max(ahead[750:]) <= 5 * 2 * 2 * 256
 
 
 @every_engine
@@ -137,7 +137,7 @@ def test_leaving_cancels_what_waits(executor: Executor, tmp_path: Path) -> None:
     assert begun < 2_000
     # the engine is free again, and what was left is not done first
     assert list(map_frames(light_work.doubled, range(3), 0, executor)) == [0, 2, 4]
-    assert len(list(tmp_path.iterdir())) <= begun + 64
+    assert len(list(tmp_path.iterdir())) <= begun + 256
 
 
 @engines_with_workers
