@@ -7,7 +7,8 @@ JOBS ?= 2
 .PHONY: demo test fuzz setup paper streets published published-streets published-localization \
 	published-grasping \
 	published-models published-weight published-evidence published-stereo published-recording \
-	published-report published-defaults published-street published-real published-prose published-bench bench docs clean
+	published-report published-defaults published-street published-real published-prose published-bench \
+	published-scale bench docs clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.ready
@@ -26,7 +27,7 @@ streets: setup
 	$(BIN)/rescore reproduce --preset streets --out runs/streets --jobs $(JOBS)
 
 test: setup
-	sh .ci/setup-tests
+	VENV=$(VENV) sh .ci/setup-tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -138,6 +139,13 @@ published-bench: setup
 	$(BIN)/python -m tests.bench $(GROUPS); measured=$$?; \
 	$(BIN)/python -m reports.publishing.bench runs/bench/bench.json reports/published/bench \
 	    "make published-bench" && exit $$measured
+
+# a recorded trace replayed through a model of a cluster; RECORD=1 measures the trace again, from runs/paper
+SCALE := reports/published/scale
+RECORD ?=
+published-scale: setup
+	$(if $(RECORD),$(BIN)/python -m tests.bench.record_scaling runs/paper hog $(SCALE)/recorded.json)
+	$(BIN)/python -m reports.publishing.scaling.page $(SCALE)/recorded.json $(SCALE) "make published-scale"
 
 # the documentation, all warnings as errors; nothing in it asks the network
 docs: $(VENV)/.docs-ready

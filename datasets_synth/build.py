@@ -10,7 +10,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 
 from datasets_synth.cars.models import TRAINING_CARS, ImportedModel, cars_of_splits, part_labelled_cars
@@ -42,8 +41,10 @@ from recon.stereo.sgbm import (
 from recon.view_bins import ViewBins
 from rescore.data.frames import SPLITS
 from rescore.data.pictures import is_whole_png_file
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.files import read_json, write_json
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 from rescore.speech import say
 
 RECORDS = "records"
@@ -54,6 +55,25 @@ _KINDS = ("left", "right", "disparity", "truth", "instance")
 """Folders of the pictures of a frame."""
 _RECORD_KEYS = {"key", "attempts", "image", "annotations", "stereo"}
 CATEGORY = {"id": 1, "name": "car", "supercategory": "vehicle"}
+
+
+@dataclass(frozen=True)
+class _Build:
+    """What all frames of a data set need to be built."""
+
+    out: Path
+    config: SynthConfig
+    seed: int
+    cars: dict[str, tuple[CarModel, ...]]
+    """By split."""
+    key: str
+    picture_paths: dict[str, tuple[Path, ...]]
+    """By split."""
+
+    def task(self, split: str, index: int, n_cars: int | None) -> "_Task":
+        """One frame."""
+        cars, paths = self.cars[split], self.picture_paths[split]
+        return _Task(self.out, self.config, self.seed, split, index, n_cars, cars, self.key, paths)
 
 
 @dataclass(frozen=True)
@@ -88,7 +108,7 @@ def build_dataset(
     config: SynthConfig,
     out: Path,
     seed: int = 0,
-    jobs: int = 1,
+    jobs: Workers = 1,
     *,
     train_meshes: Path | None = None,
     test_meshes: Path | None = None,
@@ -119,13 +139,15 @@ def build_dataset(
     if labels_from != TRAINING_CARS:
         say(f"part-labelled views: of {labels_from}")
     _write_part_views(config, out, labelled)
-    tasks = [
-        _Task(out, config, seed, split, index, n, cars[split], key, paths[split])
+    build = _Build(out, config, seed, cars, key, paths)
+    frames = [
+        (split, index, n)
         for split, size in config.splits.items()
         for index, n in enumerate(car_schedule(size, seed, split))
     ]
-    todo = [task for task in tasks if not _is_done(task)]
-    built = in_order((delayed(_build_frame)(task) for task in todo), jobs)
+    tasks = [build.task(*frame) for frame in frames]
+    todo = [frame for frame, task in zip(frames, tasks, strict=True) if not _is_done(task)]
+    built = map_frames(_build_frame, todo, build, jobs, ordered=False)
     for _ in track(built, "render frames", len(tasks), done=len(tasks) - len(todo)):
         pass
     records = [read_json(task.record_path, "a frame record") for task in tasks]
@@ -167,10 +189,10 @@ def _kept(path: Path) -> Any:
         return None
 
 
-def _build_frame(task: _Task) -> None:
+def _build_frame(frame: tuple[str, int, int | None], build: _Build) -> None:
     """Render, measure and write one frame; its record comes last."""
     with one_thread():
-        _build_frame_alone(task)
+        _build_frame_alone(build.task(*frame))
 
 
 def _build_frame_alone(task: _Task) -> None:
@@ -346,7 +368,7 @@ def _write_pictures(
     cars: dict[str, tuple[CarModel, ...]],
     *,
     key: str,
-    jobs: int,
+    jobs: Workers,
 ) -> dict[str, tuple[Path, ...]]:
     """Render the pictures of cars that posters show, each split its own cars."""
     paths = {
@@ -360,14 +382,15 @@ def _write_pictures(
         for s in paths
         for k, path in enumerate(paths[s])
     ]
-    rendered = in_order((delayed(_render_picture)(*task) for task in tasks), jobs)
+    rendered = map_frames(_render_picture, tasks, None, jobs, ordered=False)
     for _ in track(rendered, "render posters", len(tasks)):
         pass
     write_json(stamp, key)
     return paths
 
 
-def _render_picture(path: Path, cars: tuple[CarModel, ...], stream: list[int]) -> None:
+def _render_picture(task: tuple[Path, tuple[CarModel, ...], list[int]], _shared: None) -> None:
+    path, cars, stream = task
     _write_png(path, car_picture(cars, np.random.default_rng(stream))[..., ::-1])
 
 

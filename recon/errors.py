@@ -33,6 +33,8 @@ class Reason(StrEnum):
     """Another system was to predict depth, and gives none in the box, or its mask has no object there."""
     BOX_OUTSIDE_IMAGE = "box_outside_image"
     """Too little of the box lies inside the image."""
+    FRAME_FAILED = "frame_failed"
+    """The frame could not be read or worked on, and a run in parts went on without it."""
     SECOND_BOX = "second_box"
     """There is evidence, but a better box shows the same car in 3D, and this one was suppressed."""
 

@@ -7,6 +7,7 @@ import platform
 import re
 import shutil
 import sys
+import tempfile
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from recon.errors import RescoreError
+from recon.stores import RemotePath, remote
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 """Errors that only writing has, whatever file the error names."""
@@ -31,6 +33,10 @@ def atomic_path(path: Path) -> Iterator[Path]:
     Raises:
         RescoreError: the folder cannot be written, the disk is full, or the target is no regular file.
     """
+    if (stored := remote(path)) is not None:
+        with _put_once(stored) as beside:
+            yield beside
+        return
     refuse_as_file(path)
     beside = path.with_name(f".{_host()}-{os.getpid()}-{uuid.uuid4().hex[:12]}.partial{path.suffix}")
     try:
@@ -56,6 +62,17 @@ def atomic_path(path: Path) -> Iterator[Path]:
             beside.unlink()
 
 
+@contextmanager
+def _put_once(path: RemotePath) -> Iterator[Path]:
+    """A path of this machine to write to; on success the store gets its content by one put."""
+    with tempfile.TemporaryDirectory() as folder:
+        beside = Path(folder) / path.name
+        yield beside
+        if not beside.exists():
+            raise ValueError(f"{path}: nothing was written to the path that atomic_path gave")
+        path.write_bytes(beside.read_bytes())
+
+
 def copy_file(source: Path, target: Path) -> None:
     """Copy a file; a whole one bears the name of the target, or none.
 
@@ -63,7 +80,10 @@ def copy_file(source: Path, target: Path) -> None:
         RescoreError: the target cannot be written.
     """
     with atomic_path(target) as beside:
-        shutil.copyfile(source, beside)
+        if (stored := remote(source)) is not None:
+            beside.write_bytes(stored.read_bytes())
+        else:
+            shutil.copyfile(source, beside)
 
 
 def clear_partials(folder: Path) -> None:
@@ -77,6 +97,8 @@ def clear_partials(folder: Path) -> None:
 
 def refuse_as_file(path: Path) -> None:
     """Raises RescoreError where a file cannot be written at a path: a folder or a device is there, say."""
+    if remote(path) is not None:
+        return
     try:
         _refuse_name(path)
         if path.is_dir():
@@ -95,6 +117,8 @@ def refuse_as_file(path: Path) -> None:
 
 def refuse_as_folder(path: Path) -> None:
     """Raises RescoreError where a folder cannot be made or written to at a path."""
+    if remote(path) is not None:
+        return
     try:
         _refuse_name(path)
         _refuse_folder(path)

@@ -117,7 +117,7 @@ def arrays_of(path: Path) -> dict[str, NDArray[Any]]:
         zipfile.BadZipFile: it is none.
         OSError: it cannot be read.
     """
-    with zipfile.ZipFile(path) as packed:
+    with path.open("rb") as whole, zipfile.ZipFile(whole) as packed:
         members = packed.infolist()
         unpacked = sum(m.file_size for m in members)
         if unpacked > MAX_ARRAY_BYTES:

@@ -18,11 +18,19 @@ def workers(jobs: int, **options: Any) -> Parallel:
     They end within a second where this process is killed, and leave Ctrl-C to it.
     """
     return Parallel(
-        n_jobs=jobs, backend="loky", initializer=_end_with_parent, initargs=(os.getpid(),), **options
+        n_jobs=jobs, backend="loky", initializer=end_with_parent, initargs=(os.getpid(),), **options
     )
 
 
-def _end_with_parent(parent: int) -> None:
+def thread_limits(threads: int) -> dict[str, str]:
+    """Variables of the environment by which a new process uses so many threads for its linear algebra."""
+    libraries = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMBA", "NUMEXPR")
+    names = (f"{library}_NUM_THREADS" for library in libraries)
+    return {name: os.environ.get(name, str(threads)) for name in names}
+
+
+def end_with_parent(parent: int) -> None:
+    """Make this process end within a second where the one that started it is killed, and ignore Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "win32":  # there, the number of a parent that is no more stays
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()

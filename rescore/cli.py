@@ -1,14 +1,18 @@
 """The command ``rescore``. Heavy modules are imported by the command that needs them."""
 
+import functools
 import inspect
 import sys
 import warnings
-from typing import Annotated
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 from typer.models import CommandInfo
 
 from recon.errors import RescoreError
+from recon.stores import located
 from rescore.commands import (
     detectors,
     evidence_study,
@@ -60,7 +64,7 @@ PANELS = {
         "apply",
         "evaluate",
     ),
-    "Looking at a run": ("report", "log", "inspect"),
+    "Looking at a run": ("report", "log", "inspect", "query"),
     "Your own data": ("doctor", "import", "convert"),
     "One picture in 3D": ("reconstruct", "popup", "learn-primitives"),
     "Studies": (
@@ -72,12 +76,30 @@ PANELS = {
 """The commands in the order in which `rescore --help` lists them."""
 
 
+def _with_urls(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The command, which gets the path of a store for each URL that it is given as a path."""
+
+    @functools.wraps(command)
+    def called(**options: Any) -> Any:
+        return command(**{name: _located(value) for name, value in options.items()})
+
+    return called
+
+
+def _located(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return type(value)(_located(v) for v in value)
+    return located(value) if isinstance(value, Path) else value
+
+
 def _arrange() -> None:
     names = [name for panel in PANELS.values() for name in panel]
     panel_of = {name: panel for panel, some in PANELS.items() for name in some}
     for command in app.registered_commands:
         command.rich_help_panel = panel_of[_name(command)]
         command.help = _reflowed(inspect.getdoc(command.callback) or "")
+        assert command.callback is not None
+        command.callback = _with_urls(command.callback)
     app.registered_commands.sort(key=lambda command: names.index(_name(command)))
 
 

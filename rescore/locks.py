@@ -12,6 +12,7 @@ from typing import IO
 
 from recon.errors import RescoreError
 from recon.files import refuse_as_folder
+from recon.stores import remote
 
 LOCK = ".lock"
 """Name of the file in a folder that the process which writes there holds locked."""
@@ -28,6 +29,10 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         RescoreError: another process has it; the message names that process. Or the folder cannot be made.
     """
+    if remote(folder) is not None:
+        # a store has no locks; what is written there is whole, and the last one wins
+        yield
+        return
     refuse_as_folder(folder)
     path, was_there = folder / LOCK, folder.exists()
     with _told_where_it_cannot_write(folder):

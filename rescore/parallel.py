@@ -3,14 +3,13 @@
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
-from recon.workers import workers
 from rescore import speech
 
 T = TypeVar("T")
@@ -48,14 +47,6 @@ def _with_lines(items: Iterable[T], description: str, total: int, done: int) -> 
         if count < total and speech.now_s() - told_s >= speech.EVERY_S:
             speech.say(f"{description}: {count} of {total}")
             told_s = speech.now_s()
-
-
-def in_order(tasks: Iterable[Any], jobs: int) -> Iterator[Any]:
-    """The results of joblib's delayed tasks in their order, as they are done, ``jobs`` at a time.
-
-    Memory does not grow with the number of tasks: two tasks ahead for each worker keep it busy.
-    """
-    return iter(workers(jobs, return_as="generator", pre_dispatch="2*n_jobs", batch_size=1)(tasks))
 
 
 @contextmanager

@@ -86,7 +86,7 @@ def build_report(run_dirs: Path | Sequence[Path], out: Path | None = None) -> Pa
     Raises:
         RescoreError: a run folder lacks results, or one is named twice.
     """
-    folders = [run_dirs] if isinstance(run_dirs, Path) else [Path(f) for f in run_dirs]
+    folders = list(run_dirs) if isinstance(run_dirs, Sequence) else [run_dirs]
     runs = [load_run(folder) for folder in folders]
     names = _names([run.root for run in runs])
     for note in (note for run in runs for note in missing_evidence(run)):

@@ -18,6 +18,7 @@ from reports.studies.localization_pictures import (
     tile,
     titled,
 )
+from rescore.engines.executor import Workers
 from rescore.studies.localization.kept_trials import KeptTrials
 from rescore.studies.localization.result_file import outside_remark
 from rescore.studies.localization.scores import Score, markdown_table
@@ -30,7 +31,7 @@ _TYPICAL_OVERLAP = 0.88
 """The reconstruction that is drawn is the one nearest to it."""
 
 
-def write_localization(study: LocalizationStudy, out: Path, jobs: int) -> Tally:
+def write_localization(study: LocalizationStudy, out: Path, jobs: Workers) -> Tally:
     """Run the trials of the study that the folder does not hold, and write ``localization.md`` and pictures.
 
     Each trial is kept with its small picture when it is done: photographs are too large to be kept, and a run

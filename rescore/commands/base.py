@@ -14,6 +14,7 @@ from rescore.speech import say
 
 if TYPE_CHECKING:
     from rescore.data.frames import DataSet
+    from rescore.engines.executor import Executor
     from rescore.evidence.candidates import CandidateTable
     from rescore.evidence.model import EvidenceModel
     from rescore.evidence.registration import Registration
@@ -31,7 +32,8 @@ app = typer.Typer(
 )
 
 LEARNED_PANEL = "Modes with a learned D"
-DETECTION_FORMS = "COCO results JSON, or a folder of KITTI's or YOLO's text with scores"
+DETECTION_FORMS = "COCO results JSON, a table in parts, or a folder of KITTI's or YOLO's text with scores"
+TABLE_OUT = "a .json file in COCO's results form, else a folder for a table in parts"
 SPLIT_HELP = "Frames to work on: train, calibration, validation, test or all."
 Dataset = Annotated[
     Path, typer.Argument(help="Folder with annotations.json, or of another layout (docs/own-data.md).")
@@ -45,6 +47,21 @@ Seed = Annotated[
     typer.Option(help="Seed of every random choice; it fixes every byte, of a recording the rows."),
 ]
 Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default="all processors")]
+CLUSTER_PANEL = "Clusters (docs/scale.md)"
+Engine = Annotated[
+    str,
+    typer.Option(
+        help="Who runs the frames: joblib (processes of this machine), dask or ray.",
+        rich_help_panel=CLUSTER_PANEL,
+    ),
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        help="A cluster that runs, such as tcp://host:8786 of Dask or auto of Ray; else one starts here.",
+        rich_help_panel=CLUSTER_PANEL,
+    ),
+]
 Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
 TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
 TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
@@ -75,7 +92,9 @@ AsJson = Annotated[
 def file_target(path: Path | None) -> Path | None:
     """The file that an option names to write; refused before any work where it cannot be written."""
     from recon.files import refuse_as_file
+    from recon.stores import located
 
+    path = None if path is None else located(path)
     if path is not None:
         refuse_as_file(path)
     return path
@@ -84,13 +103,29 @@ def file_target(path: Path | None) -> Path | None:
 def folder_target(path: Path | None) -> Path | None:
     """The folder that an option names to write to; refused before any work where it cannot be."""
     from recon.files import refuse_as_folder
+    from recon.stores import located
 
+    path = None if path is None else located(path)
     if path is not None:
         refuse_as_folder(path)
     return path
 
 
+def table_target(path: Path) -> Path:
+    """The file or folder that an option names to write detections to: JSON, or a table in parts."""
+    found = file_target(path) if path.suffix == ".json" else folder_target(path)
+    assert found is not None
+    return found
+
+
 ALL_PROCESSORS = os.cpu_count() or 1
+
+
+def workers_of(engine: str, address: str | None, jobs: int) -> "Executor":
+    """Who runs the frames, by the options."""
+    from rescore.engines.executor import Executor
+
+    return Executor.of(engine, jobs, address)
 
 
 def config_of(preset: str, changes: Path | None) -> "RunConfig":

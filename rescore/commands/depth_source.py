@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from recon.class_model import ClassModel
     from rescore.data.frames import DataSet
+    from rescore.engines.executor import Workers
     from rescore.evidence.candidates import Candidates, CandidateTable
     from rescore.evidence.predicted_depth_files import PredictionFolder, Predictions
     from rescore.evidence.registration import Registration
@@ -85,7 +86,7 @@ def evidence_of(
     detections: Path,
     asked: Source,
     rescoring: "Rescoring",
-    jobs: int,
+    jobs: "Workers",
     folder: Path | None = None,
 ) -> "tuple[ClassModel | Predictions, CandidateTable, str]":
     """What predicts depth, the depth evidence of the detections of a file, and the detector's name.

@@ -10,19 +10,24 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    TABLE_OUT,
+    Address,
     Changes,
     Dataset,
+    Engine,
     Jobs,
     Preset,
     Seed,
     Split,
     app,
     config_of,
-    file_target,
     folder_target,
     read_data,
     read_split,
+    table_target,
+    workers_of,
 )
+from rescore.commands.parts.in_parts import detect_in_parts, in_parts
 from rescore.speech import say
 
 
@@ -100,9 +105,11 @@ def detect(
     detector: Annotated[
         Path, typer.Option(help="Detector that `rescore train` wrote, with its .platt.json.")
     ],
-    out: Annotated[Path, typer.Option(help="Detections to write, COCO results JSON.", callback=file_target)],
+    out: Annotated[Path, typer.Option(help=f"Detections to write: {TABLE_OUT}.", callback=table_target)],
     split: Split = "test",
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Find the 15 best candidates of every frame, with raw scores and likelihoods.
 
@@ -114,12 +121,19 @@ def detect(
     from rescore.files import write_provenance
     from rescore.formats.coco import write_detections
 
-    data = read_split(dataset, split)
-    trained = load_detector(detector)
-    table = detect_candidates(trained, load_scaling(_scaling_of(detector)), data, jobs)
-    write_detections(out, trained.name, table, data)
+    workers = workers_of(engine, address, jobs)
+    scaling = _scaling_of(detector)
+    if in_parts(out):
+        found = detect_in_parts(dataset, split, detector, scaling, out, workers)
+        n, n_frames = found.rows, sum(p.frames for p in found.parts)
+    else:
+        data = read_split(dataset, split)
+        trained = load_detector(detector)
+        table = detect_candidates(trained, load_scaling(scaling), data, workers)
+        write_detections(out, trained.name, table, data)
+        n, n_frames = len(table), len(data.frames)
     write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
-    say(f"{len(table)} detections in {len(data.frames)} frames: {out}")
+    say(f"{n} detections in {n_frames} frames: {out}")
 
 
 def _scaling_of(detector: Path) -> Path:

@@ -9,8 +9,10 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    Address,
     AsJson,
     Dataset,
+    Engine,
     Jobs,
     Maps,
     Seed,
@@ -20,6 +22,7 @@ from rescore.commands.base import (
     folder_target,
     print_json,
     read_data,
+    workers_of,
 )
 from rescore.speech import say
 
@@ -43,6 +46,8 @@ def sweep(
     detector: DetectorName = "hog",
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Spoil the input of a run's test frames step by step, and measure what is left of the gain.
 
@@ -54,8 +59,9 @@ def sweep(
     from rescore.studies.degradations import dials_named
     from rescore.studies.sweep import sweep_run
 
+    workers = workers_of(engine, address, jobs)
     chosen = dials_named(dials, levels)
-    value = sweep_run(run, out, chosen, frames, detector=detector, seed=seed, jobs=jobs)
+    value = sweep_run(run, out, chosen, frames, detector=detector, seed=seed, jobs=workers)
     say(f"sweep: {write_sweep_page(value, out)}")
 
 
@@ -70,6 +76,8 @@ def study_evidence(
     detector: DetectorName = "hog",
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """What the depth evidence of a run is worth, what it takes for a car, and where it breaks.
 
@@ -86,11 +94,12 @@ def study_evidence(
     from rescore.studies.distractors import judge_bank_of_run
     from rescore.studies.sweep import sweep_run
 
-    bank, first = judge_bank_of_run(run, out, things, detector=detector, seed=seed, jobs=jobs)
+    workers = workers_of(engine, address, jobs)
+    bank, first = judge_bank_of_run(run, out, things, detector=detector, seed=seed, jobs=workers)
     draw_bank(out, bank, first)
     ablation = ablate_run(run, out, detector, seed)
     dials = dials_named(None, None)
-    swept = sweep_run(run, out / "sweep", dials, frames, detector=detector, seed=seed, jobs=jobs)
+    swept = sweep_run(run, out / "sweep", dials, frames, detector=detector, seed=seed, jobs=workers)
     write_sweep_page(swept, out / "sweep")
     shortened = "" if frames is None else f" --frames {frames}"
     command = f"rescore study-evidence {run} --out {out} --things {things} --detector {detector}{shortened}"
@@ -136,6 +145,8 @@ def study_relief(
     split: Annotated[str, typer.Option(help="Split whose frames are looked at.")] = "test",
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """What a car's disparity says beyond a plane, and how much of it the fitted instance finds.
@@ -150,8 +161,9 @@ def study_relief(
     from reports.studies.relief import target_sentence, write_relief_study
     from rescore.studies.relief.relief import study_relief as study
 
+    workers = workers_of(engine, address, jobs)
     command = f"rescore study-relief {run} --out {out} --split {split} --seed {seed}"
-    result = study(run, split, command, seed=seed, jobs=jobs)
+    result = study(run, split, command, seed=seed, jobs=workers)
     page = write_relief_study(result, out)
     if as_json:
         print_json(result.as_json())
@@ -177,6 +189,8 @@ def study_places(
     seed: Seed = 0,
     maps: Maps = None,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """What D is worth that is fitted on labelled frames of your own, every place left out in turn.
@@ -192,6 +206,7 @@ def study_places(
     from rescore.library.rescorer import Rescorer
     from rescore.studies.leave_one_out import study_places as study
 
+    workers = workers_of(engine, address, jobs)
     if out.suffix != ".json":
         raise RescoreError(f"--out: expected a name that ends in .json, got {out.name!r}; change it")
     used = Rescorer.default() if rescorer is None else Rescorer.from_file(rescorer)
@@ -200,7 +215,7 @@ def study_places(
     file = detections_of(detections, data)
     given = "" if rescorer is None else f" --rescorer {rescorer}"
     command = f"rescore study-places {dataset} {detections} --out {out}{given} --seed {seed}"
-    result = study(data, file.detector, file.candidates(data), used, command, seed=seed, jobs=jobs)
+    result = study(data, file.detector, file.candidates(data), used, command, seed=seed, jobs=workers)
     page = write_places_study(result, out)
     if as_json:
         print_json(result.as_json())

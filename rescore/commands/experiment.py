@@ -12,10 +12,13 @@ from rescore.commands.base import (
     DETECTION_FORMS,
     MAP_HELP,
     REGISTRATION_HELP,
+    TABLE_OUT,
     AdaptShare,
+    Address,
     AsJson,
     Changes,
     Dataset,
+    Engine,
     EvidenceModelFile,
     Jobs,
     Preset,
@@ -25,17 +28,13 @@ from rescore.commands.base import (
     TrainMeshes,
     app,
     config_of,
-    file_target,
     folder_target,
-    read_split,
-    with_share,
+    table_target,
+    workers_of,
 )
-from rescore.commands.depth_source import (
-    Model,
-    Predicted,
-    evidence_of,
-    source_as_json,
-)
+from rescore.commands.depth_source import Model, Predicted
+from rescore.commands.parts.applying import Applying
+from rescore.commands.parts.in_parts import in_parts
 from rescore.commands.results import print_results
 from rescore.commands.what_rescores import Named
 from rescore.speech import say
@@ -55,6 +54,8 @@ def synth(
     config: Changes = None,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     train_meshes: TrainMeshes = None,
     test_meshes: TestMeshes = None,
 ) -> None:
@@ -67,10 +68,11 @@ def synth(
     from datasets_synth.build import build_dataset
     from rescore.locks import locked
 
+    workers = workers_of(engine, address, jobs)
     settings = config_of(preset, config)
     with locked(out):
         build_dataset(
-            settings.synth, out, seed=seed, jobs=jobs, train_meshes=train_meshes, test_meshes=test_meshes
+            settings.synth, out, seed=seed, jobs=workers, train_meshes=train_meshes, test_meshes=test_meshes
         )
     say(f"data set: {out}")
 
@@ -80,7 +82,7 @@ def apply(
     dataset: Dataset,
     detections: Annotated[Path, typer.Argument(help=f"Detections to rescore: {DETECTION_FORMS}.")],
     out: Annotated[
-        Path, typer.Option(help="Rescored detections to write, COCO results JSON.", callback=file_target)
+        Path, typer.Option(help=f"Rescored detections to write: {TABLE_OUT}.", callback=table_target)
     ],
     model: Model = None,
     predicted: Predicted = None,
@@ -132,45 +134,27 @@ def apply(
     preset: Preset = "paper",
     config: Changes = None,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Rescore detections with stereo depth and a class model (eq. 7, with D of eq. 6 or what goes past it).
 
     Without options of what rescores the rescorer that comes with the package is used (mode instance).
     A candidate without depth evidence keeps its likelihood in mode paper.
-    In the other modes it gets the D of silent cues. Its status says why.
+    In the other modes it gets the D of silent cues. Its status says why. Into a folder the result is a table
+    in parts, for very many frames: parts that are there are kept, and frames that fail are told.
 
     Example: [bold]rescore apply MY_DATA my_detections.json --out rescored.json[/bold]
     """
-    from rescore.evidence.model import models_as_json
-    from rescore.evidence.settings import with_camera, with_stereo_for
-    from rescore.experiment.config import part_as_json
-    from rescore.files import write_provenance
-    from rescore.formats.coco import write_rescored
-    from rescore.fusion.rescore_frame import Rescoring
-
+    workers = workers_of(engine, address, jobs)
     used = Named(model, predicted, tuned, w, registration, evidence_model).rescores(preset, config)
-    data = read_split(dataset, split, used.settings.class_name, maps)
-    looked = with_stereo_for(with_camera(used.settings.rescore, camera), data, disparities)
-    finding = Rescoring(looked, predict=evidence is not None or used.mode.predicts)
-    source, table, detector = evidence_of(data, detections, used.source, finding, jobs, evidence)
-    learned, shift = with_share(used.learned, table, adapt_share)
-    rescoring = Rescoring(looked, learned, used.w, suppress)
-    found = rescoring.fuse(table)
-    write_rescored(out, detector, found, data, w=rescoring.w, registration=rescoring.mode)
-    made_with = {"w": used.w, "split": split, "registration": used.mode.value, "log_odds_shift": shift}
-    made_with |= {"rescore": part_as_json(looked), "suppress": suppress, "used": used.words}
-    if learned is not None:
-        # for the words of reports: D cannot be explained without what it was made with
-        made_with["evidence_model"] = models_as_json({used.mode: learned})
-    write_provenance(out, "apply", made_with | source_as_json(source), None)
-    say(f"used: {used.words}")
-    say(_grounds(table.image_id.tolist(), table.ground.tolist()))
-    if suppress and table.boxes3d is None:
-        say(
-            "note: --suppress: no candidate has a 3D box, which takes a class model with a shape space, a "
-            "calibrated camera and a ground plane"
-        )
-    say(f"{_reasons(found.candidates.status.tolist())}: {out}")
+    applying = Applying(
+        dataset, detections, out, split, maps, evidence, used, suppress, camera, disparities, workers
+    )
+    if in_parts(out):
+        applying.to_parts(adapt_share)
+    else:
+        applying.to_file(adapt_share)
 
 
 @app.command()
@@ -195,32 +179,6 @@ def reproduce(
     settings = config_of(preset, config)
     metrics = Experiment(folder, settings, seed, jobs, _report_stage, train_meshes, test_meshes).all()
     print_results(metrics, {"report": folder.html, "recording": folder.recording}, as_json)
-
-
-def _reasons(status: list[str]) -> str:
-    from collections import Counter
-
-    counts = Counter(status)
-    second = counts.pop("second_box", 0)
-    rest = ", ".join(f"{n} {reason}" for reason, n in sorted(counts.items()) if reason != "ok")
-    text = f"{len(status)} candidates, {counts['ok']} with depth evidence" + (f" ({rest})" if rest else "")
-    return text + (f", {second} second boxes of a car" if second else "")
-
-
-def _grounds(image_id: list[int], ground: list[str]) -> str:
-    """Numbers of frames by what their ground plane comes from, in words."""
-    from collections import Counter
-
-    from recon.camera import DEFAULT_GROUND
-    from rescore.data.frames import GroundSource
-
-    counts = Counter(dict(zip(image_id, ground, strict=True)).values())
-    text = (
-        f"ground plane of {counts.total()} frames with candidates: {counts[GroundSource.STATED]} stated, "
-        f"{counts[GroundSource.STEREO]} from stereo, {counts[GroundSource.DEFAULT]} the default "
-        f"({DEFAULT_GROUND.height_m:g} m, level)"
-    )
-    return text + ("; `rescore doctor` says why" if counts[GroundSource.DEFAULT] else "")
 
 
 def _report_stage(done: "Done") -> None:

@@ -9,10 +9,12 @@ import typer
 
 from recon.errors import RescoreError
 from rescore.commands.base import AsJson, app, print_json
-from rescore.speech import say
+from rescore.commands.parts.evaluating import run_to_show
+from rescore.speech import say, shown
 
 if TYPE_CHECKING:
     from recon.arrays import IntArray
+    from rescore.large.query import Answer
     from rescore.results.changes import OperatingPoint
     from rescore.results.ranked_changes import Inspection
 
@@ -72,6 +74,14 @@ def inspect(
         ),
     ] = None,
     as_json: AsJson = False,
+    failed: Annotated[
+        bool,
+        typer.Option(
+            "--failed",
+            help="Of detections in parts: list the frames that failed, and why.",
+            show_default=False,
+        ),
+    ] = False,
     open_viewer: Annotated[
         bool, typer.Option("--open", help="Open the recording at --frame, or at the first frame listed.")
     ] = False,
@@ -88,7 +98,11 @@ def inspect(
     from rescore.results.ranked_changes import Only, Sort
     from rescore.results.run_folder import load_run
 
+    if failed:
+        _show_failed(run, as_json)
+        return
     form = None if export is None else _choice("--export", export, TableFormat)
+    run = run_to_show(run)
     loaded = load_run(run)
     inspection = inspect_run(loaded, detector, mode, _point(recall, false_positives), evidence_model)
     chosen = _choice("--only", only, Only) if only else Only.CHANGED if frame is None else Only.ALL
@@ -101,6 +115,64 @@ def inspect(
         _export(inspection, rows, run / f"changes_{inspection.detector}_{inspection.mode}.{form}")
     if open_viewer:
         _open(inspection, rows, run, frame)
+
+
+def _show_failed(table: Path, as_json: bool) -> None:
+    """List the frames of a table in parts that failed."""
+    from rescore.formats.parts.table import PartTable
+
+    found = list(PartTable.read(table).failed_frames())
+    if as_json:
+        print_json([{"image_id": i, "reason": reason} for i, reason in found])
+        return
+    for image_id, reason in found:
+        print(image_id, shown(reason), sep="\t")
+    say(f"{len(found)} frames failed")
+
+
+@app.command()
+def query(
+    run: Annotated[Path, typer.Argument(help="Run folder, or a folder with a table in parts.")],
+    sql: Annotated[
+        str, typer.Argument(help="One SELECT on candidates, frames, cars, results, operating, found.")
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Ask the tables of a run by SQL (docs/scale.md has the tables and examples).
+
+    In a pipe the answer is plain: columns separated by tabs. Needs the package's extra "query".
+
+    Example: [bold]rescore query runs/demo "SELECT status, count(*) FROM candidates GROUP BY ALL"[/bold]
+    """
+    import sys
+
+    from rescore.large.query import query as ask
+
+    answer = ask(run, sql)
+    if as_json:
+        print_json([dict(zip(answer.columns, row, strict=True)) for row in answer.rows()])
+    elif sys.stdout.isatty():
+        _show_answer(answer)
+    else:
+        print(*answer.columns, sep="\t")
+        for row in answer.rows():
+            print(*(shown("" if v is None else str(v)) for v in row), sep="\t")
+
+
+def _show_answer(answer: "Answer") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*answer.columns, box=None)
+    for row in answer.rows():
+        table.add_row(*(_value(v) for v in row))
+    Console().print(table)
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return ""
+    return shown(f"{value:.4g}" if isinstance(value, float) else str(value))
 
 
 def _point(recall: float | None, false_positives: float | None) -> "OperatingPoint | None":

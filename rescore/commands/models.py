@@ -10,7 +10,9 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
+    Address,
     Changes,
+    Engine,
     Jobs,
     Preset,
     Seed,
@@ -18,6 +20,7 @@ from rescore.commands.base import (
     config_of,
     file_target,
     folder_target,
+    workers_of,
 )
 from rescore.speech import say
 
@@ -127,6 +130,8 @@ def learn(
 def study_models(
     out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.", callback=folder_target)],
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """How few primitives serve all parts, and how near learned planes and skeletons are to the truth.
 
@@ -137,7 +142,8 @@ def study_models(
     from reports.studies.class_models import write_study
     from rescore.studies.class_models import study
 
-    page = write_study(study(jobs=jobs), out, f"rescore study-models --out {out}")
+    workers = workers_of(engine, address, jobs)
+    page = write_study(study(jobs=workers), out, f"rescore study-models --out {out}")
     say(f"class models: {page}")
 
 

@@ -59,6 +59,12 @@ def import_dataset(
     rectify: Annotated[
         bool, typer.Option("--rectify", help="Rectify the pictures by their calibration, and write them too.")
     ] = False,
+    parts: Annotated[
+        bool,
+        typer.Option(
+            "--parts", help="Write a table in parts in place of annotations.json, for very many frames."
+        ),
+    ] = False,
     left: LeftTopic = None,
     right: RightTopic = None,
     detections: BoxesTopic = None,
@@ -67,14 +73,23 @@ def import_dataset(
 
     Example: [bold]rescore import kitti/training --map van=car --out data/kitti[/bold]
     """
+    from recon.errors import RescoreError
     from rescore.formats.bags.topics import Wanted
     from rescore.formats.coco_write import write_dataset
+    from rescore.formats.parts.frames import write_frame_parts
     from rescore.locks import locked
 
     topics = Wanted(left, right, detections)
     data = imported_data(dataset, class_name, maps or (), out, topics, rectify=rectify)
+    if parts and copy:
+        raise RescoreError(
+            "import: expected --copy or --parts, got both; a table in parts refers to pictures"
+        )
     with locked(out):
-        file = write_dataset(out, data, copy=copy and data.root != out)
+        if parts:
+            file = write_frame_parts(out, data).root
+        else:
+            file = write_dataset(out, data, copy=copy and data.root != out)
     boxes = sum(len(t.annotation_id) for t in data.truth.values())
     say(f"{len(data.frames)} frames, {boxes} boxes: {file}")
 

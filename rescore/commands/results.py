@@ -16,13 +16,12 @@ from rescore.commands.base import (
     Split,
     app,
     configs_behind,
-    detections_of,
     file_target,
     folder_target,
     print_json,
-    read_split,
 )
 from rescore.commands.depth_source import predictions_behind
+from rescore.commands.parts.evaluating import SAMPLE, Evaluating, run_to_show
 from rescore.speech import say
 
 if TYPE_CHECKING:
@@ -58,28 +57,32 @@ def evaluate(
     from rescore.evidence.settings import RescoreConfig, with_stereo_for
     from rescore.fusion.tuning_file import load_tuning
     from rescore.locks import locked
-    from rescore.results.evaluate import evaluate as evaluate_files
     from rescore.results.run_config_file import write_run_config
     from rescore.results.run_folder import RunFolder
 
-    data = read_split(dataset, split, maps=maps)
-    files = [detections_of(path, data) for path in detections]
     tunings = {(t.detector, t.registration): t for t in (load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     settings |= predictions_behind(detections)
-    detector_of = dict(zip(detections, (f.detector for f in files), strict=True))
-    settings |= _rescored_with(detector_of)
-    stereo = with_stereo_for(RescoreConfig(), data, disparities).stereo
+    asked = Evaluating(dataset, detections, out, split, maps, tunings, min_iou)
+    large = asked.in_parts()
     with locked(out):
-        metrics = evaluate_files(data, files, out, tunings=tunings, min_iou=min_iou)
-        write_run_config(RunFolder(out).config, "evaluate", settings, None, stereo=stereo, data=dataset)
-        _keep_evidence_models(out, detector_of)
-        if report:
-            from reports.page.report import build_report
-
-            build_report(out)
-    shown = {"report": out / "report.html"} if report else {"figures": RunFolder(out).metrics}
+        metrics, names, cameras = asked.tables() if large else asked.files()
+        detector_of = dict(zip(detections, names, strict=True))
+        settings |= _rescored_with(detector_of)
+        stereo = with_stereo_for(RescoreConfig(), cameras, disparities).stereo
+        for run in (out, out / SAMPLE) if large else (out,):
+            data = run / "data" if run != out else dataset
+            write_run_config(RunFolder(run).config, "evaluate", settings, None, stereo=stereo, data=data)
+            _keep_evidence_models(run, detector_of)
+        page = _report_of(out / SAMPLE if large else out) if report else None
+    shown = {"report": page} if page else {"figures": RunFolder(out).metrics}
     print_results(metrics, shown, as_json)
+
+
+def _report_of(run: Path) -> Path:
+    from reports.page.report import build_report
+
+    return build_report(run)
 
 
 def _rescored_with(detector_of: dict[Path, str]) -> dict[str, Any]:
@@ -135,7 +138,7 @@ def report(
     """
     from reports.page.report import build_report
 
-    page = build_report(runs, out)
+    page = build_report([run_to_show(run) for run in runs], out)
     say(f"report: {page} (open it in a browser)")
 
 
@@ -163,6 +166,7 @@ def log(
     from reports.recording.log import write_recording
     from reports.recording.story import Frames
 
+    run = run_to_show(run)
     file = write_recording(
         run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
     )

@@ -6,7 +6,18 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Address,
+    AsJson,
+    Engine,
+    Jobs,
+    Seed,
+    app,
+    folder_target,
+    print_json,
+    workers_of,
+)
 from rescore.speech import say
 
 Meshes = Annotated[
@@ -33,6 +44,8 @@ def localize(
     nose: Nose = "z",
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """Localise model cars on a black table, as in section 5.1 of the report: boxes, centroids, orientations.
@@ -50,8 +63,9 @@ def localize(
     from rescore.studies.localization.scores import markdown_table
     from rescore.studies.localization.study import learned_study
 
-    study = learned_study(cars, placements, meshes, seed, jobs, out, mesh_axes(up, nose))
-    tally = write_localization(study, out, jobs)
+    workers = workers_of(engine, address, jobs)
+    study = learned_study(cars, placements, meshes, seed, workers, out, mesh_axes(up, nose))
+    tally = write_localization(study, out, workers)
     tally.save(out, study, meshes)
     if as_json:
         print_json(tally.result.model_dump(mode="json"))
@@ -76,6 +90,8 @@ def grasp(
     ] = None,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """Let a simulated robot grasp model cars that are localised from one picture, as in section 5.2.
@@ -92,9 +108,10 @@ def grasp(
     from rescore.grasping.experiment import Experiment
     from rescore.grasping.result_file import grasp_table
 
+    workers = workers_of(engine, address, jobs)
     experiment = Experiment.of(cars, placements, meshes, seed, mesh_axes(up, nose))
     experiment.require_trial(show)
-    result = experiment.run(out, jobs)
+    result = experiment.run(out, workers)
     write_grasping(experiment, result, out)
     if show is not None:
         shown = show_trial(experiment, result, show)
@@ -112,6 +129,8 @@ def grasp_errors(
     placements: Annotated[int, typer.Option(min=1, help="Placements of each of eight cars.")] = 2,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure which accuracy a grasp needs: success against errors of the estimate, for both hands.
@@ -123,7 +142,8 @@ def grasp_errors(
     """
     from rescore.grasping.error_grid import error_grid, error_table, write_errors
 
-    grid = error_grid(placements, seed, jobs)
+    workers = workers_of(engine, address, jobs)
+    grid = error_grid(placements, seed, workers)
     write_errors(out / "errors.json", grid)
     if as_json:
         print_json(grid.as_json())
@@ -138,6 +158,8 @@ def grasp_basket(
     placements: Annotated[int, typer.Option(min=1, help="Placements of each of two baskets.")] = 40,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """Let the robot grasp baskets by a handle that the camera does not see, as in section 5.2.
@@ -151,7 +173,8 @@ def grasp_basket(
     from reports.studies.grasping import write_basket_strips
     from rescore.grasping.basket import basket_study, basket_table, write_baskets
 
-    result = basket_study(placements, seed, jobs)
+    workers = workers_of(engine, address, jobs)
+    result = basket_study(placements, seed, workers)
     write_baskets(out / "basket.json", result)
     write_basket_strips(result, out)
     if as_json:

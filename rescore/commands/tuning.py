@@ -12,8 +12,10 @@ from rescore.commands.base import (
     ALL_PROCESSORS,
     DETECTION_FORMS,
     AdaptShare,
+    Address,
     Changes,
     Dataset,
+    Engine,
     EvidenceModelFile,
     Jobs,
     Maps,
@@ -27,6 +29,7 @@ from rescore.commands.base import (
     mode_of,
     read_data,
     with_share,
+    workers_of,
 )
 from rescore.commands.depth_source import (
     Model,
@@ -60,6 +63,8 @@ def fit_evidence(
     config: Changes = None,
     maps: Maps = None,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Calibrate D of the modes guarded, metric and instance on the splits "train" and "calibration".
 
@@ -77,6 +82,7 @@ def fit_evidence(
     from rescore.fusion.rescore_frame import Rescoring
     from rescore.fusion.rescore_frames import rescore_frames
 
+    workers = workers_of(engine, address, jobs)
     settings, left_out = config_of(preset, config), cues_of_groups(without or ())
     asked = source_of(model, predicted, LEARNED)
     data = read_data(dataset, settings.class_name, maps, of_several=True)
@@ -89,7 +95,7 @@ def fit_evidence(
     table = CandidateTable.concatenate(
         [
             rescore_frames(
-                fitting, candidates, source, rescoring, jobs=jobs, progress=f"depth evidence {name}"
+                fitting, candidates, source, rescoring, jobs=workers, progress=f"depth evidence {name}"
             ).candidates
             for name, candidates in given
         ]
@@ -120,6 +126,8 @@ def tune(
     seed: Seed = 0,
     maps: Maps = None,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Choose the weight w of eq. 7 on the split "validation", and keep the curve it was chosen from.
 
@@ -134,6 +142,7 @@ def tune(
     from rescore.fusion.tune import tune_on_validation
     from rescore.fusion.tuning_file import tuning_as_json
 
+    workers = workers_of(engine, address, jobs)
     mode, learned = mode_of(registration, evidence_model)
     asked = source_of(model, predicted, (mode,))
     if learned is not None:
@@ -143,7 +152,7 @@ def tune(
     validation = Splits.of(data).validation
     looked = with_stereo_for(settings.rescore, validation, None)
     finding = Rescoring(looked, predict=mode.predicts)
-    source, table, detector = evidence_of(validation, detections, asked, finding, jobs)
+    source, table, detector = evidence_of(validation, detections, asked, finding, workers)
     learned, _ = with_share(learned, table, adapt_share)
     judged = Rescoring(looked, learned).fuse(table).candidates
     tuning = tune_on_validation(detector, judged, data, settings.tune, mode, seed)

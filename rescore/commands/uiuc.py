@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, app, print_json
+from rescore.commands.base import ALL_PROCESSORS, Address, AsJson, Engine, Jobs, app, print_json, workers_of
 
 
 @app.command()
@@ -15,6 +15,8 @@ def uiuc(
     folder: Annotated[Path, typer.Argument(help="Folder with TestImages and trueLocations.txt.")],
     detectors: Annotated[list[Path], typer.Argument(help="Detectors that `rescore train --crops` wrote.")],
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """Recall and precision on the single-scale test pictures of the UIUC car set, by its own rule.
@@ -23,7 +25,8 @@ def uiuc(
     """
     from rescore.studies.uiuc import evaluate_files
 
-    found = evaluate_files(folder, detectors, jobs)
+    workers = workers_of(engine, address, jobs)
+    found = evaluate_files(folder, detectors, workers)
     if as_json:
         print_json([one.as_json() for one in found])
     for one in () if as_json else found:

@@ -8,7 +8,18 @@ from typing import Annotated
 import typer
 
 from recon.errors import RescoreError
-from rescore.commands.base import ALL_PROCESSORS, AsJson, Jobs, Seed, app, folder_target, print_json
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Address,
+    AsJson,
+    Engine,
+    Jobs,
+    Seed,
+    app,
+    folder_target,
+    print_json,
+    workers_of,
+)
 from rescore.speech import say
 
 
@@ -35,6 +46,8 @@ def study_weight(
     draws: Annotated[int, typer.Option(min=20, help="Subsets of each size.")] = 400,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """How wide w is: tune it on many subsets of a large validation set, for each detector and mode.
@@ -48,7 +61,8 @@ def study_weight(
     from reports.studies.weight import width_table, write_weight_study
     from rescore.studies.weight import WeightRecord, study_weights_of_run
 
-    studies = study_weights_of_run(run, dataset, _numbers(sizes), draws, keep=keep, seed=seed, jobs=jobs)
+    workers = workers_of(engine, address, jobs)
+    studies = study_weights_of_run(run, dataset, _numbers(sizes), draws, keep=keep, seed=seed, jobs=workers)
     of_data = "" if dataset is None else f" --dataset {dataset}"
     command = f"rescore study-weight {run}{of_data} --out {out} --sizes {sizes} --draws {draws} --seed {seed}"
     page = write_weight_study(studies, out, command)

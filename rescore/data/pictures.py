@@ -29,8 +29,12 @@ def decode_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
         RescoreError: its head claims more than ``recon.reading.MAX_PIXELS``, or it is a TIFF with an
             orientation, which OpenCV follows whatever it is told.
     """
+    return _decoded(path, path.read_bytes(), flags)
+
+
+def _decoded(path: Path, data: bytes, flags: int) -> NDArray[np.generic] | None:
+    """``decode_picture`` of the bytes of a file."""
     # imdecode on bytes, since imread neither takes every path nor says why it failed
-    data = path.read_bytes()
     # OpenCV gives the rows before the damage of a damaged file, and prints lines of its own
     damaged = (data.startswith(PNG_HEAD) and not _is_whole_png(data)) or (
         data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data
@@ -70,14 +74,16 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
     """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
     if not path.is_file():
         raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
-    # a small file may claim any size: compared before it is unpacked
-    width, height = picture_size(path)
+    # read once, since a store takes a while to answer; a small file may claim any size: compared before it is
+    # unpacked
+    with reading(path, "a picture", "write it again as PNG"):
+        width, height = refuse_large_picture(path, data := path.read_bytes())
     if (width, height) != (width_px, height_px):
         raise RescoreError(
             f"{path}: expected {width_px} x {height_px} pixels, got {width} x {height}"
             f"{turned_by_exif(path)}; mend width and height in annotations.json or the picture"
         )
-    bgr = decode_picture(path, cv2.IMREAD_COLOR)
+    bgr = _decoded(path, data, cv2.IMREAD_COLOR)
     if bgr is None:
         raise RescoreError(
             f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
@@ -103,7 +109,7 @@ def picture_size(path: Path) -> tuple[int, int]:
 def turned_by_exif(path: Path) -> str:
     """Words on a picture whose EXIF orientation asks viewers to turn it; empty where none does."""
     try:
-        with Image.open(path) as picture:
+        with path.open("rb") as file, Image.open(file) as picture:
             # of other forms Pillow would decode the pixels to look for it
             known = picture.format in {"JPEG", "MPO", "TIFF", "WEBP"} or "exif" in picture.info
             value = picture.getexif().get(ExifTags.Base.Orientation, 1) if known else 1

@@ -13,11 +13,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from joblib import delayed
 
 from recon.arrays import Float32Array, UInt8Array
 from recon.errors import RescoreError
-from recon.workers import workers
 from rescore.data.frames import Truth
 from rescore.data.pictures import PICTURES, decode_picture
 from rescore.detectors.base import Detector, SuppressionConfig, best_candidates
@@ -25,6 +23,7 @@ from rescore.detectors.mining import CropStyle, MiningConfig, ScanRange, hard_ne
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
 from rescore.detectors.windows import WindowGeometry, crop_windows
+from rescore.engines.map_frames import map_frames
 from rescore.parallel import one_thread
 
 
@@ -299,13 +298,12 @@ def _mine(detector: WindowDetector, scenes: list[CropScene], jobs: int) -> UInt8
     window, mining = detector.config.window, detector.config.mining
     limit = max(1, mining.max_negatives // (2 * mining.rounds * len(scenes)))
     per_scene = min(mining.hard_per_frame, limit)
-    tasks = (delayed(_mined_of)(scene, detector, per_scene) for scene in scenes)
     none = np.empty((0, window.height_px, window.width_px), np.uint8)
-    mined: list[UInt8Array] = workers(jobs, batch_size=16)(tasks)
-    return np.concatenate([none, *mined])
+    return np.concatenate([none, *map_frames(_mined_of, scenes, (detector, per_scene), jobs)])
 
 
-def _mined_of(scene: CropScene, detector: WindowDetector, max_count: int) -> UInt8Array:
+def _mined_of(scene: CropScene, shared: tuple[WindowDetector, int]) -> UInt8Array:
+    detector, max_count = shared
     style = detector.config.crop_style
     with one_thread():
         found = detector.scan(scene.picture)

@@ -3,24 +3,25 @@
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from joblib import delayed
 
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.pictures import read_rgb
 from rescore.data.splits import Splits
 from rescore.detectors.base import Detections, Detector, FrameDetector
 from rescore.detectors.platt import PlattScaling, fit_platt, label_candidates
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import Candidates, CandidateTable
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 
 
-def calibrate_detector(detector: Detector, data: DataSet, jobs: int, show: bool = True) -> PlattScaling:
+def calibrate_detector(detector: Detector, data: DataSet, jobs: Workers, show: bool = True) -> PlattScaling:
     """Platt scaling fitted on the split "calibration" of a data set, which has trained nothing."""
     return calibrate_and_detect(detector, data, jobs, show)[0]
 
 
 def calibrate_and_detect(
-    detector: Detector, data: DataSet, jobs: int, show: bool = True
+    detector: Detector, data: DataSet, jobs: Workers, show: bool = True
 ) -> tuple[PlattScaling, CandidateTable]:
     """Platt scaling fitted on the split "calibration" of a data set, and the candidates of that split."""
     frames = Splits.of(data).calibration
@@ -31,17 +32,18 @@ def calibrate_and_detect(
         scores.append(of_frame.score[counts])
         is_car.append(car[counts])
     scaling = fit_platt(np.concatenate([np.zeros(0), *scores]), np.concatenate([np.zeros(0, bool), *is_car]))
-    return scaling, _with_likelihoods(found, scaling)
+    return scaling, with_likelihoods(found, scaling)
 
 
 def detect_candidates(
-    detector: Detector, scaling: PlattScaling, data: DataSet, jobs: int, show: bool = True
+    detector: Detector, scaling: PlattScaling, data: DataSet, jobs: Workers, show: bool = True
 ) -> CandidateTable:
     """The candidates of every frame of a data set, with likelihoods."""
-    return _with_likelihoods(_detections(detector, data, jobs, f"detect {detector.name}", show), scaling)
+    return with_likelihoods(_detections(detector, data, jobs, f"detect {detector.name}", show), scaling)
 
 
-def _with_likelihoods(found: Iterable[tuple[int, Detections]], scaling: PlattScaling) -> CandidateTable:
+def with_likelihoods(found: Iterable[tuple[int, Detections]], scaling: PlattScaling) -> CandidateTable:
+    """The candidates of detections by image, with likelihoods."""
     return CandidateTable.of_candidates(
         Candidates(
             image_id,
@@ -55,13 +57,15 @@ def _with_likelihoods(found: Iterable[tuple[int, Detections]], scaling: PlattSca
 
 
 def _detections(
-    detector: Detector, data: DataSet, jobs: int, what: str, show: bool
+    detector: Detector, data: DataSet, jobs: Workers, what: str, show: bool
 ) -> Iterator[tuple[int, Detections]]:
-    tasks = (delayed(_detect_frame)(record, data.truth[record.image_id], detector) for record in data.frames)
-    return track(in_order(tasks, jobs), what, len(data.frames), show)
+    annotated = ((record, data.truth[record.image_id]) for record in data.frames)
+    return track(map_frames(detect_frame_of, annotated, detector, jobs), what, len(data.frames), show)
 
 
-def _detect_frame(record: FrameRecord, truth: Truth, detector: Detector) -> tuple[int, Detections]:
+def detect_frame_of(annotated: tuple[FrameRecord, Truth], detector: Detector) -> tuple[int, Detections]:
+    """The image of a frame, read from disk, and what a detector finds in it."""
+    record, truth = annotated
     if isinstance(detector, FrameDetector):
         return record.image_id, detector.detect_frame(record, truth)
     rgb = read_rgb(record.left_path, record.width_px, record.height_px)

@@ -12,14 +12,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import delayed
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from recon.arrays import Float32Array, IntArray, UInt8Array
 from recon.errors import RescoreError
-from recon.workers import workers
 from rescore.detectors.windows import WindowGeometry
+from rescore.engines.map_frames import map_frames
 from rescore.parallel import one_blas_thread
 
 FILTERS = ("identity", "x_derivative", "y_derivative", "laplacian")
@@ -307,7 +306,7 @@ def crop_features(crops: UInt8Array, dictionary: Dictionary) -> Float32Array:
 def features_of_crops(crops: UInt8Array, dictionary: Dictionary, jobs: int) -> Float32Array:
     """Features (f, n) of canonical crops (n, height, width), as ``crop_features``, by several processes."""
     chunks = [crops[i : i + 128] for i in range(0, len(crops), 128)]
-    parts = workers(jobs)(delayed(_chunk_features)(chunk, dictionary) for chunk in chunks)
+    parts = map_frames(_chunk_features, chunks, dictionary, jobs)
     return np.concatenate([np.empty((len(dictionary), 0), np.float32), *parts], axis=1)
 
 

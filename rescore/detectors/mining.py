@@ -6,7 +6,6 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, UInt8Array
@@ -16,7 +15,7 @@ from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.data.pictures import read_rgb
 from rescore.detectors.base import Detections, Detector, best_rows
 from rescore.detectors.windows import WindowGeometry, crop_windows, gray
-from rescore.parallel import in_order
+from rescore.engines.map_frames import map_frames
 
 T = TypeVar("T")
 
@@ -169,11 +168,18 @@ def over_frames(
     Each frame has a generator of its own, so what comes does not depend on which worker takes which frame.
     """
     own = rng.spawn(len(data.frames))
-    tasks = (
-        delayed(work)(place, record, data.truth[record.image_id], frame_rng)
+    frames = (
+        (place, record, data.truth[record.image_id], frame_rng)
         for place, (record, frame_rng) in enumerate(zip(data.frames, own, strict=True))
     )
-    return in_order(tasks, jobs)
+    return map_frames(_of_frame, frames, work, jobs)
+
+
+def _of_frame(
+    frame: tuple[int, FrameRecord, Truth, np.random.Generator],
+    work: Callable[[int, FrameRecord, Truth, np.random.Generator], T],
+) -> T:
+    return work(*frame)
 
 
 def _crops_over_frames(

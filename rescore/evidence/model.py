@@ -157,6 +157,9 @@ def with_difference(table: CandidateTable, model: EvidenceModel | None) -> Candi
     for name, (reason, detail) in _FAILED.items():
         fails = complete & model.fails(table.cues, name)
         lost, why = np.where(fails, reason.value, lost), np.where(fails, detail, why)
+    # nothing was looked at, whatever the mode
+    failed = table.status == Reason.FRAME_FAILED
+    lost, why = np.where(failed, table.status, lost), np.where(failed, table.reason_detail, why)
     return replace(
         table,
         depth_difference=np.where(has, d, model.neutral),

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from joblib import delayed
-
 from recon import part_views
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
@@ -18,6 +16,7 @@ from rescore.data.frames import DataSet
 from rescore.data.splits import Splits
 from rescore.detectors import detect, platt
 from rescore.detectors.registry import DETECTORS, load_detector, train_detector
+from rescore.engines.map_frames import map_frames
 from rescore.evidence import fit_model, learn_looks, model
 from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import LEARNED, Registration
@@ -29,7 +28,7 @@ from rescore.formats.coco_dataset import read_dataset
 from rescore.fusion import rescore_frame, rescore_frames, tune, tuning_file
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.locks import locked
-from rescore.parallel import in_order, one_thread
+from rescore.parallel import one_thread
 from rescore.results import evaluate, run_config_file
 from rescore.results.metrics_file import Metrics, read_metrics
 from rescore.results.run_folder import EVIDENCE_TABLE, RunFolder
@@ -301,9 +300,9 @@ class Experiment:
 
     def write_report(self) -> None:
         """The report with its curves, and the recording, side by side where there are two jobs."""
-        tasks = (delayed(work)(self.folder, speech.is_quiet()) for work in (_write_page, _write_recording))
+        shared, jobs = (self.folder, speech.is_quiet()), min(self.jobs, 2)
         with speech.doing("report and log"):
-            for done in in_order(tasks, min(self.jobs, 2)):
+            for done in map_frames(_write, (_write_page, _write_recording), shared, jobs):
                 self.report(done)
 
     @property
@@ -349,6 +348,10 @@ class Experiment:
 
     def _data(self) -> DataSet:
         return read_dataset(self.folder.data, self.config.class_name)
+
+
+def _write(work: Callable[[RunFolder, bool], Done], shared: tuple[RunFolder, bool]) -> Done:
+    return work(*shared)
 
 
 def _write_page(folder: RunFolder, quiet: bool) -> Done:

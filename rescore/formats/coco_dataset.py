@@ -14,6 +14,7 @@ from typing_extensions import TypedDict
 from recon.boxes import xyxy_from_xywh
 from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
+from recon.stores import beside
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
@@ -178,7 +179,7 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
         )
 
     def place(name: str | None) -> Path | None:
-        return root / name if name else None
+        return beside(root, name) if name else None
 
     camera: StereoCamera | DepthCamera | None = None
     ground = None
@@ -199,7 +200,7 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
         )
     return FrameRecord(
         image_id=number,
-        left_path=root / image["file_name"],
+        left_path=beside(root, image["file_name"]),
         right_path=place(image.get("right_file_name")),
         disparity_path=place(image.get("disparity_file_name")),
         split=split,
@@ -209,7 +210,7 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
         ground=ground,
         instance_path=place(image.get("instance_file_name")),
         instance_kinds={i.id: i.kind for i in image.get("instances", ())},
-        measured=MeasuredFile(root / m.file_name, m.quantity, m.factor) if m else None,
+        measured=MeasuredFile(beside(root, m.file_name), m.quantity, m.factor) if m else None,
         disparity_offset_px=given.disparity_offset_px if given else 0.0,
     )
 

@@ -1,6 +1,5 @@
 """Writing data sets of any layout as our own: ``annotations.json``, pictures referred to or copied."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from recon.boxes import xywh_from_xyxy
 from recon.camera import StereoCamera
 from recon.errors import RescoreError
 from recon.files import copy_file
+from recon.stores import name_from
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
 from rescore.files import write_json
@@ -31,14 +31,20 @@ def write_dataset(out: Path, data: DataSet, *, copy: bool) -> Path:
     file = out / "annotations.json"
     if file.exists():
         raise RescoreError(f"{file}: expected no data set here yet, found one; choose another --out")
+    overwrite_dataset(out, data, copy=copy)
+    return file
+
+
+def overwrite_dataset(out: Path, data: DataSet, *, copy: bool) -> None:
+    """Write a data set to a folder as ``write_dataset`` does, in place of one that may be there."""
     names = frame_names(data)
     images = [_image(f, _Placing(out, names[f.image_id], copy)) for f in data.frames]
     annotations = [a for f in data.frames for a in _annotations(f.image_id, data.truth[f.image_id], data)]
     # numbers that other files may have for the class stay known
     numbers = sorted({data.category_id, *data.class_ids})
     categories = [{"id": number, "name": data.category} for number in numbers]
-    write_json(file, {"images": images, "annotations": annotations, "categories": categories})
-    return file
+    content = {"images": images, "annotations": annotations, "categories": categories}
+    write_json(out / "annotations.json", content)
 
 
 class _Placing:
@@ -52,7 +58,7 @@ class _Placing:
         if path is None:
             return None
         if not self._copy:
-            return os.path.relpath(path.resolve(), self._out.resolve())
+            return name_from(self._out, path)
         name = f"{kind}/{self._name}{path.suffix}"
         copy_file(path, self._out / name)
         return name

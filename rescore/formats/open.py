@@ -22,6 +22,7 @@ from rescore.formats.folders import box_files_in, calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
 from rescore.formats.labels import ClassMap, LabelRow, with_size
 from rescore.formats.pair_folders import is_plain, read_plain
+from rescore.formats.parts.manifest import is_parts
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,15 @@ def _read_annotations(root: Path, classes: ClassMap) -> DataSet:
     return replace(data, notes=(*data.notes, *calibration_notes(data.frames, root)))
 
 
+def _read_in_parts(root: Path, classes: ClassMap) -> DataSet:
+    from rescore.formats.parts.frames import read_frame_parts  # noqa: PLC0415 (a tenth of a second)
+
+    return read_frame_parts(root, classes)
+
+
 LAYOUTS: list[DataLayout] = [
     DataLayout("annotations.json", _has_annotations, _read_annotations),
+    DataLayout("parts.json (`rescore import --parts`)", is_parts, _read_in_parts),
     DataLayout("image_2, image_3 and calib (KITTI)", is_kitti, read_kitti),
     DataLayout(
         "left and right, image_0 and image_1; left or rgb with disparity or depth; or folders of scenes with "
@@ -103,7 +111,7 @@ def read_detections(
     max_candidates: int | None = coco.MAX_CANDIDATES,
     classes: ClassMap | None = None,
 ) -> coco.DetectionFile:
-    """Detections of a COCO results file, or of a folder of KITTI's or YOLO's text, a file a frame.
+    """Detections of a COCO results file, of a table in parts, or of a folder of KITTI's or YOLO's text.
 
     Those of every category that the truth takes are read, and those that ``classes`` maps to the class, by
     default as for the truth. Frames without a file have no detections; ``notes`` of the result counts them.
@@ -112,6 +120,10 @@ def read_detections(
         RescoreError: something is missing or damaged, or names an unknown image.
     """
     classes = classes or ClassMap(data.category, data.renamed, of_several=True)
+    if is_parts(path):
+        from rescore.formats.parts.candidates import read_part_detections  # noqa: PLC0415 (as above)
+
+        return read_part_detections(path, data, max_candidates)
     if not path.is_dir():
         return coco.read_detections(path, data, max_candidates, classes)
     names = {name: image_id for image_id, name in frame_names(data).items()}

@@ -115,9 +115,20 @@ def posteriors(
 
     A rule whose numbers are unknown is left out. A candidate without a D keeps its likelihood.
     """
-    lik, d = table.likelihood, table.depth_difference
-    scores = {name: rule.score(lik, d, w, learned) for name, rule in RULES.items()}
-    return {n: np.where(np.isnan(d), lik, score) for n, score in scores.items() if score is not None}
+    scores = {n: posterior_of(n, table.likelihood, table.depth_difference, w, learned) for n in RULES}
+    return {name: score for name, score in scores.items() if score is not None}
+
+
+def posterior_of(
+    rule: str,
+    likelihood: FloatArray,
+    depth_difference: FloatArray,
+    w: float | None,
+    learned: LearnedFusion | None,
+) -> FloatArray | None:
+    """The score (n,) of every candidate under one of ``RULES``; None where its numbers are unknown."""
+    score = RULES[rule].score(likelihood, depth_difference, w, learned)
+    return None if score is None else np.where(np.isnan(depth_difference), likelihood, score)
 
 
 def _logarithms(likelihood: FloatArray, depth_difference: FloatArray) -> tuple[FloatArray, FloatArray]:

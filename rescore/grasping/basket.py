@@ -10,7 +10,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from joblib import delayed
 from pydantic import TypeAdapter
 
 from datasets_synth.meshes.mesh import Mesh
@@ -33,6 +32,8 @@ from recon.learning.learn import learn_class_model
 from recon.localization.localize import PartsConfig, localize_by_parts
 from recon.localization.standing_box import StandingBox, cam_from_ground, turn
 from recon.part_views import PartView
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
 from rescore.grasping.act import Record, execute
@@ -45,7 +46,7 @@ from rescore.grasping.result_file import counted
 from rescore.grasping.scene import require_robot
 from rescore.grasping.solids import Solid, cut_between, hulls_of
 from rescore.grasping.trial import within_reach
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 from rescore.results.sweep_file import StudyPart
 from rescore.studies.localization.segment import empty_table, segment_table
 from rescore.studies.localization.trials import TrialConfig
@@ -284,7 +285,7 @@ class BasketTrial:
     record: Record
 
 
-def basket_study(placements: int, seed: int, jobs: int) -> BasketResult:
+def basket_study(placements: int, seed: int, jobs: Workers) -> BasketResult:
     """The basket that taught the class model, and another, each at a number of places.
 
     Raises:
@@ -293,12 +294,12 @@ def basket_study(placements: int, seed: int, jobs: int) -> BasketResult:
     require_robot()
     model = two_view_model()
     wanted = [(b, k) for b in (TAUGHT, OTHER) for k in range(placements)]
-    tasks = (delayed(_row)(basket, k, model, seed) for basket, k in wanted)
-    rows = tuple(track(in_order(tasks, jobs), "basket", len(wanted)))
+    rows = tuple(track(map_frames(_row, wanted, (model, seed), jobs), "basket", len(wanted)))
     return BasketResult(seed=seed, placements=placements, rows=rows)
 
 
-def _row(basket_id: str, number: int, model: ClassModel, seed: int) -> BasketRow:
+def _row(wanted: tuple[str, int], shared: tuple[ClassModel, int]) -> BasketRow:
+    (basket_id, number), (model, seed) = wanted, shared
     basket = basket_of(basket_id)
     shot = hidden_handle(basket, number, seed)
     found = find_handle(shot, model)

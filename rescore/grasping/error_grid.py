@@ -4,11 +4,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from joblib import delayed
 from pydantic import TypeAdapter
 
 from recon.arrays import FloatArray
 from recon.localization.standing_box import StandingBox, turn
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
 from rescore.grasping.cars import TableCar, experiment_cars, solid_of
@@ -17,7 +18,7 @@ from rescore.grasping.hands import HANDS
 from rescore.grasping.judge import Verdict, wilson
 from rescore.grasping.scene import MOUNT, require_robot
 from rescore.grasping.trial import REACH_M, grasp_and_judge
-from rescore.parallel import in_order, track
+from rescore.parallel import track
 from rescore.results.sweep_file import StudyPart
 
 LEVELS: dict[str, tuple[float, ...]] = {
@@ -61,7 +62,7 @@ class ErrorGrid(StudyPart):
         return tuple(sorted([*none, *own], key=lambda p: p.level))
 
 
-def error_grid(placements: int, seed: int, jobs: int) -> ErrorGrid:
+def error_grid(placements: int, seed: int, jobs: Workers) -> ErrorGrid:
     """The grid, on cars that are not those of the experiment.
 
     Args:
@@ -75,13 +76,12 @@ def error_grid(placements: int, seed: int, jobs: int) -> ErrorGrid:
     require_robot()
     cars = experiment_cars(8, "validation")
     wanted = [(k, level, h) for k, levels in LEVELS.items() for level in levels for h in HANDS]
-    tasks = (delayed(_point)(cars, kind, level, hand, placements, seed) for kind, level, hand in wanted)
-    return ErrorGrid(seed=seed, points=tuple(track(in_order(tasks, jobs), "errors", len(wanted))))
+    points = map_frames(_point, wanted, (cars, placements, seed), jobs)
+    return ErrorGrid(seed=seed, points=tuple(track(points, "errors", len(wanted))))
 
 
-def _point(
-    cars: Sequence[TableCar], kind: str, level: float, hand: str, placements: int, seed: int
-) -> GridPoint:
+def _point(wanted: tuple[str, float, str], shared: tuple[Sequence[TableCar], int, int]) -> GridPoint:
+    (kind, level, hand), (cars, placements, seed) = wanted, shared
     verdicts = list(_verdicts(cars, kind, level, hand, placements, seed))
     return GridPoint(
         kind=kind,

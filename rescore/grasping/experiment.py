@@ -4,19 +4,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from joblib import delayed
 from pydantic import TypeAdapter
 
 from datasets_synth.cars.mesh_axes import MeshAxes
 from datasets_synth.cars.models import table_cars
 from recon.errors import RescoreError
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.files import read_json_object, remove, write_json, write_provenance
 from rescore.formats.checked_json import read_checked
 from rescore.grasping.cars import TableCar, experiment_cars, own_cars
 from rescore.grasping.result_file import GraspResult, GraspRow, write_grasps
 from rescore.grasping.scene import require_robot
 from rescore.grasping.trial import run_trial
-from rescore.parallel import in_order, track
+from rescore.parallel import track
 from rescore.studies.localization.kept_class import kept_table_class
 from rescore.studies.localization.learned import TableClass, TableClassConfig
 
@@ -50,7 +51,7 @@ class Experiment:
         own = table_cars(meshes, axes)["test"]
         return Experiment(own_cars(own), placements, seed)
 
-    def run(self, out: Path, jobs: int, table_class: TableClass | None = None) -> GraspResult:
+    def run(self, out: Path, jobs: Workers, table_class: TableClass | None = None) -> GraspResult:
         """The result, also written to ``out/grasp.json``; trials that a stopped run left there are kept.
 
         Args:
@@ -92,13 +93,17 @@ class Experiment:
         return ((i, k) for k in range(self.placements) for i in range(len(self.cars)))
 
     def _tried(
-        self, todo: Sequence[tuple[int, int]], table_class: TableClass, jobs: int
+        self, todo: Sequence[tuple[int, int]], table_class: TableClass, jobs: Workers
     ) -> Iterator[GraspRow]:
-        tasks = (delayed(run_trial)(self.cars[i], i, k, table_class, self.seed) for i, k in todo)
-        return in_order(tasks, jobs)
+        return map_frames(_trial_of, todo, (self.cars, table_class, self.seed), jobs)
 
 
-def learned_cars(folder: Path, jobs: int) -> TableClass:
+def _trial_of(numbers: tuple[int, int], shared: tuple[tuple[TableCar, ...], TableClass, int]) -> GraspRow:
+    (i, k), (cars, table_class, seed) = numbers, shared
+    return run_trial(cars[i], i, k, table_class, seed)
+
+
+def learned_cars(folder: Path, jobs: Workers) -> TableClass:
     """What the training cars teach, kept in a folder; front and rear are not told apart, since a grasp needs
     neither."""
     config = TableClassConfig(heading_pictures=0)

@@ -167,13 +167,27 @@ def bootstrap(
         RescoreError: fewer than two images, or a pair names a table that is not there.
         ValueError: a table has other images or cars than ``cars_of_image``.
     """
-    _check(tables, cars_of_image, pairs)
+    check_tables(tables, cars_of_image, pairs)
     n_images = len(cars_of_image)
     # the images as they are come first, then the resamples
     weight = draw_images(n_images, config.n_resamples, rng, as_they_are=True)
     # one table may have several names
     figures = {id(m): weighted_figures(m, cars_of_image, weight, config.levels) for m in _once(tables)}
-    rows = {name: figures[id(m)] for name, m in tables.items()}
+    return of_figures({name: figures[id(m)] for name, m in tables.items()}, pairs, n_images, config)
+
+
+def of_figures(
+    rows: Mapping[str, FloatArray], pairs: Sequence[tuple[str, str]], n_images: int, config: BootstrapConfig
+) -> Bootstrap:
+    """Intervals of figures that are known on the images as they are and on resamples of them.
+
+    Args:
+        rows: of each table by name, a row a resample, the images as they are first, (1 + r, 2 + f + q),
+            columns as ``rescore.metrics.resampled.weighted_figures`` has them; the same resamples for all.
+        pairs: names of the tables to compare, (before, after).
+        n_images: images of the set.
+        config: confidence and levels.
+    """
     ends = _Ends(config, n_images)
     return Bootstrap(
         {name: ends.figures(r) for name, r in rows.items()},
@@ -266,9 +280,10 @@ class _Ends:
         return interval(figure, KINDS[kind], self.config.confidence, self.n_images)
 
 
-def _check(
+def check_tables(
     tables: Mapping[str, MatchTable], cars_of_image: IntArray, pairs: Sequence[tuple[str, str]]
 ) -> None:
+    """Raises where tables are not of the same images, or pairs not of the tables; see ``bootstrap``."""
     if len(cars_of_image) < 2:
         raise RescoreError(
             f"bootstrap: expected at least two images, got {len(cars_of_image)}; evaluate more images"

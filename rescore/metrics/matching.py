@@ -62,6 +62,20 @@ class TruthTable:
             np.concatenate([np.zeros(0, bool), *(t.ignore for t in truths)]),
         )
 
+    def take(self, images: IntArray) -> "TruthTable":
+        """The cars of some images, by their places in ``image_id``, in that order; cars lie by image."""
+        first = np.searchsorted(self.car_image, images, side="left")
+        count = np.searchsorted(self.car_image, images, side="right") - first
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        cars = np.repeat(first, count) + within
+        return TruthTable(
+            self.image_id[images],
+            np.repeat(np.arange(len(images)), count),
+            self.annotation_id[cars],
+            self.xyxy_px[cars],
+            self.ignore[cars],
+        )
+
     @property
     def n_images(self) -> int:
         """Number of all images, with and without a car: the denominator of false positives per image."""
@@ -100,12 +114,13 @@ def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
     Platt scaling saturates: two scores can both become likelihood 1. The second key keeps the detector's
     order there. Rows that are equal in both get the same value.
     """
-    keys = np.stack([posterior, detector_score], axis=1)
-    if not len(keys):
-        return np.zeros(0)
+    ranking = np.zeros(len(posterior))
+    if not len(posterior):
+        return ranking
     order = np.lexsort((detector_score, posterior))
-    fresh = np.concatenate([[False], (np.diff(keys[order], axis=0) != 0).any(axis=1)])
-    ranking = np.empty(len(keys))
+    fresh = np.zeros(len(order), np.bool_)
+    for key in (posterior, detector_score):
+        fresh[1:] |= np.diff(np.asarray(key)[order]) != 0
     ranking[order] = np.cumsum(fresh)
     return ranking
 
@@ -123,35 +138,66 @@ def greedy_match(
     Raises:
         ValueError: a candidate of an image that ``truth`` does not hold.
     """
-    order_of_ids = np.argsort(truth.image_id, kind="stable")
-    place = np.searchsorted(truth.image_id, image_id, sorter=order_of_ids)
-    image = order_of_ids[np.minimum(place, max(truth.n_images - 1, 0))] if truth.n_images else place
-    if len(image_id) and (not truth.n_images or (truth.image_id[image] != image_id).any()):
-        raise ValueError("a candidate's image is not among the images of the truth")
+    return Overlaps.of(image_id, xyxy_px, truth, min_iou).matched(ranking)
 
-    candidate, car, overlap, of_own_area = _pairs(image, xyxy_px, truth, min_iou)
-    outcome = np.full(len(image), FALSE_ALARM, np.int8)
-    annotation = np.full(len(image), -1, np.int64)
 
-    on_region, on_car = truth.ignore[car], ~truth.ignore[car]
-    best_car = _best_pair(candidate[on_car], car[on_car], overlap[on_car], len(image))
-    outcome[best_car >= 0] = DUPLICATE
-    annotation[best_car >= 0] = truth.annotation_id[best_car[best_car >= 0]]
-    region = _best_pair(candidate[on_region], car[on_region], of_own_area[on_region], len(image))
-    outcome[region >= 0] = IGNORED
-    annotation[region >= 0] = truth.annotation_id[region[region >= 0]]
+@dataclass(frozen=True, eq=False)
+class Overlaps:
+    """Candidates (n,) and the cars that they lie on, for rankings of any number; see ``greedy_match``."""
 
-    taken = take_cars(
-        image,
-        ranking,
-        candidate=candidate[on_car],
-        car=car[on_car],
-        overlap=overlap[on_car],
-        n_cars=len(truth.ignore),
-    )
-    outcome[taken >= 0] = HIT
-    annotation[taken >= 0] = truth.annotation_id[taken[taken >= 0]]
-    return MatchTable(truth.n_images, truth.n_cars, image, np.asarray(ranking, float), outcome, annotation)
+    truth: TruthTable
+    image: IntArray
+    """Image of each candidate, as ``TruthTable.car_image`` counts them, shape (n,)."""
+    unranked: NDArray[np.int8]
+    """Outcome of each candidate where it takes no car, shape (n,)."""
+    annotation_id: IntArray
+    """The car or region of that outcome, else -1, shape (n,)."""
+    candidate: IntArray
+    """Candidate of each pair with a car, shape (p,), as the next two."""
+    car: IntArray
+    overlap: FloatArray
+
+    @staticmethod
+    def of(image_id: IntArray, xyxy_px: FloatArray, truth: TruthTable, min_iou: float) -> "Overlaps":
+        """The overlaps of candidates with the cars of the same images.
+
+        Raises:
+            ValueError: a candidate of an image that ``truth`` does not hold.
+        """
+        order_of_ids = np.argsort(truth.image_id, kind="stable")
+        place = np.searchsorted(truth.image_id, image_id, sorter=order_of_ids)
+        image = order_of_ids[np.minimum(place, max(truth.n_images - 1, 0))] if truth.n_images else place
+        if len(image_id) and (not truth.n_images or (truth.image_id[image] != image_id).any()):
+            raise ValueError("a candidate's image is not among the images of the truth")
+
+        candidate, car, overlap, of_own_area = _pairs(image, xyxy_px, truth, min_iou)
+        outcome = np.full(len(image), FALSE_ALARM, np.int8)
+        annotation = np.full(len(image), -1, np.int64)
+
+        on_region, on_car = truth.ignore[car], ~truth.ignore[car]
+        best_car = _best_pair(candidate[on_car], car[on_car], overlap[on_car], len(image))
+        outcome[best_car >= 0] = DUPLICATE
+        annotation[best_car >= 0] = truth.annotation_id[best_car[best_car >= 0]]
+        region = _best_pair(candidate[on_region], car[on_region], of_own_area[on_region], len(image))
+        outcome[region >= 0] = IGNORED
+        annotation[region >= 0] = truth.annotation_id[region[region >= 0]]
+        return Overlaps(truth, image, outcome, annotation, candidate[on_car], car[on_car], overlap[on_car])
+
+    def matched(self, ranking: FloatArray) -> MatchTable:
+        """The match table of the candidates in the order of a ranking (n,), larger is better."""
+        outcome, annotation = self.unranked.copy(), self.annotation_id.copy()
+        taken = take_cars(
+            self.image,
+            ranking,
+            candidate=self.candidate,
+            car=self.car,
+            overlap=self.overlap,
+            n_cars=len(self.truth.ignore),
+        )
+        outcome[taken >= 0] = HIT
+        annotation[taken >= 0] = self.truth.annotation_id[taken[taken >= 0]]
+        images, cars = self.truth.n_images, self.truth.n_cars
+        return MatchTable(images, cars, self.image, np.asarray(ranking, float), outcome, annotation)
 
 
 def take_cars(

@@ -4,6 +4,7 @@ A column that an evaluation adds is named here alone. The numbers of the depth e
 ``rescore.evidence.candidates.NUMBERS``.
 """
 
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from recon.arrays import FloatArray, IntArray, stacked
 from recon.errors import RescoreError
 from recon.files import atomic_path
 from recon.reading import reading
+from recon.stores import remote
 from rescore.data.boxes3d import BOX_NAMES
 from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
 from rescore.evidence.cues import CUES
@@ -248,6 +250,33 @@ def _column(part: Columns, name: str) -> NDArray[Any]:
     return np.full(n, NOT_RESCORED, dtype=object) if text else np.full(n, np.nan)
 
 
+def parts_schema(modes: Iterable[str]) -> pa.Schema:
+    """Columns of candidates in parts, of a run with some modes: all that candidates.parquet may have."""
+    own = [m for m in modes if m not in {ALONE, Registration.PAPER}]
+    solid = (f"box3d_{kind}{name}" for kind in ("", "sd_") for name in BOX_NAMES)
+    starts = ("difference", "posterior", "w", "status", "outcome", "annotation_id")
+    return pa.schema(
+        CANDIDATE_COLUMNS
+        | {f"cue_{name}": pa.float64() for name in CUES}
+        | {f"{start}_{mode}": _ADDED_COLUMNS[start] for mode in own for start in starts}
+        | dict.fromkeys(solid, pa.float64())
+        | _VIEW_COLUMNS
+    )
+
+
+def arrow_rows(columns: Columns, schema: pa.Schema) -> pa.Table:
+    """The candidates of a detector as a table; numbers that there are none of are null."""
+    n = len(columns["image_id"])
+    modes = {f.name for f in schema if f.name.rpartition("_")[0] in _STAND_INS}
+    filled = [
+        pa.array(_column(columns, f.name), f.type, from_pandas=True)
+        if f.name in columns or f.name in modes
+        else pa.nulls(n, f.type)
+        for f in schema
+    ]
+    return pa.table(filled, schema=schema)
+
+
 def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:
     """Write candidates.parquet.
 
@@ -279,7 +308,7 @@ def read_candidates(path: Path, needed: Iterable[str] = tuple(CANDIDATE_COLUMNS)
     if not path.is_file():
         raise RescoreError(f"{path}: expected a table of candidates, found no file; run `rescore evaluate`")
     with reading(path, "a table of candidates", "run `rescore evaluate` again"):
-        table = pq.read_table(path)
+        table = pq.read_table(path if remote(path) is None else io.BytesIO(path.read_bytes()))
     missing = [name for name in needed if name not in table.column_names]
     if missing:
         raise RescoreError(

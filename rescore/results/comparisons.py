@@ -1,6 +1,6 @@
 """How sure the figures of an evaluation are: intervals of each row, and what rescoring changes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +43,7 @@ def certainty(
     cars_of_image: IntArray,
     seed: int,
     config: BootstrapConfig | None = None,
+    by: Callable[..., Bootstrap] = bootstrap,
 ) -> Certainty:
     """Intervals of each mode, and comparisons of each with the first, the detector alone.
 
@@ -55,6 +56,7 @@ def certainty(
         cars_of_image: annotated cars of each image, shape (n_images,).
         seed: draws the images.
         config: of the bootstrap.
+        by: ``rescore.metrics.bootstrap.bootstrap``, or what does as it does with many candidates.
     """
     if len(cars_of_image) < MIN_IMAGES:
         return Certainty(dict.fromkeys(tables), ())
@@ -62,9 +64,7 @@ def certainty(
     bare = {f"{m}{_NO_PICTURES}": without_pictures(t, kind) for m, t in tables.items()}
     everything = {**tables, **bare}
     pairs = [(a + end, b + end) for b in modes for a, end in ((first, ""), (first, _NO_PICTURES))]
-    found = bootstrap(
-        everything, cars_of_image, pairs, np.random.default_rng(seed), config or BootstrapConfig()
-    )
+    found = by(everything, cars_of_image, pairs, np.random.default_rng(seed), config or BootstrapConfig())
     known = bool((kind != UNKNOWN).any())
     return Certainty(
         {m: _intervals(found.tables[m]) for m in tables},

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from recon.arrays import FloatArray, IntArray
+from recon.arrays import BoolArray, FloatArray, IntArray
 from rescore.data.frames import DataSet
 from rescore.data.rendered_kinds import kinds_of_table
 from rescore.detectors.base import Detections
@@ -77,13 +78,16 @@ def difficulty_of_table(
     truth = replace(truth, ignore=truth.ignore | hidden)
     match = greedy_match(image_id, boxes, score, truth) if alone is None or hidden.any() else alone
     curve = recall_curve(match)
+    counted = _counted(match, curve)
+    kind = np.full(len(image_id), "", dtype=object)
+    kind[counted] = kinds_of_table(data.frames, image_id[counted], boxes[counted])
     cars = truth.annotation_id[~truth.ignore]
     return Difficulty(
         truth.n_images,
         truth.n_cars,
         recall_ceiling(curve),
         fppi_at_recall(curve, CAR_LEVEL),
-        _share_by_kind(data, image_id, boxes, match, curve),
+        share_by_kind(match, curve, kind),
         tuple(int(a) for a in cars[~np.isin(cars, match.annotation_id)]),
     )
 
@@ -91,14 +95,17 @@ def difficulty_of_table(
 _NONE = Detections(np.empty((0, 4)), np.empty(0))
 
 
-def _share_by_kind(
-    data: DataSet, image_id: IntArray, boxes: FloatArray, match: MatchTable, curve: Curve
-) -> dict[str, float]:
+def share_by_kind(match: MatchTable, curve: Curve, kind: NDArray[np.object_]) -> dict[str, float]:
+    """The share of each kind among the false positives where ``CAR_LEVEL`` of the cars are found, the largest
+    first; ``kind`` is that of each candidate (n,)."""
+    counts = Counter(kind[_counted(match, curve)].tolist())
+    total = counts.total()
+    return {name: n / total for name, n in sorted(counts.items(), key=lambda item: (-item[1], item[0]))}
+
+
+def _counted(match: MatchTable, curve: Curve) -> BoolArray:
+    """Mask of the false positives (n,) where ``CAR_LEVEL`` of the cars are found; none if that never is."""
     reached = np.flatnonzero(curve.y >= CAR_LEVEL - 1e-12)
-    if not len(reached):
-        return {}
     wrong = (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
-    counted = wrong & (match.ranking >= curve.threshold[reached[0]])
-    kinds = Counter(kinds_of_table(data.frames, image_id[counted], boxes[counted]).tolist())
-    total = kinds.total()
-    return {kind: n / total for kind, n in sorted(kinds.items(), key=lambda item: (-item[1], item[0]))}
+    least = curve.threshold[reached[0]] if len(reached) else np.inf
+    return np.asarray(wrong & (match.ranking >= least))

@@ -115,7 +115,7 @@ def evaluate(
         bootstrap=BootstrapSettings(n_resamples=drawn.n_resamples, confidence=drawn.confidence, seed=seed),
         stereo=_stereo(data),
         reasons={f.detector: dict(sorted(Counter(f.table.status.tolist()).items())) for f in firsts},
-        tuning=_tuning(tunings),
+        tuning=tuning_rows(tunings),
         difficulty=hard,
         boxes3d=tuple(solid),
     )
@@ -259,7 +259,7 @@ def _stereo(data: DataSet) -> StereoStatistics:
     return read_stereo_statistics(file) if file.is_file() else StereoStatistics()
 
 
-def _tuning(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, DetectorTuning]:
+def tuning_rows(tunings: Mapping[tuple[str, Registration], Tuning]) -> dict[str, DetectorTuning]:
     """The choice of w by detector: for eq. 6 as printed (or the first there is), the others under "modes"."""
     chosen: dict[str, dict[str, TunedWeight]] = {}
     for (name, mode), t in sorted(tunings.items(), key=lambda item: item[0][1] != Registration.PAPER):

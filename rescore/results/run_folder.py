@@ -8,6 +8,7 @@ import numpy as np
 from recon.arrays import FloatArray
 from recon.errors import RescoreError
 from recon.reading import reading
+from recon.stores import located
 from rescore.evidence.registration import Registration
 from rescore.files import read_json_object
 from rescore.results.candidate_file import ALONE, REQUIRED_COLUMNS, Columns, read_candidates
@@ -139,7 +140,7 @@ class Run:
     @property
     def data_dir(self) -> Path:
         """The folder of the data set: ``data`` of the run folder, or the one that config.json names."""
-        return self.folder.data if self.config.data is None else Path(self.config.data)
+        return self.folder.data if self.config.data is None else located(self.config.data)
 
     @property
     def class_name(self) -> str:
@@ -200,7 +201,7 @@ def load_run(run_dir: Path) -> Run:
     Raises:
         RescoreError: a file is missing, damaged, or lacks a column or figure.
     """
-    folder = RunFolder(Path(run_dir))
+    folder = RunFolder(located(run_dir))
     for file in (folder.config, folder.metrics, folder.candidates):
         if not file.is_file():
             raise RescoreError(

@@ -24,6 +24,7 @@ STATUS_TEXT: dict[str, str] = {
     Reason.NO_GROUND: "ground not known",
     Reason.NO_PREDICTION: "no depth predicted in the box",
     Reason.BOX_OUTSIDE_IMAGE: "box outside the image",
+    Reason.FRAME_FAILED: "the frame failed",
     Reason.SECOND_BOX: "a second box of a car",
 }
 """Words for each status of a candidate."""

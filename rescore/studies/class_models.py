@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 
 from datasets_synth.objects.object_classes import (
@@ -21,7 +20,8 @@ from recon.learning.learn import learn_class_model, part_costs
 from recon.learning.primitives import primitive_normals
 from recon.part_views import PartViews
 from recon.view_bins import ViewBins
-from recon.workers import workers
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 
 ELEVATION_DEG = 20.0
 """View space in which the classes are compared: high enough that level parts are not seen edge-on."""
@@ -125,10 +125,10 @@ class ModelStudy:
     """Models to look at, with what each was learned from in words."""
 
 
-def study(jobs: int = 1) -> ModelStudy:
+def study(jobs: Workers = 1) -> ModelStudy:
     """The whole study of class models: selection, accuracy, and models to look at; always the same."""
     tasks = [(name, ELEVATION_DEG) for name in ACCURACY_CLASSES] + [("car", STREET_ELEVATION_DEG)]
-    rows = workers(jobs)(delayed(accuracy)(name, elevation) for name, elevation in tasks)
+    rows = list(map_frames(_accuracy, tasks, None, jobs))
     return ModelStudy(selection_study(), tuple(row for group in rows for row in group), two_view_models())
 
 
@@ -144,6 +144,10 @@ def selection_study(count: int = 8) -> SelectionStudy:
         costs.append(found.cost)
     cost = np.concatenate(costs)
     return SelectionStudy(tuple(parts), primitive_normals(), cost, select_primitives(cost, count))
+
+
+def _accuracy(task: tuple[str, float], _shared: None) -> list[AccuracyRow]:
+    return accuracy(*task)
 
 
 def accuracy(class_name: str, elevation_deg: float) -> list[AccuracyRow]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from joblib import delayed
 
 from datasets_synth.cars.models import cars_of_splits
 from datasets_synth.cars.shapes import CarModel
@@ -14,6 +13,8 @@ from datasets_synth.photos.distractor_kinds import KIND, ORDINARY_CAR, POSTERS, 
 from datasets_synth.street.car_pictures import car_picture
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.class_model import ClassModel
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import OK, Candidates
 from rescore.evidence.model import EvidenceModel
 from rescore.evidence.registration import Registration
@@ -21,7 +22,7 @@ from rescore.evidence.settings import RescoreConfig
 from rescore.experiment.config import run_config
 from rescore.files import write_json
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 from rescore.results.sweep_file import StudyNumber, StudyPart
 from rescore.studies.finished_run import finished_run
 from rescore.studies.sweep import RECALL
@@ -62,22 +63,18 @@ class Judged:
 
 
 def judge_bank(
-    judge: Judge, kinds: Sequence[str], count: int, config: BankConfig, seed: int, jobs: int
+    judge: Judge, kinds: Sequence[str], count: int, config: BankConfig, seed: int, jobs: Workers
 ) -> Iterator[Judged]:
     """``count`` things of each kind as they are done, kind by kind; cars are those of split "test"."""
     cars = tuple(cars_of_splits()["test"])
     rng = np.random.default_rng([seed, _PICTURE_STREAM])
     pictures = tuple(car_picture(cars, rng) for _ in range(config.synth.n_pictures))
-    tasks = (
-        delayed(_judged)(judge, kind, index, cars, pictures, config=config, seed=seed)
-        for kind in kinds
-        for index in range(count)
-    )
-    return in_order(tasks, jobs)
+    things = ((kind, index) for kind in kinds for index in range(count))
+    return map_frames(_judged, things, _Shared(judge, cars, pictures, config, seed), jobs)
 
 
 def judge_bank_of_run(
-    root: Path, out: Path, count: int, *, detector: str, seed: int, jobs: int
+    root: Path, out: Path, count: int, *, detector: str, seed: int, jobs: Workers
 ) -> "tuple[BankResult, list[Judged]]":
     """Judge ``count`` things of every kind with the evidence of a finished run.
 
@@ -102,19 +99,22 @@ def judge_bank_of_run(
     return bank_of_all, list(first.values())
 
 
-def _judged(
-    judge: Judge,
-    kind: str,
-    index: int,
-    cars: Sequence[CarModel],
-    pictures: Sequence[UInt8Array],
-    *,
-    config: BankConfig,
-    seed: int,
-) -> Judged:
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """What is the same for all things."""
+
+    judge: Judge
+    cars: Sequence[CarModel]
+    pictures: Sequence[UInt8Array]
+    config: BankConfig
+    seed: int
+
+
+def _judged(thing: tuple[str, int], shared: _Shared) -> Judged:
+    kind, index = thing
     with one_thread():
-        item = bank_item(KIND[kind], index, cars, pictures, config, seed)
-        return Judged(kind, item.distance_m, item, differences(item, judge))
+        item = bank_item(KIND[kind], index, shared.cars, shared.pictures, shared.config, shared.seed)
+        return Judged(kind, item.distance_m, item, differences(item, shared.judge))
 
 
 def differences(item: BankItem, judge: Judge) -> dict[Registration, float]:

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from joblib import delayed
 from pydantic import TypeAdapter
 
 from recon.arrays import BoolArray
 from recon.errors import RescoreError
 from rescore.data.frames import DataSet
 from rescore.data.splits import FittingSet, Splits
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import OK, Candidates, CandidateTable
 from rescore.evidence.fit_model import EvidenceConfig, fit_evidence, labelled_cues
 from rescore.evidence.registration import Registration
@@ -30,7 +31,7 @@ from rescore.library.rescorer import Rescorer
 from rescore.metrics.bootstrap import Bootstrap, BootstrapConfig, bootstrap
 from rescore.metrics.matching import TruthTable
 from rescore.metrics.resampled import Levels
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 from rescore.results.candidate_file import ALONE
 from rescore.results.sweep_file import StudyPart, SweptInterval, swept_levels
 from rescore.studies.class_model_worth import Change
@@ -135,7 +136,7 @@ def study_places(
     command: str,
     *,
     seed: int,
-    jobs: int,
+    jobs: Workers,
 ) -> PlacesResult:
     """The figures of a detector on labelled frames: alone, rescored, and with D fitted on other places.
 
@@ -168,7 +169,7 @@ def study_places(
 
 
 def leave_one_out(
-    given: LabelledPlaces, config: EvidenceConfig, jobs: int
+    given: LabelledPlaces, config: EvidenceConfig, jobs: Workers
 ) -> tuple[CandidateTable, tuple[PlaceFacts, ...]]:
     """The candidates with D of a model that was fitted on all other places, and the facts of each place.
 
@@ -177,14 +178,15 @@ def leave_one_out(
     Raises:
         RescoreError: a place without which too few cars are left to fit D.
     """
-    tasks = (delayed(_left_out)(given, number, config) for number in range(len(given.places)))
-    done = list(track(in_order(tasks, jobs), "places left out", len(given.places)))
+    count = len(given.places)
+    done = list(track(map_frames(_left_out, range(count), (given, config), jobs), "places left out", count))
     return CandidateTable.concatenate([table for table, _ in done]), tuple(facts for _, facts in done)
 
 
 def _left_out(
-    given: LabelledPlaces, number: int, config: EvidenceConfig
+    number: int, shared: tuple[LabelledPlaces, EvidenceConfig]
 ) -> tuple[CandidateTable, PlaceFacts]:
+    given, config = shared
     own, others = given.of_place(number), given.others(number)
     cues, is_car = labelled_cues(given.table.take(~own), others)
     frames = given.places[number]

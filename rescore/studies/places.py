@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from joblib import delayed
 
 from recon.arrays import Float32Array, FloatArray, IntArray, UInt8Array
 from rescore.data.frames import DataSet, FrameRecord
 from rescore.data.pictures import read_rgb
-from rescore.parallel import in_order, one_thread, track
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
+from rescore.parallel import one_thread, track
 
 POINTS = 2000
 """Points of a picture at most, the strongest ones."""
@@ -43,7 +44,7 @@ class Points:
     """Shape (n, 128), of length 1."""
 
 
-def places_of(data: DataSet, jobs: int) -> tuple[tuple[int, ...], ...]:
+def places_of(data: DataSet, jobs: Workers) -> tuple[tuple[int, ...], ...]:
     """The image ids of the frames of each place, places and frames in the order of the data set.
 
     Args:
@@ -54,10 +55,10 @@ def places_of(data: DataSet, jobs: int) -> tuple[tuple[int, ...], ...]:
         RescoreError: a picture that cannot be read.
     """
     count = len(data.frames)
-    tasks = (delayed(_points_of)(record) for record in data.frames)
+    found = map_frames(_points_of, data.frames, None, jobs)
     place = np.arange(count)
     before: deque[Points] = deque(maxlen=REACH)
-    for k, points in enumerate(track(in_order(tasks, jobs), "places", count)):
+    for k, points in enumerate(track(found, "places", count)):
         for back, other in enumerate(before, start=1):
             one, two = place[k - back], place[k]
             if one != two and shared_points(other, points) >= MIN_SHARED:
@@ -92,7 +93,7 @@ def shared_points(one: Points, two: Points) -> int:
     return int((_off_epipolar_px(np.asarray(matrix, float), a, b) <= OFF_EPIPOLAR_PX).sum())
 
 
-def _points_of(record: FrameRecord) -> Points:
+def _points_of(record: FrameRecord, _shared: None) -> Points:
     with one_thread():
         return find_points(read_rgb(record.left_path, record.width_px, record.height_px))
 

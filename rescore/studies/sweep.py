@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 
 from recon.errors import RescoreError
 from recon.stereo.sgbm import SgbmConfig, compute_disparity
 from rescore.data.frames import DataSet, Frame, FrameRecord, load_frame
 from rescore.data.pictures import read_rgb
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.evidence.candidates import OK, CandidateTable
 from rescore.evidence.instance_fits import fit_instances
 from rescore.evidence.instances import predict_instances
@@ -22,7 +23,7 @@ from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.fusion.tune import match_at
 from rescore.metrics.bootstrap import BootstrapConfig, Comparison, Interval, bootstrap
 from rescore.metrics.matching import TruthTable
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 from rescore.results.candidate_file import ALONE
 from rescore.results.sweep_file import (
     SweepFigures,
@@ -47,7 +48,7 @@ class SweepConfig:
     """Settings of a sweep."""
 
     seed: int = 0
-    jobs: int = 1
+    jobs: Workers = 1
     bootstrap: BootstrapConfig = field(default_factory=lambda: BootstrapConfig(n_resamples=1000))
 
 
@@ -79,7 +80,14 @@ Step = tuple[Dial | None, float]
 
 
 def sweep_run(
-    root: Path, out: Path, dials: Sequence[Dial], frames: int | None, *, detector: str, seed: int, jobs: int
+    root: Path,
+    out: Path,
+    dials: Sequence[Dial],
+    frames: int | None,
+    *,
+    detector: str,
+    seed: int,
+    jobs: Workers,
 ) -> SweepResult:
     """Sweep a finished run over dials; writes ``sweep.json`` to the folder ``out`` and returns its content.
 
@@ -125,12 +133,9 @@ def sweep(run: FinishedRun, dials: Sequence[Dial], config: SweepConfig) -> dict[
 
 def tables_of_steps(run: FinishedRun, steps: Sequence[Step], config: SweepConfig) -> list[CandidateTable]:
     """The candidates of all frames with the evidence of each step."""
-    tasks = (
-        delayed(_frame_steps)(record, run, steps, config.seed)
-        for record in run.data.frames
-        if len(run.candidates[record.image_id])
-    )
-    frames = list(track(in_order(tasks, config.jobs), "sweep", len(run.data.frames)))
+    records = [record for record in run.data.frames if len(run.candidates[record.image_id])]
+    found = map_frames(_frame_steps, records, (run, steps, config.seed), config.jobs)
+    frames = list(track(found, "sweep", len(records)))
     return [CandidateTable.concatenate([frame[k] for frame in frames]) for k in range(len(steps))]
 
 
@@ -209,9 +214,10 @@ def _recorded(figures: Mapping[str, Figures]) -> dict[str, SweepFigures]:
 
 
 def _frame_steps(
-    record: FrameRecord, run: FinishedRun, steps: Sequence[Step], seed: int
+    record: FrameRecord, shared: tuple[FinishedRun, Sequence[Step], int]
 ) -> list[CandidateTable]:
     """The candidates of one frame with the evidence of each step."""
+    run, steps, seed = shared
     candidates = run.candidates[record.image_id]
     with one_thread():
         frame = load_frame(record, run.sgbm)

@@ -7,14 +7,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from joblib import delayed
 
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import RescoreError
-from recon.workers import workers
 from rescore.detectors.crop_training import WindowDetector, at_one_size
 from rescore.detectors.registry import load_detector
 from rescore.detectors.uiuc_rule import RecallPrecision, hits, lone, recall_precision
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.formats.uiuc import CAR_HEIGHT_PX, CAR_WIDTH_PX, TestPicture, read_uiuc
 from rescore.parallel import one_thread
 
@@ -40,7 +40,7 @@ class Found:
         }
 
 
-def evaluate_files(folder: Path, detectors: Sequence[Path], jobs: int) -> Iterator[Found]:
+def evaluate_files(folder: Path, detectors: Sequence[Path], jobs: Workers) -> Iterator[Found]:
     """What each detector finds in the test pictures of a folder, as they are done.
 
     Raises:
@@ -54,7 +54,9 @@ def evaluate_files(folder: Path, detectors: Sequence[Path], jobs: int) -> Iterat
         yield Found(detector.name, len(pictures), evaluate_uiuc(detector, pictures, jobs))
 
 
-def evaluate_uiuc(detector: WindowDetector, pictures: Sequence[TestPicture], jobs: int) -> RecallPrecision:
+def evaluate_uiuc(
+    detector: WindowDetector, pictures: Sequence[TestPicture], jobs: Workers
+) -> RecallPrecision:
     """Recall and precision on the single-scale test pictures, by the set's own rule.
 
     The detector looks for cars of the set's size alone; its boxes must be windows such as the set's crops.
@@ -69,12 +71,10 @@ def evaluate_uiuc(detector: WindowDetector, pictures: Sequence[TestPicture], job
             f"detector {detector.name}: expected one trained on the set's crops, {CAR_WIDTH_PX} px wide, got "
             f"one for cars from {smallest:g} px on; train it with rescore train --crops"
         )
-    single = at_one_size(detector)
-    tasks = (delayed(_picture_hits)(single, picture) for picture in pictures)
-    return recall_precision(workers(jobs)(tasks))
+    return recall_precision(list(map_frames(_picture_hits, pictures, at_one_size(detector), jobs)))
 
 
-def _picture_hits(detector: WindowDetector, picture: TestPicture) -> tuple[FloatArray, BoolArray, int]:
+def _picture_hits(picture: TestPicture, detector: WindowDetector) -> tuple[FloatArray, BoolArray, int]:
     with one_thread():
         found = lone(detector.scan(_read(picture)))
     hit = hits(found.xyxy_px[:, :2], found.score, picture.left_top_px, CAR_WIDTH_PX, CAR_HEIGHT_PX)

@@ -15,6 +15,7 @@ from rescore.data.splits import Splits, ValidationSet
 from rescore.detectors.detect import detect_candidates
 from rescore.detectors.platt import load_scaling
 from rescore.detectors.registry import load_detector
+from rescore.engines.executor import Workers
 from rescore.evidence.candidates import CandidateTable, RescoredTable
 from rescore.evidence.model import load_models
 from rescore.evidence.registration import Registration
@@ -149,7 +150,7 @@ def study_weights_of_run(
     *,
     keep: Path | None,
     seed: int,
-    jobs: int,
+    jobs: Workers,
 ) -> list[WeightStudy]:
     """The study of every detector and mode of a finished run.
 
@@ -202,7 +203,7 @@ def _candidates(
     config: RunConfig,
     validation: DataSet,
     keep: Path | None,
-    jobs: int,
+    jobs: Workers,
 ) -> CandidateTable:
     """The candidates of a detector of the run on validation images, with depth evidence, before w."""
     if validation.root.resolve() == folder.data.resolve():

@@ -16,6 +16,7 @@ from reports.publishing.bench_file import Growth, Row, bench_of_this_machine, wr
 from tests.bench import rows_evidence, rows_memory, rows_render, rows_results
 from tests.bench.growth import growing
 from tests.bench.rows_demo import demo_and_detectors
+from tests.bench.rows_engines import engines
 from tests.bench.rows_grasp import grasping
 from tests.bench.rows_learning import generic, learning
 from tests.bench.rows_start import starting
@@ -43,6 +44,7 @@ GROUPS: dict[str, Callable[[], Measured]] = {
     "learning": _rows(learning),
     "generic": _rows(generic),
     "memory": rows_memory.memory,
+    "engines": _rows(engines),
     "growth": lambda: ([], growing()),
 }
 """What is measured, in the order of the tables."""

@@ -18,6 +18,7 @@ from rescore.data.pictures import is_whole_png_file
 from rescore.locks import LOCK, locked
 from tests.conftest import ROOT
 from tests.faults.inputs import detections
+from tests.faults.processes import alive, descendants
 from tests.reports.fake_run import make_run
 from tests.rescore import own_data as own
 
@@ -26,27 +27,6 @@ def start(*arguments: object) -> "subprocess.Popen[str]":
     """The command as a process of its own; its helpers are its children."""
     command = [sys.executable, "-m", "rescore.cli", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
-
-
-def descendants(process: int) -> list[int]:
-    """Processes that a process started, and what they started."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(stat.read_text().rpartition(")")[2].split()[1])
-        except OSError:
-            continue
-        if parent == process:
-            found += [int(stat.parent.name), *descendants(int(stat.parent.name))]
-    return found
-
-
-def alive(process: int) -> bool:
-    """Whether a process runs; one that only waits to be asked for its exit code does not."""
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def wait_for(what: str, condition: "Iterator[bool]", limit_s: float = 90.0) -> None:

@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
 from recon.boxes import iou_matrix
-from recon.workers import workers
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
@@ -42,6 +40,7 @@ from rescore.detectors.views.examples import (
 from rescore.detectors.views.joint_boosting import JointBoostConfig, SharedStumps, joint_boost
 from rescore.detectors.views.levels import levels_of
 from rescore.detectors.windows import WindowGeometry, gray
+from rescore.engines.map_frames import map_frames
 from rescore.parallel import one_thread
 
 MINING_FLOOR = -4.0
@@ -319,17 +318,19 @@ def _fitted(
     folds = config.examples.folds if last else 0
     fold = crops.frame % config.examples.folds
     parts = [np.ones(len(fold), bool), *(fold != f for f in range(folds))]
-    tasks = (
-        delayed(joint_boost)(features[:, part], crops.label[part], draws, config.boosting.thresholds)
-        for part, draws in [(part, config.boosting.draws(len(features), rng)) for part in parts]
-    )
-    fitted: list[SharedStumps] = workers(jobs)(tasks)
+    draws = [(part, config.boosting.draws(len(features), rng)) for part in parts]
+    fitted = list(map_frames(_boosted, draws, (features, crops.label, config.boosting.thresholds), jobs))
     if not last:
         return fitted[0]
     held_out = np.zeros(crops.label.shape)
     for part, of_others in zip(parts[1:], fitted[1:], strict=True):
         held_out[~part] = of_others.score(features[:, ~part]).T
     return fitted[0].shifted(-_even_odds(held_out, crops))
+
+
+def _boosted(part: tuple[BoolArray, IntArray], shared: tuple[Float32Array, IntArray, int]) -> SharedStumps:
+    (rows, draws), (features, label, thresholds) = part, shared
+    return joint_boost(features[:, rows], label[rows], draws, thresholds)
 
 
 def _even_odds(held_out: FloatArray, crops: _Crops) -> FloatArray:

@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from joblib import delayed
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
-from recon.workers import workers
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.detectors.base import Detections, SuppressionConfig, best_candidates, ordered
 from rescore.detectors.files import write_detector
@@ -36,7 +34,8 @@ from rescore.detectors.views.examples import (
 from rescore.detectors.views.hog_blocks import BINS, CELL_PX, LENGTH, block_features
 from rescore.detectors.views.levels import levels_of
 from rescore.detectors.windows import WindowGeometry, gray
-from rescore.parallel import in_order, one_thread
+from rescore.engines.map_frames import map_frames
+from rescore.parallel import one_thread
 
 MINING_FLOOR = -1.0
 """Where the margin of an SVM ends: street that scores less teaches nothing."""
@@ -320,12 +319,13 @@ def train_hog_views(
         bins = {b: e.with_street(street[b]) for b, e in bins.items()}
         # bins are compared at the end alone: mining takes the best windows of each filter
         last = mined == config.mining.rounds
-        tasks = (delayed(_fit)(e, config, len(data.frames), last) for e in bins.values())
-        detector = _with_mirrored(workers(jobs)(tasks), config)
+        fitted = map_frames(_fit, bins.values(), (config, len(data.frames), last), jobs)
+        detector = _with_mirrored(list(fitted), config)
     return detector
 
 
-def _fit(examples: _BinExamples, config: HogViewsConfig, n_frames: int, last: bool) -> ViewFilter:
+def _fit(examples: _BinExamples, shared: tuple[HogViewsConfig, int, bool]) -> ViewFilter:
+    config, n_frames, last = shared
     if not last:
         return examples.fit(config.svm_c)
     # the street of two mirrored bins lies together
@@ -378,16 +378,17 @@ def _examples(
             away = limits.away_deg(views.azimuth_deg, b)
             of_frame.append(_Cuts.around(views, away <= limits.reach_deg, window, config.mining, rng))
             of_frame.append(_Cuts.around(views, away > limits.apart_deg, window, alone, rng))
-    tasks = (
-        delayed(_cut)(frame, views.record, of_frame)
+    to_cut = (
+        (frame, views.record, of_frame)
         for frame, (views, of_frame) in enumerate(zip(cars, cuts, strict=True))
     )
-    found = [_Rows.joined(parts) for parts in zip(*in_order(tasks, jobs), strict=True)]
+    found = [_Rows.joined(parts) for parts in zip(*map_frames(_cut, to_cut, None, jobs), strict=True)]
     pairs = zip(windows.items(), found[::2], found[1::2], strict=True)
     return {b: _BinExamples(b, window, shown, others) for (b, window), shown, others in pairs}
 
 
-def _cut(frame: int, record: FrameRecord, cuts: Sequence[_Cuts]) -> list[_Rows]:
+def _cut(of_frame: tuple[int, FrameRecord, Sequence[_Cuts]], _shared: None) -> list[_Rows]:
+    frame, record, cuts = of_frame
     picture, found = read_gray(record), []
     with one_thread():
         for of_bin in cuts:

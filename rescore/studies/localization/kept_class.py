@@ -8,6 +8,7 @@ from datasets_synth.cars.shapes import CarModel
 from recon.class_model import ClassModel
 from recon.errors import RescoreError
 from recon.localization.heading import Heading
+from rescore.engines.executor import Workers
 from rescore.experiment.source_digest import source_digest
 from rescore.files import read_json_object, remove, versions, write_json
 from rescore.speech import say
@@ -21,7 +22,7 @@ def kept_table_class(
     folder: Path,
     cars: Sequence[CarModel],
     config: TableClassConfig,
-    jobs: int,
+    jobs: Workers,
     others: Sequence[CarModel] = (),
 ) -> TableClass:
     """What training cars teach, read from a folder that holds it, else learned and written there.

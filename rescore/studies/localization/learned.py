@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 
 import joblib
 import numpy as np
-from joblib import delayed
 
 from datasets_synth.cars.parts import CAR_PARTS
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import ELEVATION_RAD
 from datasets_synth.render.part_render import render_part_labels
+from recon.arrays import FloatArray
 from recon.class_model import ClassModel
 from recon.learning.generic_phase import learn_primitives
 from recon.learning.learn import LearnConfig, learn_class_model
 from recon.learning.primitives import PrimitiveLibrary
-from recon.localization.heading import Heading, HeadingConfig, learn_heading, weigh_cues
+from recon.localization.heading import FitLooks, Heading, HeadingConfig, learn_heading, weigh_cues
 from recon.localization.learn_shapes import (
     InstanceShape,
     ShapeSpaceConfig,
@@ -27,7 +27,9 @@ from recon.localization.learn_shapes import (
 from recon.part_views import PartView
 from recon.shape_space import ShapeSpace
 from recon.view_bins import ViewBins
-from rescore.parallel import in_order, one_thread, track
+from rescore.engines.executor import Workers, executor_of
+from rescore.engines.map_frames import map_frames
+from rescore.parallel import one_thread, track
 from rescore.speech import doing
 from rescore.studies.localization.heading_pictures import fitted_pairs, surface_readings
 
@@ -76,7 +78,7 @@ class TableClass:
 def learn_table_class(
     cars: Sequence[CarModel],
     config: TableClassConfig,
-    jobs: int,
+    jobs: Workers,
     library: PrimitiveLibrary | None = None,
     others: Sequence[CarModel] = (),
 ) -> TableClass:
@@ -93,9 +95,9 @@ def learn_table_class(
     """
     bins = ViewBins(12, config.elevations_rad[0])
     with doing("learn primitives"):
-        library = library or learn_primitives(bins, jobs=jobs)
-    tasks = (delayed(_learn_one)(car, config, library) for car in cars)
-    learned: list[_Learned] = list(track(in_order(tasks, jobs), "learn shapes", len(cars)))
+        library = library or learn_primitives(bins, jobs=executor_of(jobs).jobs)
+    learning = map_frames(_learn_one, cars, (config, library), jobs)
+    learned = list(track(learning, "learn shapes", len(cars)))
     first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
     step = max(1, len(cars) // config.class_model_cars)
     chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]
@@ -115,23 +117,31 @@ def _heading(
     others: Sequence[CarModel],
     space: ShapeSpace,
     config: TableClassConfig,
-    jobs: int,
+    jobs: Workers,
 ) -> Heading:
     """Front and rear from pictures of the training cars, cues weighed by fits to other cars."""
-    settings = config.heading
-    tasks = (
-        delayed(surface_readings)(c, i, config.heading_pictures, space, settings) for i, c in enumerate(cars)
-    )
-    found = list(track(in_order(tasks, jobs), "learn front and rear", len(cars)))
-    tasks = (
-        delayed(fitted_pairs)(c, _OTHERS_STREAM + i, config.cue_pictures, space, settings)
-        for i, c in enumerate(others)
-    )
-    fitted = list(track(in_order(tasks, jobs), "weigh cues", len(others)))
+    reading = map_frames(_readings_of, enumerate(cars), (space, config), jobs)
+    found = list(track(reading, "learn front and rear", len(cars)))
+    fitting = map_frames(_pairs_of, enumerate(others, _OTHERS_STREAM), (space, config), jobs)
+    fitted = list(track(fitting, "weigh cues", len(others)))
     with one_thread():
-        heading = learn_heading([r for own in found for r in own], settings)
+        heading = learn_heading([r for own in found for r in own], config.heading)
         pairs = [p for own in fitted for p in own]
         return weigh_cues(heading, pairs) if pairs else heading
+
+
+def _readings_of(
+    numbered: tuple[int, CarModel], shared: tuple[ShapeSpace, TableClassConfig]
+) -> list[FloatArray]:
+    (stream, car), (space, config) = numbered, shared
+    return surface_readings(car, stream, config.heading_pictures, space, config.heading)
+
+
+def _pairs_of(
+    numbered: tuple[int, CarModel], shared: tuple[ShapeSpace, TableClassConfig]
+) -> list[tuple[FitLooks, FitLooks]]:
+    (stream, car), (space, config) = numbered, shared
+    return fitted_pairs(car, stream, config.cue_pictures, space, config.heading)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +153,8 @@ class _Learned:
     shape: InstanceShape
 
 
-def _learn_one(car: CarModel, config: TableClassConfig, library: PrimitiveLibrary) -> _Learned:
+def _learn_one(car: CarModel, shared: tuple[TableClassConfig, PrimitiveLibrary]) -> _Learned:
+    config, library = shared
     mesh = car.build(np.random.default_rng(0))
     rings = [ViewBins(12, e) for e in config.elevations_rad]
     views = [

@@ -14,6 +14,7 @@ from recon.arrays import FloatArray, UInt8Array
 from recon.camera import GroundedCamera
 from recon.errors import Failure, RescoreError
 from recon.localization.localize import FitLocalization
+from rescore.engines.executor import Workers
 from rescore.experiment.source_digest import source_digest
 from rescore.files import write_provenance
 from rescore.parallel import track
@@ -77,7 +78,7 @@ class LocalizationStudy:
         """Labels of the parts of ``parts_m``."""
         return self.table_class.space.part_labels
 
-    def trials(self, numbers: Sequence[int], jobs: int) -> Iterator[Trial]:
+    def trials(self, numbers: Sequence[int], jobs: Workers) -> Iterator[Trial]:
         """The trials of these numbers in order, as they are done."""
         found = run_trials(self.cars, numbers, self.table_class, self.config, self.seed, jobs)
         return track(found, "localise", self.placements, done=self.placements - len(numbers))
@@ -111,7 +112,7 @@ def learned_study(
     placements: int,
     meshes: Path | None,
     seed: int,
-    jobs: int,
+    jobs: Workers,
     out: Path,
     axes: MeshAxes | None = None,
 ) -> LocalizationStudy:

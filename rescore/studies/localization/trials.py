@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from joblib import delayed
 
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import (
@@ -30,7 +29,9 @@ from recon.localization.localize import (
 from recon.localization.single_plane import UprightSurface, lower_edge, single_plane
 from recon.localization.standing_box import StandingBox
 from recon.pixels import linear_from_srgb
-from rescore.parallel import in_order, one_thread
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
+from rescore.parallel import one_thread
 from rescore.studies.localization.learned import TableClass
 from rescore.studies.localization.scores import Score, score
 from rescore.studies.localization.segment import TableRegion, TableSegmentConfig, empty_table, segment_table
@@ -85,14 +86,18 @@ def run_trials(
     table_class: TableClass,
     config: TrialConfig,
     seed: int,
-    jobs: int,
+    jobs: Workers,
 ) -> Iterator[Trial]:
     """Placements of these numbers, spread evenly over the cars, in order, as they are done.
 
     The same seed gives the same trials for any number of jobs.
     """
-    tasks = (delayed(run_trial)(cars[i % len(cars)], i, table_class, config, seed) for i in numbers)
-    return in_order(tasks, jobs)
+    return map_frames(_trial, numbers, (cars, table_class, config, seed), jobs)
+
+
+def _trial(index: int, shared: tuple[Sequence[CarModel], TableClass, TrialConfig, int]) -> Trial:
+    cars, table_class, config, seed = shared
+    return run_trial(cars[index % len(cars)], index, table_class, config, seed)
 
 
 def run_trial(car: CarModel, index: int, table_class: TableClass, config: TrialConfig, seed: int) -> Trial:

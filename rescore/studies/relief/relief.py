@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from joblib import delayed
 
 from recon.camera import GroundedStereo
 from recon.class_model import ClassModel
@@ -17,10 +16,12 @@ from recon.localization.disparity_fit import DisparityFitConfig
 from recon.shape_space import ShapeSpace
 from recon.stereo.sgbm import SgbmConfig
 from rescore.data.frames import SPLITS, FrameRecord, Truth, load_frame
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.evidence.instance_fits import fit_instances
 from rescore.experiment.config import run_config
 from rescore.formats.coco_dataset import read_dataset
-from rescore.parallel import in_order, one_thread, track
+from rescore.parallel import one_thread, track
 from rescore.results.run_folder import RunFolder
 from rescore.studies.relief.compared import SeenCar, compare_car
 from rescore.studies.relief.likelihood import MeasurementNoise
@@ -35,7 +36,7 @@ from rescore.studies.relief.relief_file import (
 from rescore.studies.relief.shown_cars import RenderedTruth, shown_cars
 
 
-def study_relief(root: Path, split: str, command: str, *, seed: int, jobs: int) -> ReliefResult:
+def study_relief(root: Path, split: str, command: str, *, seed: int, jobs: Workers) -> ReliefResult:
     """The study on one split of a finished run.
 
     Args:
@@ -61,8 +62,8 @@ def study_relief(root: Path, split: str, command: str, *, seed: int, jobs: int) 
     data = read_dataset(folder.data, config.class_name).split(split)
     truth, noise = RenderedTruth.of(folder.data), MeasurementNoise()
     study = _Study(model, model.shape_space, config.rescore.fit, config.synth.sgbm, truth, seed, noise)
-    tasks = (delayed(study.of_frame)(record, data.truth[record.image_id]) for record in data.frames)
-    found = list(track(in_order(tasks, jobs), "relief of cars", len(data.frames)))
+    annotated = ((record, data.truth[record.image_id]) for record in data.frames)
+    found = list(track(map_frames(_of_frame, annotated, study, jobs), "relief of cars", len(data.frames)))
     cars = tuple(car for of_frame in found for car in of_frame)
     if not cars:
         raise RescoreError(
@@ -113,3 +114,7 @@ class _Study:
                 if compared is not None:
                     found.append(compared.model_copy(update={"image_id": record.image_id, "rig": rig}))
             return found
+
+
+def _of_frame(annotated: tuple[FrameRecord, Truth], study: _Study) -> list[ReliefCar]:
+    return study.of_frame(*annotated)

@@ -1,0 +1,166 @@
+"""The page on scaling: ``python -m reports.publishing.scaling.page RECORDED_JSON FOLDER COMMAND``.
+
+Replays recorded times of frames through a model of 1 to 4,096 workers.
+"""
+
+import shutil
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from reports.pages import write_figure, write_page
+from reports.publishing.scaling.model import Cluster, Replayed, replay
+from reports.publishing.scaling.recorded import Recorded, read_recorded
+from reports.run.curve_pictures import STYLE
+from reports.run.tables import Table
+from rescore.engines.clusters import seconds_of_a_task
+
+WORKERS = (1, 2, 4, 16, 64, 256, 1024, 4096)
+FRAMES = 1_000_000
+MOST_OF_A_WORKER = 20_000
+"""Frames for each worker at most: more of them change nothing where workers are few."""
+WANTED = 0.9
+WANTED_AT = 256
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One line of the figure."""
+
+    name: str
+    cluster: Cluster
+    """With one worker."""
+    colour: str
+    frame_by_frame: bool = False
+    """Whether a task is a frame; else what ``map_frames`` makes it for the number of workers."""
+
+    def replayed(self, recorded: Recorded) -> tuple[Replayed, ...]:
+        """The run at each number of workers."""
+        frame_s = np.array(recorded.frame_s)
+        return tuple(
+            replay(
+                frame_s,
+                recorded.read_bytes,
+                min(FRAMES, MOST_OF_A_WORKER * n),
+                replace(self.cluster, workers=n, task_s=0.0 if self.frame_by_frame else seconds_of_a_task(n)),
+                SEED,
+            )
+            for n in WORKERS
+        )
+
+
+def cases(recorded: Recorded) -> tuple[Case, ...]:
+    """Both engines with tasks as ``map_frames`` makes them, and what would be without that."""
+    dask, ray = (Cluster(1, 0.0, c.caller_task_s, c.caller_frame_s) for c in recorded.engines)
+    return (
+        Case("Dask", dask, "#1f5fa8"),
+        Case("Ray", ray, "#b3541e"),
+        Case("Dask, a store without a limit", replace(dask, store_bytes_s=float("inf")), "#5b9bd5"),
+        Case("Dask, a task a frame", dask, "#777777", frame_by_frame=True),
+    )
+
+
+def publish_scaling(file: Path, folder: Path, command: str) -> Path:
+    """Write the page with its figure, and a copy of what was recorded; returns the page.
+
+    Args:
+        file: what ``python -m tests.bench.record_scaling`` wrote.
+        folder: where to publish.
+        command: what makes the page, for its text.
+
+    Raises:
+        RescoreError: no such file or another content.
+    """
+    recorded = read_recorded(file)
+    folder.mkdir(parents=True, exist_ok=True)
+    runs = {case: case.replayed(recorded) for case in cases(recorded)}
+    write_figure(folder / "scaling.png", draw(runs, recorded))
+    if file.resolve() != (folder / "recorded.json").resolve():
+        shutil.copyfile(file, folder / "recorded.json")
+    return write_page(folder, _page(runs, recorded, command))
+
+
+def draw(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded) -> Figure:
+    """Efficiency over workers, with the points that were measured with two."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8.5, 4.8), layout="constrained")
+        ax: Axes = figure.subplots()
+        for case, found in runs.items():
+            ax.plot(WORKERS, [r.efficiency for r in found], ".-", color=case.colour, label=case.name)
+        for cost, marker, colour in zip(recorded.engines, "os", ("#1f5fa8", "#b3541e"), strict=True):
+            label = f"{cost.engine.capitalize()}, measured, frames of 100 ms"
+            ax.plot([2], [cost.efficiency], marker, color=colour, mfc="white", ms=8, label=label)
+        ax.axhline(WANTED, color="#999999", lw=0.8, ls=":")
+        ax.set_xscale("log", base=2)
+        ax.set_xticks(WORKERS, [f"{n:,}" for n in WORKERS])
+        ax.set_ylim(0, 1.05)
+        ax.set_xlabel("workers")
+        ax.set_ylabel("time in frames / time of all workers")
+        ax.legend(loc="lower left")
+    return figure
+
+
+def _table(runs: dict[Case, tuple[Replayed, ...]]) -> Table:
+    head = ("", *(f"{n:,}" for n in WORKERS))
+    rows = [(case.name, *(f"{100 * r.efficiency:.0f} %" for r in found)) for case, found in runs.items()]
+    return Table("Efficiency", head, tuple(rows), text_columns=1)
+
+
+def _limits(runs: dict[Case, tuple[Replayed, ...]]) -> Table:
+    """What is busy at three sizes: a part that is busy all the time is what stops it."""
+    head = ("", "workers", "gives tasks out, busy", "store, busy", "deaths")
+    rows = []
+    for case, found in runs.items():
+        for n, r in zip(WORKERS, found, strict=True):
+            if n in {256, 1024, 4096}:
+                busy = (f"{100 * min(b, 1):.0f} %" for b in (r.caller_busy, r.store_busy))
+                rows.append((case.name, f"{n:,}", *busy, str(r.deaths)))
+    return Table("What is busy", head, tuple(rows), text_columns=1)
+
+
+def _page(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded, command: str) -> str:
+    c = next(iter(runs)).cluster
+    frame_s = np.array(recorded.frame_s)
+    held = {case.name: found[WORKERS.index(WANTED_AT)].efficiency for case, found in runs.items()}
+    first = "; ".join(f"{name}: {100 * e:.0f} %" for name, e in held.items())
+    costs = ", ".join(
+        f"{cost.engine.capitalize()} {1e3 * cost.caller_task_s:.2f} ms a task and "
+        f"{1e3 * cost.caller_frame_s:.2f} ms a frame in it"
+        for cost in recorded.engines
+    )
+    parts = [
+        "# How a run grows with its workers",
+        f"Made by `{command}` from `recorded.json`. A simulation on recorded times, not a measurement: two "
+        "cores were there to measure on. The points at two workers are measured.",
+        "![Efficiency over workers](scaling.png)",
+        f"Efficiency at {WANTED_AT} workers, where {100 * WANTED:.0f} % is wanted: {first}.",
+        _table(runs).markdown().rstrip(),
+        "## What stops it",
+        "A part that is busy all the time is the limit: the process that gives tasks out does one at a time, "
+        "and the store gives all workers together so many bytes a second.",
+        _limits(runs).markdown().rstrip(),
+        "## What was recorded",
+        f"{len(frame_s)} frames took {frame_s.mean():.3f} s of a processor each in the mean "
+        f"({frame_s.min():.3f} to {frame_s.max():.3f} s), mode `paper`, by `{recorded.command}`. "
+        f"A frame reads {recorded.read_bytes / 1e3:.0f} kB of pictures; its record and its result are "
+        f"{recorded.sent_bytes / 1e3:.1f} kB on their way. The process that gives tasks out spends: {costs}.",
+        "## What was assumed",
+        f"The run has {FRAMES:,} frames, or {MOST_OF_A_WORKER:,} for each worker where that is less. A "
+        f"message takes {1e3 * c.latency_s:g} ms. The store gives {c.store_bytes_s / 1e9:g} GB/s to all. "
+        f"Speeds of workers differ by {100 * c.spread:g} %. {100 * c.slow_share:g} % of the tasks take "
+        f"{c.slow_times:g} times as long. A worker dies {c.deaths_per_hour:g} times an hour; that is noticed "
+        f"after {c.noticed_s:g} s, and it is back after {c.renewal_s:g} s. Workers are there when the run "
+        f"begins. Results are taken in the order of the frames, {c.held} times as "
+        "many tasks ahead as are out.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    print(publish_scaling(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]))

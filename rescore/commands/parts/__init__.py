@@ -1,0 +1,1 @@
+"""What commands do with tables in parts beside files."""

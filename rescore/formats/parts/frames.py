@@ -1,0 +1,282 @@
+"""Data sets in parts: a row a frame, with its objects; read as a data set, or part by part.
+
+Files of a frame are named as in ``annotations.json``: relative to the folder, or by a URL.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from recon.arrays import FloatArray, IntArray
+from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
+from recon.errors import RescoreError
+from recon.stores import beside, name_from
+from rescore.data.boxes3d import BOX_NAMES, Boxes3D
+from rescore.data.depth_files import MeasuredFile, Quantity
+from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
+from rescore.formats.parts.candidates import CORNERS, arrays_of_table, refuse_kind
+from rescore.formats.parts.manifest import is_parts
+from rescore.formats.parts.table import Part, PartTable, write_part
+from rescore.metrics.matching import TruthTable
+
+FRAMES = "frames"
+FRAMES_A_PART = 1000
+"""Frames in a part of a data set: a part is some 200 kB."""
+
+_BOX = [f"box3d_{name}" for name in BOX_NAMES]
+_OBJECT = pa.struct(
+    {
+        "annotation_id": pa.int64(),
+        **dict.fromkeys(CORNERS, pa.float64()),
+        "ignore": pa.bool_(),
+        **dict.fromkeys(("visibility", "azimuth_deg", "truncated"), pa.float64()),
+        "occluded": pa.int64(),
+        "shape_id": pa.string(),
+        **dict.fromkeys(_BOX, pa.float64()),
+    }
+)
+_FILES = {"left_file": "left_path", "right_file": "right_path", "disparity_file": "disparity_path"}
+_CAMERA = ("fx", "fy", "cx", "cy", "baseline_m", "height_m", "pitch_rad", "roll_rad")
+SCHEMA = pa.schema(
+    {
+        "image_id": pa.int64(),
+        "split": pa.string(),
+        "width_px": pa.int64(),
+        "height_px": pa.int64(),
+        **dict.fromkeys(
+            (*_FILES, "instance_file", "instance_kinds", "measured_file", "quantity"), pa.string()
+        ),
+        **dict.fromkeys(("factor", *_CAMERA, "disparity_offset_px"), pa.float64()),
+        "objects": pa.list_(_OBJECT),
+    }
+)
+"""Columns of a part of frames."""
+
+
+def write_frame_parts(root: Path, data: DataSet) -> PartTable:
+    """Write a data set in parts; pictures stay where they are.
+
+    Raises:
+        RescoreError: the folder holds a data set already, or cannot be written.
+    """
+    if is_parts(root):
+        raise RescoreError(f"{root}: expected no data set here yet, found one; choose another --out")
+    parts = []
+    for first in range(0, len(data.frames), FRAMES_A_PART):
+        frames = data.frames[first : first + FRAMES_A_PART]
+        name = f"{first // FRAMES_A_PART:06d}"
+        n_bytes = write_part(root, name, [frame_rows(root, frames, data)])
+        parts.append(Part(name=name, rows=len(frames), bytes=n_bytes, frames=len(frames)))
+    about = {"class": data.category, "category_id": data.category_id, "renamed": dict(data.renamed)}
+    table = PartTable(root, FRAMES, about, tuple(parts))
+    table.write()
+    return table
+
+
+def frame_rows(root: Path, frames: Sequence[FrameRecord], data: DataSet) -> pa.Table:
+    """The rows of frames with their objects; files are named as seen from a folder."""
+    return pa.Table.from_pylist([_row(root, f, data.truth[f.image_id]) for f in frames], schema=SCHEMA)
+
+
+def _row(root: Path, f: FrameRecord, truth: Truth) -> dict[str, Any]:
+    row: dict[str, Any] = {name: getattr(f, name) for name in ("image_id", "split", "width_px", "height_px")}
+    row |= {name: _name(root, getattr(f, field)) for name, field in _FILES.items()}
+    row |= {
+        "instance_file": _name(root, f.instance_path),
+        "disparity_offset_px": f.disparity_offset_px or None,
+    }
+    if f.instance_kinds:
+        row["instance_kinds"] = json.dumps({str(i): kind for i, kind in f.instance_kinds.items()})
+    if f.measured is not None:
+        row |= {"measured_file": _name(root, f.measured.path), "quantity": f.measured.quantity.value}
+        row["factor"] = f.measured.factor
+    if f.camera is not None:
+        left = f.camera.left
+        row |= {"fx": left.fx_px, "fy": left.fy_px, "cx": left.cx_px, "cy": left.cy_px}
+        row["baseline_m"] = f.pair.baseline_m if f.pair is not None else None
+    if f.ground is not None:
+        row |= {name: getattr(f.ground, name) for name in ("height_m", "pitch_rad", "roll_rad")}
+    return row | {"objects": _objects(truth)}
+
+
+def _objects(truth: Truth) -> list[dict[str, Any]]:
+    n = len(truth.annotation_id)
+    solid = Boxes3D.filled(truth.boxes3d, n).values
+    columns: dict[str, Any] = {
+        "annotation_id": truth.annotation_id,
+        **dict(zip(CORNERS, truth.xyxy_px.T, strict=True)),
+        "ignore": truth.ignore,
+        "visibility": truth.visibility,
+        "azimuth_deg": truth.azimuth_deg,
+        "truncated": truth.truncated,
+        "occluded": truth.occluded,
+        **dict(zip(_BOX, solid.T, strict=True)),
+    }
+    known = {name: column.tolist() for name, column in columns.items() if column is not None}
+    rows = [dict(zip(known, values, strict=True)) for values in zip(*known.values(), strict=True)]
+    return [
+        {name: v for name, v in row.items() if not _is_nan(v)} | {"shape_id": shape or None}
+        for row, shape in zip(rows, truth.shape_id, strict=True)
+    ]
+
+
+def _is_nan(value: object) -> bool:
+    return isinstance(value, float) and np.isnan(value)
+
+
+def _name(root: Path, path: Path | None) -> str | None:
+    return None if path is None else name_from(root, path)
+
+
+def read_frame_parts(root: Path, classes: ClassMap) -> DataSet:
+    """The data set of a folder in parts, all of it in memory.
+
+    Raises:
+        RescoreError: it is damaged, or of another class.
+    """
+    table = frame_table(root, classes.target)
+    parts = list(data_parts(table))
+    return data_of(
+        table, [f for p in parts for f in p.frames], {i: t for p in parts for i, t in p.truth.items()}
+    )
+
+
+def frame_table(root: Path, class_name: str) -> PartTable:
+    """The table of a data set in parts.
+
+    Raises:
+        RescoreError: there is none, or it is of another class.
+    """
+    table = PartTable.read(root)
+    refuse_kind(table, (FRAMES,))
+    if str(table.about["class"]).casefold() != class_name.casefold():
+        raise RescoreError(
+            f"{root}: expected objects of the class {class_name!r}, got {table.about['class']!r}; name that "
+            "class, or import the data set again"
+        )
+    return table
+
+
+def data_of(table: PartTable, frames: Sequence[FrameRecord], truth: dict[int, Truth]) -> DataSet:
+    """A data set of some frames of a table."""
+    about = table.about
+    return DataSet(
+        table.root, about["category_id"], about["class"], tuple(frames), truth, renamed=about["renamed"]
+    )
+
+
+def data_parts(table: PartTable) -> Iterator[DataSet]:
+    """The frames of each part as a data set, one after another."""
+    for part in table.parts:
+        rows = table.columns(part)
+        records = [_record(table.root, row) for row in rows.drop_columns(["objects"]).to_pylist()]
+        truths = _truths(rows["objects"].combine_chunks())
+        found = {f.image_id: t for f, t in zip(records, truths, strict=True)}
+        yield data_of(table, records, found)
+
+
+def truth_of_parts(table: PartTable, split: str) -> tuple[TruthTable, FloatArray]:
+    """The objects of all frames of a split ("all" for every frame), and the visible share of each (m,), read
+    without anything else of them."""
+    ids, counts, objects = [], [], []
+    for part in table.parts:
+        rows = table.columns(part, ["image_id", "split", "objects"])
+        if split != "all":
+            rows = rows.filter(pc.equal(rows["split"], split))
+        listed = rows["objects"].combine_chunks()
+        ids.append(rows["image_id"].to_numpy())
+        counts.append(np.diff(listed.offsets.to_numpy()))
+        objects.append(_object_columns(listed, ("annotation_id", *CORNERS, "ignore", "visibility")))
+    joined = {name: np.concatenate([o[name] for o in objects]) for name in objects[0]} if objects else {}
+    n, none = np.concatenate([np.zeros(0, np.int64), *counts]), np.zeros(0)
+    truth = TruthTable(
+        np.concatenate([np.zeros(0, np.int64), *ids]),
+        np.repeat(np.arange(len(n)), n),
+        joined.get("annotation_id", none).astype(np.int64),
+        np.stack([joined.get(name, none) for name in CORNERS], axis=1).astype(float),
+        joined.get("ignore", none).astype(np.bool_),
+    )
+    return truth, joined.get("visibility", none)
+
+
+def has_instances(table: PartTable) -> bool:
+    """Whether a frame has a picture of instance numbers, as rendered ones have."""
+    return any(table.columns(p, ["instance_file"])["instance_file"].null_count < p.rows for p in table.parts)
+
+
+def _object_columns(listed: pa.ListArray, names: Sequence[str]) -> dict[str, Any]:
+    rows = listed.flatten()
+    return arrays_of_table(pa.table([rows.field(name) for name in names], names=list(names)))
+
+
+def _truths(listed: pa.ListArray) -> list[Truth]:
+    """The objects of each frame, cut from those of all."""
+    c = _object_columns(listed, [_OBJECT.field(i).name for i in range(_OBJECT.num_fields)])
+    offsets: IntArray = listed.offsets.to_numpy().astype(np.int64) - listed.offsets[0].as_py()
+    corners = np.stack([c[name] for name in CORNERS], axis=1)
+    solid = np.stack([c[name] for name in _BOX], axis=1)
+    occluded = np.where(np.isnan(c["occluded"].astype(float)), UNKNOWN_OCCLUSION, c["occluded"].astype(float))
+    known = ~np.isnan(c["occluded"].astype(float))
+    found = []
+    for first, end in pairwise(offsets):
+        own = slice(first, end)
+        found.append(
+            Truth(
+                annotation_id=c["annotation_id"][own].astype(np.int64),
+                xyxy_px=corners[own],
+                ignore=c["ignore"][own].astype(np.bool_),
+                visibility=c["visibility"][own],
+                shape_id=tuple(c["shape_id"][own]),
+                azimuth_deg=_or_none(c["azimuth_deg"][own]),
+                truncated=_or_none(c["truncated"][own]),
+                occluded=occluded[own].astype(np.int64) if known[own].any() else None,
+                boxes3d=None if np.isnan(solid[own]).all() else Boxes3D.of_values(solid[own]),
+            )
+        )
+    return found
+
+
+def _or_none(column: Any) -> Any:
+    return None if np.isnan(column).all() else column
+
+
+def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
+    def place(name: str) -> Path | None:
+        return None if row[name] is None else beside(root, row[name])
+
+    left = place("left_file")
+    assert left is not None, "every frame has a left picture"
+    measured = place("measured_file")
+    kinds = json.loads(row["instance_kinds"] or "{}")
+    return FrameRecord(
+        image_id=row["image_id"],
+        left_path=left,
+        right_path=place("right_file"),
+        disparity_path=place("disparity_file"),
+        split=row["split"],
+        width_px=row["width_px"],
+        height_px=row["height_px"],
+        camera=_camera(row),
+        ground=None if row["height_m"] is None else GroundPlane(*(row[name] for name in _CAMERA[5:])),
+        instance_path=place("instance_file"),
+        instance_kinds={int(i): kind for i, kind in kinds.items()},
+        measured=None
+        if measured is None
+        else MeasuredFile(measured, Quantity(row["quantity"]), row["factor"]),
+        disparity_offset_px=row["disparity_offset_px"] or 0.0,
+    )
+
+
+def _camera(row: dict[str, Any]) -> StereoCamera | DepthCamera | None:
+    if row["fx"] is None:
+        return None
+    fx, fy, cx, cy = (row[name] for name in _CAMERA[:4])
+    left = PinholeCamera(fx, fy, cx, cy, row["width_px"], row["height_px"])
+    return DepthCamera(left) if row["baseline_m"] is None else StereoCamera(left, row["baseline_m"])

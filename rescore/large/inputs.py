@@ -1,0 +1,103 @@
+"""What a run in parts works on: frames in memory or in parts, one after another."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from recon.errors import RescoreError
+from rescore.data.frames import SPLITS, DataSet, FrameRecord
+from rescore.formats.labels import ClassMap
+from rescore.formats.open import read_dataset
+from rescore.formats.parts.frames import data_parts, frame_table
+from rescore.formats.parts.manifest import is_parts
+from rescore.formats.parts.table import PartTable
+from rescore.results.evaluate_parts import EvaluatedFrames
+
+Frames = DataSet | PartTable
+"""A data set in memory, or the table of one in parts."""
+
+
+def frames_of(dataset: Path, split: str, class_name: str, classes: ClassMap) -> Frames:
+    """The frames of a data set, in parts where it is: then nothing of them is in memory.
+
+    Raises:
+        RescoreError: no such data set or split, or no frame of the split.
+    """
+    if split not in (*SPLITS, "all"):
+        raise RescoreError(
+            f"--split: expected {', '.join(SPLITS)} or all, got {split!r}; choose one of these"
+        )
+    frames: Frames
+    if is_parts(dataset):
+        frames = frame_table(dataset, class_name)
+    else:
+        data = read_dataset(dataset, class_name, classes)
+        frames = data if split == "all" else data.split(split)
+    if not count_frames(frames, split):
+        raise RescoreError(f"{dataset}: expected frames of split {split!r}, got none; choose another --split")
+    return frames
+
+
+def count_frames(frames: Frames, split: str) -> int:
+    """Frames of a split ("all" for every frame)."""
+    if isinstance(frames, DataSet):
+        return len(frames.frames)
+    if split == "all":
+        return frames.rows
+    return sum(frames.columns(p, ["split"])["split"].to_pylist().count(split) for p in frames.parts)
+
+
+def data_sets(frames: Frames, split: str) -> Iterator[DataSet]:
+    """The frames of a split as data sets of no more than a part each."""
+    if isinstance(frames, DataSet):
+        yield frames
+        return
+    for part in data_parts(frames):
+        yield part if split == "all" else part.split(split)
+
+
+def in_memory(frames: Frames, split: str) -> DataSet:
+    """The frames of a split as one data set."""
+    if isinstance(frames, DataSet):
+        return frames
+    parts = list(data_sets(frames, split))
+    truth = {i: t for p in parts for i, t in p.truth.items()}
+    return replace(parts[0], frames=tuple(f for p in parts for f in p.frames), truth=truth)
+
+
+def cameras_of(frames: Frames, split: str) -> DataSet:
+    """A data set with one frame of each camera: what the search for disparities is set by."""
+    if isinstance(frames, DataSet):
+        return frames
+    first: dict[object, FrameRecord] = {}
+    for part in data_sets(frames, split):
+        for f in part.frames:
+            first.setdefault((f.width_px, f.height_px, f.camera, f.disparity_offset_px), f)
+    whole = next(data_sets(frames, "all"))
+    return replace(whole, frames=tuple(first.values()), truth={})
+
+
+def evaluated_frames(frames: Frames, split: str) -> EvaluatedFrames:
+    """What is known of the frames of a split, for an evaluation in parts."""
+    if isinstance(frames, DataSet):
+        return EvaluatedFrames.of_data(frames)
+    return EvaluatedFrames.of_parts(frames, split)
+
+
+def statuses(table: PartTable) -> Counter[str]:
+    """Number of candidates of each status in a table of detections."""
+    found: Counter[str] = Counter()
+    for part in table.parts:
+        for row in table.columns(part, ["status"])["status"].value_counts().to_pylist():
+            found[row["values"] or ""] += row["counts"]
+    return found
+
+
+def grounds(table: PartTable) -> Counter[str]:
+    """Number of frames with candidates by where their ground plane comes from."""
+    found: Counter[str] = Counter()
+    for part in table.parts:
+        rows = table.columns(part, ["image_id", "ground"]).to_pylist()
+        found.update({row["image_id"]: row["ground"] or "" for row in rows}.values())
+    return found

@@ -1,0 +1,479 @@
+"""Evaluation of tables in parts: as ``rescore.results.evaluate``, with memory for a few numbers a candidate.
+
+Candidates are matched with the cars of their images some parts at a time, and go out again, with what became
+of them, as the parts of ``candidates``. Of each, image, scores and outcomes stay, some fifty bytes. From
+these come the curves, by the functions that all curves come from, and the intervals, by sums over images.
+
+Figures are those of the evaluation in memory, to the last digit; intervals agree within what resamples vary
+by. Left out are the figures of 3D boxes, which take every pair of a detection and a car.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.arrays import BoolArray, FloatArray, IntArray, constant
+from recon.errors import RescoreError
+from rescore.data.frames import DataSet, FrameRecord
+from rescore.data.rendered_kinds import UNKNOWN, kinds_of_table
+from rescore.evidence.candidates import CandidateTable
+from rescore.evidence.registration import Registration
+from rescore.formats.coco import DetectionFile
+from rescore.formats.parts.candidates import DETECTIONS, RESCORED, read_rows, refuse_kind
+from rescore.formats.parts.frames import data_of, data_parts, has_instances, truth_of_parts
+from rescore.formats.parts.table import Part, PartTable, write_part
+from rescore.fusion.fuse import RULES, LearnedFusion, posterior_of
+from rescore.fusion.tune import Tuning
+from rescore.metrics.bootstrap import BootstrapConfig
+from rescore.metrics.curves import fppi_at_recall, recall_ceiling, recall_curve, summarise, ties
+from rescore.metrics.image_sums import bootstrap_by_sums
+from rescore.metrics.matching import (
+    AT_A_TIME,
+    HIT,
+    IGNORED,
+    MIN_IOU,
+    MatchTable,
+    Overlaps,
+    TruthTable,
+    ranking_of,
+)
+from rescore.metrics.reliability import reliability
+from rescore.results.candidate_file import ALONE, arrow_rows, detector_columns, parts_schema
+from rescore.results.comparisons import certainty
+from rescore.results.difficulty import CAR_LEVEL, share_by_kind
+from rescore.results.evaluate import RELIABILITY_BINS, tuning_rows
+from rescore.results.metrics_file import (
+    BootstrapSettings,
+    DetectorDifficulty,
+    FusionRow,
+    Metrics,
+    ModeComparison,
+    ReliabilityRow,
+    Row,
+    StereoStatistics,
+    finite,
+    write_metrics,
+)
+from rescore.results.run_folder import RunFolder
+
+MIN_VISIBILITY = 0.6
+"""Visible share from which a car counts for the difficulty, as ``rescore.results.difficulty`` has it."""
+CANDIDATES = "candidates"
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedFrames:
+    """What is known of the frames of an evaluation: their cars, and the records of those that tell kinds."""
+
+    where: Path
+    truth: TruthTable
+    visibility: FloatArray
+    """Visible share of each car, NaN where unknown, shape (m,)."""
+    rendered: Mapping[int, FrameRecord]
+    """Records of the frames that have a picture of instance numbers, by image id."""
+
+    @classmethod
+    def of_data(cls, data: DataSet) -> Self:
+        """What is known of a data set in memory."""
+        seen = [data.truth[f.image_id].visibility for f in data.frames]
+        rendered = {f.image_id: f for f in data.frames if f.instance_path is not None}
+        return cls(data.root, TruthTable.of(data), np.concatenate([np.zeros(0), *seen]), rendered)
+
+    @classmethod
+    def of_parts(cls, table: PartTable, split: str) -> Self:
+        """What is known of a split of a data set in parts ("all" for every frame)."""
+        if has_instances(table):
+            parts = list(data_parts(table))
+            frames = [f for p in parts for f in p.frames if split in {f.split, "all"}]
+            truth = {i: t for p in parts for i, t in p.truth.items()}
+            return cls.of_data(data_of(table, frames, truth))
+        truth_table, visibility = truth_of_parts(table, split)
+        return cls(table.root, truth_table, visibility, {})
+
+    @property
+    def judged(self) -> bool:
+        """Whether any car is annotated that can be found."""
+        return self.truth.n_cars > 0
+
+    @cached_property
+    def matched_with(self) -> TruthTable:
+        """The cars; where none is annotated a region over every picture: nothing is then right or wrong."""
+        if self.judged:
+            return self.truth
+        n = self.truth.n_images
+        everywhere = np.broadcast_to(np.array([-1e9, -1e9, 1e9, 1e9]), (n, 4))
+        return TruthTable(
+            self.truth.image_id, np.arange(n), np.full(n, -1), everywhere.copy(), np.ones(n, np.bool_)
+        )
+
+    @cached_property
+    def hidden(self) -> BoolArray:
+        """Cars that are seen less than ``MIN_VISIBILITY``, shape (m,)."""
+        return ~self.truth.ignore & (self.visibility < MIN_VISIBILITY)
+
+    @cached_property
+    def _order(self) -> IntArray:
+        return np.argsort(self.truth.image_id, kind="stable")
+
+    def places(self, image_id: IntArray) -> IntArray:
+        """Place of each image (n,) among all.
+
+        Raises:
+            RescoreError: one is not among them.
+        """
+        at = np.searchsorted(self.truth.image_id, image_id, sorter=self._order)
+        place = self._order[np.minimum(at, self.truth.n_images - 1)]
+        strange = self.truth.image_id[place] != image_id
+        if strange.any():
+            raise RescoreError(
+                f"{self.where}: expected images of the data set and split, got image_id "
+                f"{image_id[strange][0]}; use the detections of this data set and split"
+            )
+        return place
+
+
+def evaluate_parts(
+    frames: EvaluatedFrames,
+    tables: Sequence[PartTable],
+    run_dir: Path,
+    *,
+    tunings: Mapping[tuple[str, Registration], Tuning] | None = None,
+    min_iou: float = MIN_IOU,
+    seed: int = 0,
+) -> Metrics:
+    """Write the parts of ``candidates`` and ``metrics.json`` of detections in parts; returns the metrics.
+
+    Arguments and rows are those of ``rescore.results.evaluate.evaluate``.
+
+    Raises:
+        RescoreError: as there, or an image in two parts.
+    """
+    if not frames.truth.n_images:
+        raise RescoreError(
+            f"{frames.where}: expected frames to evaluate, got none of the split; choose another"
+        )
+    tunings = tunings or {}
+    groups = _by_detector(tables)
+    schema = parts_schema(dict.fromkeys(str(_mode(t)) for t in tables if t.kind == RESCORED))
+    drawn = BootstrapConfig.for_candidates(max(t.rows for t in tables))
+    written: list[Part] = []
+    found = _Found()
+    for own in groups:
+        usual = min_iou == MIN_IOU and frames.judged and not frames.hidden.any()
+        one = _Detector.empty(own, frames, tunings, hard=not usual)
+        for rows in one.matched(min_iou):
+            name = f"{len(written):06d}"
+            n_bytes = write_part(run_dir / CANDIDATES, name, [arrow_rows(rows, schema)])
+            written.append(Part(name=name, rows=len(rows["image_id"]), bytes=n_bytes))
+        found.add(one, seed, drawn)
+    metrics = Metrics(
+        n_images=frames.truth.n_images,
+        n_cars=frames.truth.n_cars,
+        n_ignored=int(frames.truth.ignore.sum()),
+        n_candidates=sum(own[0].rows for own in groups),
+        rows=tuple(found.rows),
+        comparisons=tuple(found.comparisons),
+        fusion=tuple(found.fusion),
+        reliability=tuple(found.reliability),
+        bootstrap=BootstrapSettings(n_resamples=drawn.n_resamples, confidence=drawn.confidence, seed=seed),
+        stereo=StereoStatistics(),
+        reasons=found.reasons,
+        tuning=tuning_rows(tunings),
+        difficulty=found.difficulty,
+        boxes3d=(),
+    )
+    PartTable(run_dir / CANDIDATES, CANDIDATES, {}, tuple(written)).write()
+    write_metrics(RunFolder(run_dir).metrics, metrics)
+    return metrics
+
+
+def _mode(table: PartTable) -> Registration:
+    return Registration(table.about.get("registration", Registration.PAPER))
+
+
+def _by_detector(tables: Sequence[PartTable]) -> list[list[PartTable]]:
+    """The tables of each detector, that of eq. 6 first.
+
+    Raises:
+        RescoreError: none, two of one mode, or tables of one detector with other frames in their parts.
+    """
+    if not tables:
+        raise RescoreError("evaluate: expected at least one table of detections, got none; name one")
+    groups: dict[str, list[PartTable]] = {}
+    for table in tables:
+        refuse_kind(table, (DETECTIONS, RESCORED))
+        groups.setdefault(str(table.about["detector"]), []).append(table)
+    for name, own in groups.items():
+        own.sort(key=lambda t: (t.kind != RESCORED, list(Registration).index(_mode(t))))
+        kinds = Counter(str(_mode(t)) if t.kind == RESCORED else "raw" for t in own)
+        twice = [kind for kind, count in kinds.items() if count > 1]
+        if twice:
+            raise RescoreError(
+                f"evaluate: expected one table a detector and mode, got two of {name!r} ({twice[0]}); "
+                "rename one"
+            )
+        for other in own[1:]:
+            if [(p.rows, p.frames) for p in other.parts] != [(p.rows, p.frames) for p in own[0].parts]:
+                raise _other_candidates(name, other.root)
+    return list(groups.values())
+
+
+def _other_candidates(detector: str, where: Path) -> RescoreError:
+    return RescoreError(
+        f"evaluate: expected the same candidates in the same parts of all tables of {detector!r}, got others "
+        f"in {where}; apply all modes to one file of detections"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Detector:
+    """The candidates of one detector, n in all, of which a few numbers each are kept."""
+
+    own: Sequence[PartTable]
+    frames: EvaluatedFrames
+    tunings: Mapping[tuple[str, Registration], Tuning]
+    columns: dict[str, NDArray[Any]]
+    """Arrays (n,): image, score, likelihood, kind; posterior, D and outcomes of each mode and rule."""
+    kinds: list[str]
+    """Kind of each code in the column of kinds."""
+    reasons: Counter[str]
+
+    @classmethod
+    def empty(
+        cls,
+        own: Sequence[PartTable],
+        frames: EvaluatedFrames,
+        tunings: Mapping[tuple[str, Registration], Tuning],
+        *,
+        hard: bool,
+    ) -> Self:
+        """The columns, all zero; ``hard``: those of well-seen cars need outcomes of their own."""
+        n = own[0].rows
+        columns: dict[str, NDArray[Any]] = {
+            "image": np.zeros(n, np.int32),
+            "score": np.zeros(n),
+            "likelihood": np.zeros(n),
+            "kind": np.zeros(n, np.int8),
+            f"outcome {ALONE}": np.zeros(n, np.int8),
+        }
+        if hard:
+            columns["outcome hard"] = np.zeros(n, np.int8)
+        made = cls(own, frames, tunings, columns, [UNKNOWN], Counter())
+        for mode in made.modes:
+            columns |= {f"posterior {mode}": np.zeros(n), f"difference {mode}": np.zeros(n)}
+            columns[f"outcome {mode}"] = np.zeros(n, np.int8)
+            columns |= {f"outcome {mode} {rule}": np.zeros(n, np.int8) for rule in made.rules(mode)}
+        return made
+
+    @property
+    def name(self) -> str:
+        return str(self.own[0].about["detector"])
+
+    @property
+    def modes(self) -> list[Registration]:
+        """Modes in which it was rescored."""
+        return [_mode(t) for t in self.own if t.kind == RESCORED]
+
+    def w(self, mode: Registration) -> float | None:
+        w = next(t.about.get("w") for t in self.own if _mode(t) is mode and t.kind == RESCORED)
+        return None if w is None else float(w)
+
+    def learned(self, mode: Registration) -> LearnedFusion | None:
+        tuning = self.tunings.get((self.name, mode))
+        return None if tuning is None else tuning.learned
+
+    def rules(self, mode: Registration) -> list[str]:
+        """Ways of fusing whose numbers are known."""
+        one = np.zeros(1)
+        return [r for r in RULES if posterior_of(r, one, one, self.w(mode), self.learned(mode)) is not None]
+
+    def matched(self, min_iou: float) -> Iterator[dict[str, NDArray[Any]]]:
+        """Fill the columns, some parts at a time; the rows of candidates.parquet of these."""
+        begin, seen = 0, np.zeros(self.frames.truth.n_images, np.bool_)
+        for files, n in _read_together(self.own):
+            self._refuse_seen(files[0].table.image_id, n, seen)
+            rows = slice(begin, begin + len(files[0].table))
+            yield self._match(files, rows, min_iou)
+            begin = rows.stop
+
+    def _refuse_seen(self, image_id: IntArray, rows_of_part: Sequence[int], seen: BoolArray) -> None:
+        place, begin = self.frames.places(image_id), 0
+        for n in rows_of_part:
+            images = np.unique(place[begin : begin + n])
+            if seen[images].any():
+                twice = self.frames.truth.image_id[images[seen[images]][0]]
+                raise RescoreError(
+                    f"{self.own[0].root}: expected the candidates of an image in one part, got image {twice} "
+                    "in two; write the detections again"
+                )
+            seen[images] = True
+            begin += n
+
+    def _match(self, files: Sequence[DetectionFile], rows: slice, min_iou: float) -> dict[str, NDArray[Any]]:
+        table = files[0].table
+        place = self.frames.places(table.image_id)
+        images = np.unique(place)
+        truth = self.frames.matched_with.take(images)
+        overlaps = Overlaps.of(table.image_id, table.xyxy_px, truth, min_iou)
+        alone = overlaps.matched(ranking_of(table.score, table.score))
+        columns = self.columns
+        records = [self.frames.rendered[i] for i in truth.image_id.tolist() if i in self.frames.rendered]
+        kind = kinds_of_table(records, table.image_id, table.xyxy_px)
+        columns["image"][rows], columns["kind"][rows] = place, self._codes(kind)
+        columns["score"][rows], columns["likelihood"][rows] = table.score, table.likelihood
+        columns[f"outcome {ALONE}"][rows] = alone.outcome
+        self.reasons.update(table.status.tolist())
+        if "outcome hard" in columns:
+            hard = replace(self.frames.truth, ignore=self.frames.truth.ignore | self.frames.hidden)
+            seen = Overlaps.of(table.image_id, table.xyxy_px, hard.take(images), MIN_IOU)
+            columns["outcome hard"][rows] = seen.matched(table.score).outcome
+        matched: dict[Registration, MatchTable] = {}
+        for file in files:
+            if file.posterior is not None:
+                matched[file.registration] = self._match_mode(file, overlaps, rows)
+        return detector_columns(files, alone, matched, kind)
+
+    def _match_mode(self, file: DetectionFile, overlaps: Overlaps, rows: slice) -> MatchTable:
+        mode, table, columns = file.registration, file.table, self.columns
+        assert file.posterior is not None
+        match = overlaps.matched(ranking_of(file.posterior, table.score))
+        columns[f"outcome {mode}"][rows] = match.outcome
+        columns[f"posterior {mode}"][rows] = file.posterior
+        columns[f"difference {mode}"][rows] = table.depth_difference
+        for rule in self.rules(mode):
+            score = self._rule_score(rule, mode, rows)
+            ranked = overlaps.matched(ranking_of(score, table.score))
+            columns[f"outcome {mode} {rule}"][rows] = ranked.outcome
+        return match
+
+    def _rule_score(self, rule: str, mode: Registration, rows: slice) -> FloatArray:
+        lik, d = self.columns["likelihood"][rows], self.columns[f"difference {mode}"][rows]
+        score = posterior_of(rule, lik, d, self.w(mode), self.learned(mode))
+        assert score is not None, "the numbers of a rule in use are known"
+        return score
+
+    def _codes(self, kind: NDArray[np.object_]) -> NDArray[np.int8]:
+        for name in set(kind.tolist()) - set(self.kinds):
+            self.kinds.append(name)
+        code = {name: i for i, name in enumerate(self.kinds)}
+        return np.array([code[k] for k in kind.tolist()], np.int8)
+
+    def table(self, mode: str) -> MatchTable:
+        """The match table of the detector alone or of a mode."""
+        score = self.columns["score"]
+        ranking = score if mode == ALONE else ranking_of(self.columns[f"posterior {mode}"], score)
+        return self._of(ranking, self.columns[f"outcome {mode}"])
+
+    def rule_table(self, mode: Registration, rule: str) -> MatchTable:
+        """The match table of a way of fusing."""
+        score = self._rule_score(rule, mode, slice(None))
+        ranking = ranking_of(score, self.columns["score"])
+        return self._of(ranking, self.columns[f"outcome {mode} {rule}"])
+
+    def _of(self, ranking: FloatArray, outcome: NDArray[np.int8]) -> MatchTable:
+        image: Any = self.columns["image"]
+        n_cars, unknown = self.frames.matched_with.n_cars, constant(-1, (len(image),), np.int64)
+        return MatchTable(self.frames.truth.n_images, n_cars, image, ranking, outcome, unknown)
+
+    @property
+    def kind(self) -> NDArray[np.object_]:
+        """What fills most of the box of each candidate, shape (n,)."""
+        if self.kinds == [UNKNOWN]:
+            return constant(UNKNOWN, (len(self.columns["kind"]),), object)
+        return np.asarray(np.array(self.kinds, dtype=object)[self.columns["kind"]])
+
+
+def _read_together(
+    own: Sequence[PartTable],
+) -> Iterator[tuple[list[DetectionFile], list[int]]]:
+    """The candidates of so many parts as are matched at once, in each mode, and the rows of each part."""
+    waiting: list[int] = []
+    for i, part in enumerate(own[0].parts):
+        waiting.append(i)
+        if sum(own[0].parts[k].rows for k in waiting) >= AT_A_TIME or part is own[0].parts[-1]:
+            files = [_file(table, [table.parts[k] for k in waiting]) for table in own]
+            first = files[0].table
+            for table, file in zip(own[1:], files[1:], strict=True):
+                t = file.table
+                same = np.array_equal(t.xyxy_px, first.xyxy_px) and np.array_equal(t.image_id, first.image_id)
+                if not same:
+                    raise _other_candidates(str(table.about["detector"]), table.root)
+            yield files, [own[0].parts[k].rows for k in waiting]
+            waiting = []
+
+
+def _file(table: PartTable, parts: Sequence[Part]) -> DetectionFile:
+    found = [read_rows(table, part) for part in parts]
+    rescored = table.kind == RESCORED
+    return DetectionFile(
+        detector=str(table.about["detector"]),
+        table=CandidateTable.concatenate([t for t, _ in found]),
+        posterior=np.concatenate([p for _, p in found if p is not None]) if rescored else None,
+        w=table.about.get("w") if rescored else None,
+        registration=_mode(table),
+        n_beyond_max=0,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The figures of all detectors."""
+
+    rows: list[Row] = field(default_factory=list)
+    comparisons: list[ModeComparison] = field(default_factory=list)
+    fusion: list[FusionRow] = field(default_factory=list)
+    reliability: list[ReliabilityRow] = field(default_factory=list)
+    reasons: dict[str, dict[str, int]] = field(default_factory=dict)
+    difficulty: dict[str, DetectorDifficulty] = field(default_factory=dict)
+
+    def add(self, one: _Detector, seed: int, drawn: BootstrapConfig) -> None:
+        """Add the figures of a detector whose candidates are matched."""
+        tables = {mode: one.table(mode) for mode in (ALONE, *map(str, one.modes))}
+        cars = one.frames.matched_with.cars_of_image
+        sure = certainty(one.name, tables, one.kind, cars, seed, drawn, by=bootstrap_by_sums)
+        summaries = {mode: summarise(match) for mode, match in tables.items()}
+        for mode, match in tables.items():
+            w = 1.0 if mode == ALONE else one.w(Registration(mode))
+            interval = sure.intervals[mode]
+            self.rows.append(Row.of(one.name, mode, w, summaries[mode], interval, ties(match)))
+        self.comparisons.extend(sure.comparisons)
+        self.difficulty[one.name] = _difficulty(one, tables[ALONE])
+        tables.clear()
+        for mode in one.modes:
+            self.fusion.append(FusionRow.of(one.name, mode.value, ALONE, summaries[ALONE]))
+            for rule in one.rules(mode):
+                summary = summarise(one.rule_table(mode, rule))
+                self.fusion.append(FusionRow.of(one.name, mode.value, rule, summary))
+        self._reliability(one)
+        self.reasons[one.name] = dict(sorted(one.reasons.items()))
+
+    def _reliability(self, one: _Detector) -> None:
+        scores = {ALONE: one.columns["likelihood"]}
+        scores |= {mode.value: one.columns[f"posterior {mode}"] for mode in one.modes}
+        for mode, score in scores.items():
+            outcome = one.columns[f"outcome {mode}"]
+            use = outcome != IGNORED
+            if use.any() and not np.isnan(score[use]).any():
+                r = reliability(score[use], outcome[use] == HIT, RELIABILITY_BINS)
+                self.reliability.append(ReliabilityRow.of(one.name, mode, r))
+
+
+def _difficulty(one: _Detector, alone: MatchTable) -> DetectorDifficulty:
+    """What the detector alone makes of the cars that are seen well, by ``rescore.results.difficulty``."""
+    hard = one.columns.get("outcome hard")
+    truth = one.frames.truth
+    seen = int((~truth.ignore & ~one.frames.hidden).sum())
+    match = alone if hard is None else replace(alone, outcome=hard, n_cars=seen)
+    curve = recall_curve(match)
+    return DetectorDifficulty(
+        n_cars=match.n_cars,
+        recall_ceiling=finite(recall_ceiling(curve)),
+        fppi_at_70=fppi_at_recall(curve, CAR_LEVEL),
+        share_by_kind=share_by_kind(match, curve, one.kind),
+    )

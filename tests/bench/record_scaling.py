@@ -1,0 +1,97 @@
+"""Records what the model of a cluster replays: ``python -m tests.bench.record_scaling RUN DETECTOR OUT``.
+
+Times of frames of a finished run, one thread, and what Dask and Ray spend on a task with two workers.
+"""
+
+import statistics
+import sys
+import time
+from pathlib import Path
+
+from reports.publishing.scaling.recorded import EngineCost, Recorded, write_recorded
+from rescore.data.frames import FrameRecord, load_frame
+from rescore.engines.engine import Engine
+from rescore.engines.executor import Executor
+from rescore.engines.on_dask import OnDask
+from rescore.engines.on_ray import OnRay
+from rescore.engines.shared import pickled
+from rescore.evidence.candidates import Candidates, RescoredTable
+from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.parallel import one_thread
+from rescore.studies.finished_run import finished_run
+from tests.bench.rows_engines import FRAME_S, rounds_of, spent_s
+
+FRAMES = 40
+TASKS = 100
+SIZES = (1, 16)
+"""Frames in a task; the difference is what a frame costs, the rest what a task does."""
+Given = tuple[FrameRecord, Candidates]
+
+
+def main(root: Path, detector: str, out: Path) -> None:
+    """Write the file."""
+    run = finished_run(root, detector, None)
+    given = [(f, run.candidates[f.image_id]) for f in run.data.frames if len(run.candidates[f.image_id])][
+        :FRAMES
+    ]
+    rescoring, seconds, tables = Rescoring(run.config, w=0.5), [], []
+    with one_thread():
+        rescore_frame(load_frame(given[0][0], run.sgbm), given[0][1], run.class_model, rescoring)
+        for record, candidates in given:
+            start_s = time.process_time()
+            frame = load_frame(record, run.sgbm)
+            tables.append(rescore_frame(frame, candidates, run.class_model, rescoring).table)
+            seconds.append(time.process_time() - start_s)
+    sent = [len(pickled(g)) + len(pickled(t)) for g, t in zip(given, tables, strict=True)]
+    write_recorded(
+        out,
+        Recorded(
+            command="python -m tests.bench.record_scaling",
+            frame_s=tuple(seconds),
+            read_bytes=statistics.mean(_read_bytes(record) for record, _ in given),
+            sent_bytes=statistics.mean(sent),
+            engines=tuple(_cost(name, given, tables) for name in ("dask", "ray")),
+        ),
+    )
+
+
+def _read_bytes(record: FrameRecord) -> int:
+    files = (record.left_path, record.right_path, record.disparity_path)
+    return sum(file.stat().st_size for file in files if file is not None)
+
+
+def looked_up(given: Given, tables: dict[int, RescoredTable]) -> RescoredTable:
+    """The result without the work."""
+    return tables[given[0].image_id]
+
+
+def _cost(name: str, given: list[Given], tables: list[RescoredTable]) -> EngineCost:
+    executor = Executor.of(name, 2, None)
+    shared = {record.image_id: table for (record, _), table in zip(given, tables, strict=True)}
+    engine: Engine = (OnDask if name == "dask" else OnRay)(looked_up, shared, executor)
+    one, many = (statistics.median(_task_s(engine, given, size) for _ in range(3)) for size in SIZES)
+    engine.close()
+    frame_s = max(0.0, (many - one) / (SIZES[1] - SIZES[0]))
+    rounds = rounds_of(FRAME_S)
+    spent_s(rounds, executor)
+    all_s, frames_s = spent_s(rounds, executor)
+    return EngineCost(name, one - frame_s, frame_s, frames_s / all_s)
+
+
+def _task_s(engine: Engine, given: list[Given], size: int) -> float:
+    """Processor seconds of this process a task, with as many out as an engine wants."""
+    records = [given[k % len(given)] for k in range(size)]
+    start_s, out = time.process_time(), 0
+    for task in range(TASKS):
+        engine.put(task, records, 1)
+        out += 1
+        if out >= engine.ahead():
+            engine.take()
+            out -= 1
+    for _ in range(out):
+        engine.take()
+    return (time.process_time() - start_s) / TASKS
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]))

@@ -1,0 +1,141 @@
+"""Objects of a store as paths, against moto's server with faults."""
+
+import json
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from recon import stores
+from recon.errors import RescoreError
+from recon.files import atomic_path
+from recon.stores import RemotePath, StoreError, located, remote
+from tests.object_store import SECRET, Store, serving
+
+
+@pytest.fixture
+def store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Store]:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(stores, "pause", lambda _seconds: None)
+    with serving(monkeypatch) as running:
+        yield running
+
+
+def at(key: str) -> RemotePath:
+    path = remote(located(f"s3://fleet/{key}"))
+    assert path is not None
+    return path
+
+
+def test_urls_and_paths_made_of_them() -> None:
+    path = located("s3://fleet/a/b.json")
+    assert located(Path("s3://fleet/a/b.json")) == path
+    assert str(path) == "s3://fleet/a/b.json"
+    assert str(path.with_name("c.png")) == "s3://fleet/a/c.png"
+    assert str(path.parent / "d") == "s3://fleet/a/d"
+    assert pickle.loads(pickle.dumps(path)) == path
+    assert located("file:///tmp/x") == Path("/tmp/x")
+    assert located("street/left.png") == Path("street/left.png")
+    assert located("C:/street") == Path("C:/street")
+
+
+@pytest.mark.parametrize(
+    ("url", "told"),
+    [("s3://", "no plain name"), ("s3://key:word@fleet/x", "got credentials"), ("ftp://h/x", "got another")],
+)
+def test_other_urls_are_refused_and_not_repeated(url: str, told: str) -> None:
+    with pytest.raises(RescoreError, match=told) as error:
+        located(url)
+    assert "word" not in str(error.value)
+
+
+def test_written_once_and_read_by_ranges(store: Store) -> None:
+    path = at("a/b.bin")
+    assert not path.is_file()
+    with atomic_path(located(path)) as beside:
+        beside.write_bytes(bytes(range(256)) * 4000)
+    assert [a.split("?")[0] for a in store.asked if a.startswith("PUT")] == ["PUT /fleet/a/b.bin"]
+    assert path.is_file()
+    assert path.parent.is_dir()
+    with path.open() as file:
+        file.seek(512_000 + 3)
+        assert file.read(2) == bytes([3, 4])
+        assert file.seek(-1, 2) == 1_023_999
+        assert file.read() == bytes([255])
+    store.asked.clear()
+    assert path.read_bytes() == bytes(range(256)) * 4000
+    assert path.read_bytes()[:1] == b"\0"
+    # the second time comes from the cache, and the size was known
+    assert [a.split("?")[0] for a in store.asked] == ["GET /fleet/a/b.bin"]
+    path.write_bytes(b"new")
+    assert path.read_bytes() == b"new"
+
+
+def test_a_folder_is_listed_and_never_the_bucket(store: Store) -> None:
+    for name in ("x/1", "x/2", "x/deep/3", "y/4"):
+        at(name).write_bytes(b"1")
+    store.asked.clear()
+    assert [p.name for p in at("x").iterdir()] == ["1", "2", "deep"]
+    assert list(at("none").iterdir()) == []
+    lists = [a for a in store.asked if "list-type" in a]
+    assert lists
+    assert all("prefix=x" in a or "prefix=none" in a for a in lists)
+
+
+def test_faults_that_pass_are_waited_for(store: Store) -> None:
+    path = at("a")
+    for status in ("503 Slow Down", "500 Internal Server Error"):
+        store.fail(stores.TRIES - 1, status)
+        path.write_bytes(b"whole")
+        store.fail(stores.TRIES - 1, status)
+        stores._state.cache_clear()
+        assert path.read_bytes() == b"whole"
+
+
+def test_the_end_of_tries_is_one_line(store: Store) -> None:
+    store.fail(1000)
+    with pytest.raises(
+        StoreError, match=r"^s3://fleet/a: expected to write it, got .* at each of 5 tries; check"
+    ) as error:
+        at("a").write_bytes(b"1")
+    assert "\n" not in str(error.value)
+    assert len(store.asked) == stores.TRIES
+    store.failing = 0
+    with pytest.raises(StoreError, match="no such bucket"):
+        located("s3://other-fleet/a").write_bytes(b"1")
+
+
+def test_no_error_tells_a_secret(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(f"signature of {SECRET} does not match")
+
+    monkeypatch.setattr(stores._filesystem("s3"), "pipe_file", refuse)
+    with pytest.raises(StoreError, match=r"signature of \.\.\. does not match") as error:
+        at("a").write_bytes(b"1")
+    assert SECRET not in str(error.value)
+
+
+def test_the_cache_has_a_bound(store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(stores.CACHE_VARIABLE, "1")
+    for k in range(15):
+        at(f"{k}").write_bytes(bytes(100_000))
+        at(f"{k}").read_bytes()
+    kept = list(stores.cache_folder().iterdir())
+    assert stores.cache_folder().is_relative_to(tmp_path)
+    assert 5 <= len(kept) <= 10
+    at("large").write_bytes(bytes(200_000))
+    at("large").read_bytes()
+    assert len(list(stores.cache_folder().iterdir())) == len(kept)
+
+
+def test_paths_of_this_machine_import_no_store() -> None:
+    code = (
+        "import json, sys; from recon.files import atomic_path; from recon.stores import located; "
+        "import rescore.cli; located('x'); print(json.dumps([m for m in ('fsspec', 's3fs', 'duckdb') "
+        "if m in sys.modules]))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(found.stdout) == []

@@ -1,0 +1,136 @@
+"""Made-up tables in parts of any size, to measure with: frames with cars, and candidates rescored in a mode.
+
+Run it to measure an evaluation of a million frames:
+
+    python -m tests.rescore.large_tables FOLDER 1000000
+"""
+
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from rescore.formats.parts.candidates import RESCORED, SCHEMA
+from rescore.formats.parts.frames import FRAMES
+from rescore.formats.parts.frames import SCHEMA as FRAME_SCHEMA
+from rescore.formats.parts.table import Part, PartTable, write_part
+from rescore.results.evaluate_parts import EvaluatedFrames, evaluate_parts
+
+FRAMES_A_PART = 250
+CANDIDATES_A_FRAME = 15
+CARS_A_FRAME = 3
+LOW, HIGH = np.array([0.0, 0, 40, 40]), np.array([560.0, 400, 80, 80])
+"""Limits of left, top, width and height of a box."""
+
+
+def write_tables(root: Path, n_frames: int, seed: int) -> tuple[PartTable, PartTable]:
+    """The frames, and the candidates in mode instance, of so many frames."""
+    rng = np.random.default_rng(seed)
+    frames, rescored = [], []
+    for first in range(0, n_frames, FRAMES_A_PART):
+        ids = np.arange(first, min(first + FRAMES_A_PART, n_frames))
+        name = f"{first // FRAMES_A_PART:06d}"
+        cars = rng.uniform(LOW, HIGH, (len(ids), CARS_A_FRAME, 4))
+        cars[..., 2:] += cars[..., :2]
+        size = write_part(root / "data", name, [_frames(ids, cars)])
+        frames.append(Part(name=name, rows=len(ids), bytes=size, frames=len(ids)))
+        groups = _candidates(ids, cars, rng)
+        size = write_part(root / "rescored", name, groups)
+        rescored.append(Part(name=name, rows=len(groups[1]), bytes=size, frames=len(ids)))
+    data = PartTable(root / "data", FRAMES, {"class": "car", "category_id": 1, "renamed": {}}, tuple(frames))
+    about = {"detector": "hog", "registration": "instance", "w": 0.5}
+    found = PartTable(root / "rescored", RESCORED, about, tuple(rescored))
+    data.write()
+    found.write()
+    return data, found
+
+
+def _frames(ids: Any, cars: Any) -> pa.Table:
+    corners = cars.reshape(-1, 4)
+    n = len(corners)
+    numbers = np.repeat(ids, CARS_A_FRAME) * CARS_A_FRAME + np.tile(np.arange(CARS_A_FRAME), len(ids))
+    schema = FRAME_SCHEMA
+    fields = list(schema.field("objects").type.value_type)
+    known = dict(zip(("x0", "y0", "x1", "y1"), corners.T, strict=True)) | {
+        "annotation_id": numbers,
+        "ignore": np.zeros(n, np.bool_),
+    }
+    rows = pa.StructArray.from_arrays(
+        [pa.array(known[f.name], f.type) if f.name in known else pa.nulls(n, f.type) for f in fields],
+        fields=fields,
+    )
+    listed = pa.ListArray.from_arrays(pa.array(np.arange(0, n + 1, CARS_A_FRAME), pa.int32()), rows)
+    columns = {
+        "image_id": pa.array(ids),
+        "split": pa.array(["test"] * len(ids)),
+        "width_px": pa.array([640] * len(ids), pa.int64()),
+        "height_px": pa.array([480] * len(ids), pa.int64()),
+        "left_file": pa.array([f"left/street_{i // 1000}/{i:08d}.png" for i in ids]),
+        "objects": listed,
+    }
+    return pa.table([columns.get(f.name, pa.nulls(len(ids), f.type)) for f in schema], schema=schema)
+
+
+def _candidates(ids: Any, cars: Any, rng: np.random.Generator) -> tuple[pa.Table, pa.Table]:
+    shape = (len(ids), CANDIDATES_A_FRAME)
+    boxes = rng.uniform(LOW, HIGH, (*shape, 4))
+    boxes[..., 2:] += boxes[..., :2]
+    boxes[:, :CARS_A_FRAME] = cars + rng.normal(0, 4, cars.shape)
+    on_car = np.zeros(shape, np.bool_)
+    on_car[:, :CARS_A_FRAME] = True
+    likelihood = 1 / (1 + np.exp(-rng.normal(np.where(on_car, 0.5, -1.5), 1.2)))
+    # single precision makes some ties
+    likelihood = likelihood.astype(np.float16).astype(float)
+    difference = 1 / (1 + np.exp(-rng.normal(np.where(on_car, -1.5, 1.0), 1.0)))
+    order = np.argsort(-likelihood, axis=1, kind="stable")
+    boxes = np.take_along_axis(boxes, order[..., None], axis=1).reshape(-1, 4)
+    likelihood, difference = (np.take_along_axis(v, order, axis=1).ravel() for v in (likelihood, difference))
+    n = len(likelihood)
+    known: dict[str, Any] = {
+        "image_id": np.repeat(ids, CANDIDATES_A_FRAME),
+        "rank": np.tile(np.arange(CANDIDATES_A_FRAME), len(ids)),
+        **dict(zip(("x0", "y0", "x1", "y1"), boxes.T, strict=True)),
+        "detector_score": likelihood,
+        "likelihood": likelihood,
+        "posterior": np.exp(0.5 * np.log(likelihood) + 0.5 * np.log1p(-difference)),
+        "depth_difference": difference,
+        "status": np.full(n, "ok", object),
+        **dict.fromkeys(("reason_detail", "ground", "view_bin", "second_view"), np.full(n, "", object)),
+    }
+    cues = rng.normal(size=(3, n)).astype(np.float32).astype(float)
+    known |= dict(zip([f.name for f in SCHEMA if f.name.startswith("cue_")], cues, strict=False))
+    rows = [pa.array(known[f.name], f.type) if f.name in known else pa.nulls(n, f.type) for f in SCHEMA]
+    frames = pa.table(
+        [
+            pa.array(ids)
+            if f.name == "image_id"
+            else pa.array(["ok"] * len(ids))
+            if f.name == "status"
+            else pa.array([""] * len(ids))
+            if f.name == "reason_detail"
+            else pa.nulls(len(ids), f.type)
+            for f in SCHEMA
+        ],
+        schema=SCHEMA,
+    )
+    return frames, pa.table(rows, schema=SCHEMA)
+
+
+def _main(folder: str, n_frames: str) -> None:
+    root = Path(folder)
+    if not (root / "rescored" / "parts.json").is_file():
+        write_tables(root, int(n_frames), 0)
+    began, before = time.time(), time.process_time()
+    frames = EvaluatedFrames.of_parts(PartTable.read(root / "data"), "test")
+    metrics = evaluate_parts(frames, [PartTable.read(root / "rescored")], root / "run")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    spent, took = time.process_time() - before, time.time() - began
+    print(f"{metrics.n_candidates} candidates: {took:.0f} s, {spent:.0f} s of processor, {peak:.0f} MB")
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])
