@@ -117,8 +117,32 @@ def random_kills(engine: str, kills: int, seed: int) -> Row:
     return Row(engine, killed, n, n - once - len(lost), len(done) - once, len(lost), begun - n)
 
 
-def caller_killed(engine: str, frames: int, seed: int) -> str:
-    """A run whose command is killed, then started again; one line says what came of it."""
+@dataclass(frozen=True)
+class Resumed:
+    """What became of a run whose command was killed and started again."""
+
+    engine: str
+    frames: int
+    before: int
+    """Frames that were done when it was killed."""
+    processes: int
+    """Those it had started."""
+    gone_s: float
+    """Time until they were gone."""
+    after: int
+    """Frames that are done in the end."""
+    begun_twice: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.engine}: caller killed after {self.before} of {self.frames} frames, its {self.processes} "
+            f"processes gone in {self.gone_s:.1f} s; started again: {self.after} frames, {self.begun_twice} of "
+            "them begun twice"
+        )
+
+
+def caller_killed(engine: str, frames: int, seed: int) -> Resumed:
+    """A run whose command is killed at a random frame, then started again."""
     rng = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -136,10 +160,7 @@ def caller_killed(engine: str, frames: int, seed: int) -> str:
         before = len(list(folder.glob("frame_*")))
         subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         after, begun = len(list(folder.glob("frame_*"))), len(list((folder / "begun").iterdir()))
-    return (
-        f"{engine}: caller killed after {before} of {frames} frames, its {len(workers)} processes gone in "
-        f"{gone_s:.1f} s; started again: {after} frames, {begun - frames} of them begun twice"
-    )
+    return Resumed(engine, frames, before, len(workers), gone_s, after, begun - frames)
 
 
 def _until(condition: Callable[[], bool], limit_s: float) -> None:
