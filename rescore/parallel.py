@@ -7,7 +7,16 @@ from typing import TypeVar
 
 import cv2
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from rescore import speech
@@ -20,7 +29,7 @@ def track(
 ) -> Iterator[T]:
     """The items one after another, counted by a bar in a terminal and by a line a minute elsewhere.
 
-    ``done`` items of the total were there before.
+    Both tell the rate and the time left. ``done`` items of the total were there before.
     """
     if not show or speech.is_quiet():
         return iter(items)
@@ -32,7 +41,10 @@ def track(
 
 
 def _with_bar(items: Iterable[T], description: str, total: int, done: int, console: Console) -> Iterator[T]:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
+        *(_RateColumn(), TimeRemainingColumn()),
+    )
     with Progress(*columns, console=console, transient=True) as progress:
         bar = progress.add_task(description, total=total, completed=done)
         for item in items:
@@ -40,13 +52,26 @@ def _with_bar(items: Iterable[T], description: str, total: int, done: int, conso
             progress.advance(bar)
 
 
+class _RateColumn(ProgressColumn):
+    """Items a second."""
+
+    def render(self, task: Task) -> Text:
+        return Text("" if task.speed is None else _rate(task.speed), style="progress.data.speed")
+
+
+def _rate(each_s: float) -> str:
+    return f"{each_s:.2g} a second" if each_s < 100 else f"{each_s:.0f} a second"
+
+
 def _with_lines(items: Iterable[T], description: str, total: int, done: int) -> Iterator[T]:
-    told_s = speech.now_s()
+    start_s = told_s = speech.now_s()
     for count, item in enumerate(items, start=done + 1):
         yield item
         if count < total and speech.now_s() - told_s >= speech.EVERY_S:
-            speech.say(f"{description}: {count} of {total}")
             told_s = speech.now_s()
+            each_s = (count - done) / (told_s - start_s)
+            left_min = (total - count) / each_s / 60
+            speech.say(f"{description}: {count} of {total}, {_rate(each_s)}, {left_min:.0f} min left")
 
 
 @contextmanager

@@ -24,8 +24,8 @@ from tests.faults.processes import alive, descendants
 
 PACKAGES = {"joblib": "joblib", "dask": "distributed", "ray": "ray"}
 FRAME_S = 0.05
-BETWEEN_FRAMES = 8
-"""Frames that begin between two kills, however slow the machine is; then comes a random wait."""
+BETWEEN_FRAMES = 10
+"""Frames that are done between two kills, however slow the machine is; then comes a random wait."""
 MOST_WAIT_S = 0.5
 MOST_FRAMES = 100_000
 
@@ -52,11 +52,12 @@ HEAD = """| engine | workers killed | frames | lost | twice | set aside | begun 
 
 
 def frame(number: int, folder: Path) -> int:
-    """Work of some milliseconds that leaves a mark when it begins."""
+    """Work of some milliseconds that leaves a mark when it begins, and another at its end."""
     (folder / f"{number}_{os.getpid()}_{time.monotonic_ns()}").touch()
     until_s = time.process_time() + FRAME_S
     while time.process_time() < until_s:
         sum(range(1000))
+    (folder / f"done_{number}").touch()
     return number
 
 
@@ -79,15 +80,14 @@ def random_kills(engine: str, kills: int, seed: int) -> Row:
 
         def kill() -> None:
             nonlocal killed
-            begun = 0
+            done = 0
             while killed < kills:
                 time.sleep(0.02)
-                marks = list(folder.iterdir())
-                if len(marks) < begun + BETWEEN_FRAMES:
+                if len(list(folder.glob("done_*"))) < done + BETWEEN_FRAMES:
                     continue
                 time.sleep(rng.uniform(0, MOST_WAIT_S))
-                begun = len(marks)
-                workers = sorted({int(mark.name.split("_")[1]) for mark in marks})
+                done = len(list(folder.glob("done_*")))
+                workers = sorted({int(mark.name.split("_")[1]) for mark in folder.glob("[0-9]*")})
                 living = [pid for pid in workers if alive(pid)]
                 if living:
                     os.kill(rng.choice(living), signal.SIGKILL)
@@ -111,14 +111,38 @@ def random_kills(engine: str, kills: int, seed: int) -> Row:
         executor = Executor.of(engine, 2, None)
         found = list(map_frames(frame, frames(), folder, executor, failed=set_aside))
         killer.join()
-        begun = len(list(folder.iterdir()))
+        begun = len(list(folder.glob("[0-9]*")))
     done = [n for n in found if n >= 0]
     n, once = len(found), len(set(done))
     return Row(engine, killed, n, n - once - len(lost), len(done) - once, len(lost), begun - n)
 
 
-def caller_killed(engine: str, frames: int, seed: int) -> str:
-    """A run whose command is killed, then started again; one line says what came of it."""
+@dataclass(frozen=True)
+class Resumed:
+    """What became of a run whose command was killed and started again."""
+
+    engine: str
+    frames: int
+    before: int
+    """Frames that were done when it was killed."""
+    processes: int
+    """Those it had started."""
+    gone_s: float
+    """Time until they were gone."""
+    after: int
+    """Frames that are done in the end."""
+    begun_twice: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.engine}: caller killed after {self.before} of {self.frames} frames, its {self.processes} "
+            f"processes gone in {self.gone_s:.1f} s; started again: {self.after} frames, {self.begun_twice} "
+            "of them begun twice"
+        )
+
+
+def caller_killed(engine: str, frames: int, seed: int) -> Resumed:
+    """A run whose command is killed at a random frame, then started again."""
     rng = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -135,11 +159,8 @@ def caller_killed(engine: str, frames: int, seed: int) -> str:
         gone_s = time.monotonic() - start_s
         before = len(list(folder.glob("frame_*")))
         subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        after, begun = len(list(folder.glob("frame_*"))), len(list((folder / "begun").iterdir()))
-    return (
-        f"{engine}: caller killed after {before} of {frames} frames, its {len(workers)} processes gone in "
-        f"{gone_s:.1f} s; started again: {after} frames, {begun - frames} of them begun twice"
-    )
+        after, begun = len(list(folder.glob("frame_*"))), len(list((folder / "begun").glob("[0-9]*")))
+    return Resumed(engine, frames, before, len(workers), gone_s, after, begun - frames)
 
 
 def _until(condition: Callable[[], bool], limit_s: float) -> None:

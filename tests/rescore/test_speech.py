@@ -9,6 +9,9 @@ import pytest
 from rescore import speech
 from rescore.parallel import track
 
+SLOW_LINES = ["slow: 1 of 3, 0.005 a second, 7 min left", "slow: 2 of 3, 0.005 a second, 3 min left"]
+"""Three items that take 200 s each."""
+
 
 @dataclass
 class Clock:
@@ -38,9 +41,10 @@ def test_a_line_a_minute_where_there_is_no_terminal(clock: Clock, capsys: pytest
     assert list(track(slow(clock, 20, 10), "depth evidence hog", 25, done=5)) == list(range(20))
     # 10 s an item: lines at 60, 120 and 180 s, with what was done before counted
     assert capsys.readouterr().err.splitlines() == [
-        "depth evidence hog: 11 of 25",
-        "depth evidence hog: 17 of 25",
-        "depth evidence hog: 23 of 25",
+        # 14 items left at 0.1 a second
+        "depth evidence hog: 11 of 25, 0.1 a second, 2 min left",
+        "depth evidence hog: 17 of 25, 0.1 a second, 1 min left",
+        "depth evidence hog: 23 of 25, 0.1 a second, 0 min left",
     ]
 
 
@@ -50,7 +54,7 @@ def test_quick_work_says_nothing_and_slow_items_a_line_each(
     assert list(track(slow(clock, 6, 9.9), "quick", 6)) == list(range(6))
     assert capsys.readouterr().err == ""
     assert list(track(slow(clock, 3, 200), "slow", 3)) == [0, 1, 2]
-    assert capsys.readouterr().err.splitlines() == ["slow: 1 of 3", "slow: 2 of 3"]
+    assert capsys.readouterr().err.splitlines() == SLOW_LINES
 
 
 def test_quiet_silences_notes_and_progress(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,7 +92,7 @@ def test_a_terminal_that_draws_no_bar_gets_lines(
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "dumb")
     assert list(track(slow(clock, 3, 200), "slow", 3)) == [0, 1, 2]
-    assert capsys.readouterr().err.splitlines() == ["slow: 1 of 3", "slow: 2 of 3"]
+    assert capsys.readouterr().err.splitlines() == SLOW_LINES
 
 
 def test_long_work_without_items_says_that_it_goes_on(

@@ -19,6 +19,7 @@ from rescore.engines.engine import TRIES
 from rescore.engines.executor import Executor
 from rescore.engines.map_frames import Failed, map_frames
 from tests.conftest import ROOT
+from tests.faults.faults_of_engines import caller_killed
 from tests.rescore.engines import light_work
 
 # clusters take seconds to start, so one process has them
@@ -158,6 +159,16 @@ def test_what_cannot_be_sent_is_an_error_of_its_record() -> None:
         map_frames(lambda _n, _s: threading.Lock(), range(2), None, 2, failed=lambda f: f)
     )
     assert all("cannot be sent" in f.reason for f in found)
+
+
+@pytest.mark.parametrize("executor", [JOBLIB, DASK])
+def test_a_caller_that_is_killed_leaves_nothing_and_its_run_goes_on(executor: Executor) -> None:
+    found = caller_killed(executor.engine, 30, seed=1)
+    assert 3 <= found.before < 30
+    assert found.processes >= 2
+    assert found.after == 30
+    # what the two workers were at when it was killed
+    assert found.begun_twice <= 2
 
 
 @pytest.mark.parametrize(
