@@ -15,8 +15,8 @@ from recon.files import atomic_path
 from recon.pixels import sample_bilinear
 from reports import palette
 from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about
-from reports.objects.object_mesh import object_meshes
-from reports.objects.popup import close_camera, object_texture, scene_layers, source_similarity
+from reports.objects.object_mesh import object_layers
+from reports.objects.popup import close_camera, scene_layers, source_similarity
 from reports.pages import write_page
 from rescore.library.single_picture import FoundObject
 from rescore.studies.instance_accuracy import InstanceErrors
@@ -100,9 +100,7 @@ def steps_strip(exhibit: Exhibit) -> UInt8Array | None:
     panels = [
         _cut(p, exhibit.photo.seen_from.camera, camera) for p in (rgb, _outlined(rgb, one), _tinted(rgb, one))
     ]
-    texture = object_texture(rgb, one)
-    meshes = object_meshes(texture, one.picture, one.instance, exhibit.photo.seen_from.camera, one.occluded)
-    view = MeshView([(mesh, texture) for mesh in meshes])
+    view = MeshView(object_layers(rgb, one, exhibit.photo.seen_from.camera))
     # towards the side that the photograph shows less of
     side = np.sign(_nose_right(one)) * _OTHER_SIDE_RAD
     turn = turned_about(one.instance.centroid_m, exhibit.photo.seen_from.ground.up, float(side))

@@ -63,21 +63,20 @@ def reconstruct(
     """
     from reports.objects.instance_overlay import instance_overlay
     from reports.objects.mesh_files import gltf_from_object, write_glb, write_ply
-    from reports.objects.object_mesh import object_meshes
-    from reports.objects.popup import object_texture, write_png
+    from reports.objects.object_mesh import object_layers
+    from reports.objects.popup import write_png
     from rescore.files import write_json
     from rescore.library.single_picture import instance_json, load_class, open_photo
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
     found = _found(photo, box, view_bin, classes, say if as_json else typer.echo)
-    texture = object_texture(photo.rgb, found)
-    meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
     turn = gltf_from_object(found.instance)
-    moved = [mesh.moved(turn) for mesh in meshes]
+    layers = object_layers(photo.rgb, found, photo.seen_from.camera)
+    moved = [(mesh.moved(turn), picture) for mesh, picture in layers]
     write_json(out / "instance.json", instance_json(found.instance))
-    write_glb(out / "object.glb", [(f"{class_name}_{k}", m, texture) for k, m in enumerate(moved)])
-    write_ply(out / "object.ply", moved, texture)
+    write_glb(out / "object.glb", [(f"{class_name}_{k}", *layer) for k, layer in enumerate(moved)])
+    write_ply(out / "object.ply", moved)
     write_png(
         out / "overlay.png",
         instance_overlay(photo.rgb, found.picture, found.instance, photo.seen_from.camera),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.objects.object_classes import labelled_views, object_class
+from datasets_synth.objects.object_classes import SizedShape, labelled_views, object_class
 from datasets_synth.photos.gallery_photos import (
     gallery_photo,
     occluded_basket,
@@ -16,6 +16,7 @@ from datasets_synth.photos.single_object import ObjectPhoto
 from recon.class_model import ClassModel
 from recon.errors import Failure
 from recon.learning.learn import learn_class_model
+from recon.localization.learn_shapes import with_shape_space
 from recon.localization.single_plane import single_plane
 from recon.reconstruction.view_selection import best_view_bin
 from rescore.library.single_picture import FoundObject, Photo, find_object
@@ -149,6 +150,8 @@ def learned_model(name: str, models: Path | None) -> ClassModel:
     shapes = shown.train[:: max(1, len(shown.train) // _INSTANCES)][:_INSTANCES]
     views = labelled_views(shown, shapes, shown.bins, _LABEL_SIZE_PX)
     model = learn_class_model(views, name, shown.part_names)
+    if all(isinstance(shape, SizedShape) for shape in shown.train):
+        model = with_shape_space(model, labelled_views(shown, shown.train, shown.bins, _LABEL_SIZE_PX))
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         model.save(path)
