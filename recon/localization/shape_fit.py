@@ -30,6 +30,8 @@ _SIDE_POINTS = 24
 """Points on each side of the box."""
 _SILHOUETTE_PX = 120
 """Longer side of the grid on which silhouettes are found."""
+_LEAST_SPREAD = 0.05
+"""Least standard deviation of the logarithms of sizes beside what the shape says of them."""
 _MIRROR_PX = 7
 """Limbs thinner than this many pixels are not of the shape."""
 _DOWN = 0.3
@@ -181,7 +183,7 @@ def fit_shape(
         log_rest = np.log(rough.size_m) - space.log_size - space.log_size_modes @ rough.coefficients
         found = [problem.refined(np.concatenate([middle[:2], [yaw], log_rest, rough.coefficients]))]
     else:
-        log_rest = np.full(3, (np.log(rough.size_m) - space.log_size).mean())
+        log_rest = np.zeros(3)
         found = [
             problem.fit(np.concatenate([middle[:2], [yaw + step], log_rest]))
             for step in np.deg2rad(config.starts_deg)
@@ -233,14 +235,14 @@ class _Problem:
         spread = np.sqrt(self.space.log_size_rest**2 + (self.space.log_size_modes**2).sum(axis=1))
         none = np.zeros(self.space.count)
         first = least_squares(
-            lambda v: self._costs(np.concatenate([v, none]), spread, 3.0), start, loss="cauchy", max_nfev=10
+            lambda v: self._costs(np.concatenate([v, none]), spread, 3.0), start, max_nfev=10
         )
         return self.refined(np.concatenate([first.x, none]))
 
     def refined(self, begin: FloatArray) -> tuple[FloatArray, float]:
         """Unknowns and their cost, from a start with coefficients."""
-        rest = np.maximum(self.space.log_size_rest, 0.02)
-        found = least_squares(lambda v: self._costs(v, rest, 1.0), begin, loss="cauchy", max_nfev=15)
+        rest = np.maximum(self.space.log_size_rest, _LEAST_SPREAD)
+        found = least_squares(lambda v: self._costs(v, rest, 1.0), begin, max_nfev=15)
         return found.x, float(found.cost)
 
     def median_residual(self, vector: FloatArray) -> float:
@@ -254,7 +256,10 @@ class _Problem:
         value, sides = least[: self.outline], least[self.outline :].reshape(-1, _SIDE_POINTS)
         weight = np.where(value > 0, self.outside, 1.0) * np.sqrt(40 / len(value)) / noise_m
         touch = sides.min(axis=1) * self.config.side_weight / noise_m
-        return np.concatenate([value * weight, touch, vector[3:6] / size_std, vector[6:]])
+        # Cauchy's loss for what is seen; no outlier may outweigh what is known of the class
+        seen = np.concatenate([value * weight, touch])
+        robust = np.sign(seen) * np.sqrt(np.log1p(seen**2))
+        return np.concatenate([robust, vector[3:6] / size_std, vector[6:]])
 
     def _least_values(self, vector: FloatArray) -> FloatArray:
         """Least value of the hull function along each ray, shape (n,), in metres."""
