@@ -5,6 +5,7 @@ fit starts near a pose, and the outline is that of any photograph: it may be cut
 hidden in part, or take in the shadow under the object.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -16,7 +17,7 @@ from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.localization.outline_edges import outline_points
-from recon.localization.standing_box import StandingBox, angle_between, cam_from_ground, turn
+from recon.localization.standing_box import angle_between, cam_from_ground, turn
 from recon.outlines import largest_outline
 from recon.reconstruction.instance import Instance3D
 from recon.reconstruction.matte import matte
@@ -30,8 +31,16 @@ _SIDE_POINTS = 24
 """Points on each side of the box."""
 _SILHOUETTE_PX = 120
 """Longer side of the grid on which silhouettes are found."""
+_LEAST_OVERLAP = 0.75
+"""Least intersection over union of the matte and the silhouette of its shape."""
 _LEAST_SPREAD = 0.05
 """Least standard deviation of the logarithms of sizes beside what the shape says of them."""
+_COARSE_STEPS, _FINE_STEPS = 10, 20
+"""Steps of the fit with the mean shape, and with all unknowns."""
+_POSE_STEP = np.array([0.005, 0.005, 0.003, 0.003, 0.003, 0.003])
+"""Steps in x and y (metres), yaw and logarithms of the size over which slopes are taken."""
+_SHAPE_STEP = 0.05
+"""The same for coefficients."""
 _MIRROR_PX = 7
 """Limbs thinner than this many pixels are not of the shape."""
 _DOWN = 0.3
@@ -96,7 +105,9 @@ class FittedShape:
             indexing="ij",
         )
         back = np.linalg.inv(self.cam_from_object)
-        rays = _unit(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))) @ back[:3, :3].T
+        rays = np.asarray(
+            _unit(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))) @ back[:3, :3].T, float
+        )
         value = least_values(back[:3, 3], rays, self.space, self.hull, self.size_m, _SAMPLES)
         value = value.reshape(height, width).astype(np.float32)
         fine = cv2.resize(value, tuple((high - low).tolist()), interpolation=cv2.INTER_LINEAR)
@@ -133,7 +144,18 @@ def shape_in_box(
         return first, shape
     second = matte(rgb, shape.silhouette(seen_from.camera, xyxy_px), xyxy_px, fitted=True)
     again = _fit_to(second, xyxy_px, shape, space, seen_from, occluded)
-    return (first, shape) if isinstance(again, Failure) else (second, again)
+    if isinstance(again, Failure):
+        return second, again
+    own, filled = second > 0.5, again.silhouette(seen_from.camera, xyxy_px)
+    if occluded is not None:
+        own, filled = own & ~occluded, filled & ~occluded
+    overlap = float((own & filled).sum() / max((own | filled).sum(), 1))
+    if overlap < _LEAST_OVERLAP:
+        return second, Failure(
+            Reason.REGISTRATION_FAILED,
+            f"a silhouette that shares {_LEAST_OVERLAP:.0%} with the object expected, got {overlap:.0%}",
+        )
+    return second, again
 
 
 def _fit_to(
@@ -166,7 +188,8 @@ def fit_shape(
 
     Args:
         ring_px: the closed outline, shape (m, 2), centres of its border pixels.
-        xyxy_px: the box, shape (4,), pixel edges; its sides touch the object where the picture does not cut it.
+        xyxy_px: the box, shape (4,), pixel edges; its sides touch the object unless the picture
+            cuts it.
         rough: where the object is and how it is turned, roughly; a shape fitted before is refined.
         space: the shape space of the class.
         seen_from: the camera M and the ground plane Q_g.
@@ -234,15 +257,28 @@ class _Problem:
         """Unknowns and their cost, from a start (6,) without coefficients; first with the mean shape."""
         spread = np.sqrt(self.space.log_size_rest**2 + (self.space.log_size_modes**2).sum(axis=1))
         none = np.zeros(self.space.count)
-        first = least_squares(
-            lambda v: self._costs(np.concatenate([v, none]), spread, 3.0), start, max_nfev=10
+        first = self._solved(
+            lambda v: self._costs(np.concatenate([v, none]), spread, 3.0), start, _COARSE_STEPS
         )
-        return self.refined(np.concatenate([first.x, none]))
+        return self.refined(np.concatenate([first[0], none]))
 
     def refined(self, begin: FloatArray) -> tuple[FloatArray, float]:
         """Unknowns and their cost, from a start with coefficients."""
         rest = np.maximum(self.space.log_size_rest, _LEAST_SPREAD)
-        found = least_squares(lambda v: self._costs(v, rest, 1.0), begin, max_nfev=15)
+        return self._solved(lambda v: self._costs(v, rest, 1.0), begin, _FINE_STEPS)
+
+    def _solved(
+        self, costs: Callable[[FloatArray], FloatArray], start: FloatArray, steps: int
+    ) -> tuple[FloatArray, float]:
+        """Unknowns of least cost near a start, and that cost."""
+        # hulls are sampled, so that shorter steps would see their cells
+        step = np.concatenate([_POSE_STEP, np.full(len(start) - 6, _SHAPE_STEP)])
+
+        def slopes(at: FloatArray) -> FloatArray:
+            here = costs(at)
+            return np.stack([(costs(at + d) - here) / d.sum() for d in np.diag(step)], axis=1)
+
+        found = least_squares(costs, start, slopes, max_nfev=steps)
         return found.x, float(found.cost)
 
     def median_residual(self, vector: FloatArray) -> float:
@@ -296,17 +332,26 @@ def least_values(
     size_m: FloatArray,
     samples: int,
 ) -> FloatArray:
-    """Least value of a hull function along rays (n, 3) of length 1 from a point (3,), object frame, metres."""
+    """Least value of a hull function along rays (n, 3) of length 1 from a point (3,), object frame, in m."""
     middle = (np.array([0.0, 0.0, size_m[2] / 2]) - eye_m) @ rays.T
     step = float(np.linalg.norm(size_m)) / samples
 
     def values(along: FloatArray) -> FloatArray:
-        """Hull values (n, k); they grow below the ground and off the grid."""
-        unit = (eye_m + along[..., None] * rays[:, None]).reshape(-1, 3) / size_m
-        beyond = np.maximum(np.abs(unit) - np.array(space.reach), 0) * size_m
-        value = sample_hull(hull, space.grid_coordinates(unit)) + np.sqrt((beyond**2).sum(axis=1))
-        return np.asarray(np.maximum(value, -unit[:, 2] * size_m[2])).reshape(along.shape)
+        return hull_values(eye_m + along[..., None] * rays[:, None], space, hull, size_m)
 
     along = middle[:, None] + step * (np.arange(samples) - samples / 2)
     best = along[np.arange(len(rays)), np.argmin(values(along), axis=1)]
     return np.asarray(values(best[:, None] + np.linspace(-step, step, 9)).min(axis=1))
+
+
+def hull_values(
+    points_m: FloatArray, space: ShapeSpace, hull: Float32Array, size_m: FloatArray
+) -> FloatArray:
+    """Values (...) of a hull function at points (..., 3) of the object frame, metres.
+
+    They are positive below the ground, and grow off the grid.
+    """
+    unit = points_m.reshape(-1, 3) / size_m
+    beyond = np.maximum(np.abs(unit) - np.array(space.reach), 0) * size_m
+    value = sample_hull(hull, space.grid_coordinates(unit)) + np.sqrt((beyond**2).sum(axis=1))
+    return np.asarray(np.maximum(value, -unit[:, 2] * size_m[2])).reshape(points_m.shape[:-1])

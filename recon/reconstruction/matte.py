@@ -55,7 +55,9 @@ def matte(rgb: UInt8Array, inside: BoolArray, xyxy_px: FloatArray, fitted: bool 
         marks[_distance(own) > reach * root] = cv2.GC_FGD
     crop = np.ascontiguousarray(rgb[window])
     cv2.setRNGSeed(0)
-    cv2.grabCut(crop, marks, None, np.zeros((1, 65)), np.zeros((1, 65)), _ROUNDS, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(
+        crop, marks, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), _ROUNDS, cv2.GC_INIT_WITH_MASK
+    )
     kept = np.isin(marks, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32)
     out[window] = _guided(crop, kept)
     return out
@@ -68,7 +70,7 @@ def _distance(mask: BoolArray) -> Float32Array:
 
 def _guided(rgb: UInt8Array, values: Float32Array) -> Float32Array:
     """Values (h, w) in [0, 1] whose borders follow those of a picture (h, w, 3)."""
-    guide = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32) / np.float32(255)
+    guide = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32) / np.float32(255), np.float32)
 
     def mean(picture: Float32Array) -> Float32Array:
         side = 2 * _RADIUS_PX + 1

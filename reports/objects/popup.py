@@ -201,20 +201,6 @@ def in_scene_axes(layers: Sequence[Layer], ground: GroundPlane) -> list[Layer]:
     return [(name, mesh.moved(transform), rgb) for name, mesh, rgb in layers]
 
 
-def source_similarity(photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer]) -> float:
-    """Mean structural similarity, inside the outlines, of the picture and the scene seen from its camera."""
-    again, _ = MeshView([(mesh, rgb) for _, mesh, rgb in layers]).picture(photo.seen_from.camera, np.eye(4))
-    height, width = photo.rgb.shape[:2]
-    inside = np.zeros((height, width), bool)
-    for one in objects:
-        inside |= fill_polygon(one.picture.outline_px, height, width)
-    for one in objects:
-        if one.occluded is not None:
-            inside &= ~one.occluded
-    grey = [np.asarray(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY), np.uint8) for p in (photo.rgb, again)]
-    return float(structural_similarity(grey[0], grey[1])[inside].mean())
-
-
 def turntable(
     photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer], angles_rad: FloatArray
 ) -> list[UInt8Array]:
@@ -252,19 +238,6 @@ def close_camera(
     return PinholeCamera(
         c.fx_px * scale, c.fy_px * scale, float(centre[0]), float(centre[1]), width_px, height_px
     )
-
-
-def structural_similarity(a: UInt8Array, b: UInt8Array) -> FloatArray:
-    """SSIM (h, w), in [-1, 1], of two grey pictures (h, w); Gaussian windows of sigma 1.5 pixels."""
-    x, y = a.astype(float), b.astype(float)
-
-    def mean(picture: FloatArray) -> FloatArray:
-        return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
-
-    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
-    mx, my = mean(x), mean(y)
-    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
-    return np.asarray((2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
 
 
 def write_turntable(

@@ -1,8 +1,8 @@
 """A closed surface of a fitted shape, with a picture of its own that wraps around it.
 
 The surface is a net of meridians, from the tip of the nose to that of the tail, and of rings around the
-length. Its picture is that net laid flat. What the photograph shows is taken from there; the other side, where
-the mirror image is in the photograph, from the mirror image; the rest has the plain colour of its part.
+length. Its picture is that net laid flat. What the photograph shows is taken from there; the other side,
+where the mirror image is in the photograph, from that; the rest has the plain colour of its part.
 """
 
 from collections.abc import Mapping
@@ -14,10 +14,9 @@ import open3d as o3d
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Array
 from recon.camera import PinholeCamera
-from recon.localization.shape_fit import FittedShape
+from recon.localization.shape_fit import FittedShape, hull_values
 from recon.outlines import fill_polygon
 from recon.pixels import sample_bilinear
-from recon.shape_space import sample_hull
 from reports.objects.part_colours import Colour, part_colours
 from reports.objects.picture_mesh import PictureMesh
 
@@ -105,8 +104,7 @@ def _net(shape: FittedShape) -> _Net:
     hull, space, size = shape.hull, shape.space, shape.size_m
 
     def value(points_m: FloatArray) -> FloatArray:
-        unit = (points_m / size).reshape(-1, 3)
-        return sample_hull(hull, space.grid_coordinates(unit)).reshape(points_m.shape[:-1])
+        return hull_values(points_m, space, hull, size)
 
     x = np.linspace(space.reach[0], -space.reach[0], _SLICES) * size[0]
     z = np.linspace(0, space.reach[2], _SAMPLES) * size[2]
@@ -162,7 +160,9 @@ def _mesh(
     rings, meridians = net.xyz.shape[:2]
     index = np.arange(rings * meridians).reshape(rings, meridians)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
+    # the first and the last ring are points, where one of the two triangles has no area
+    first, second = np.stack([a, c, b], -1)[:-1], np.stack([a, d, c], -1)[1:]
+    faces = np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
     xyz = net.xyz.reshape(-1, 3) @ turn[:3, :3].T + turn[:3, 3]
     v, u = np.meshgrid(
         np.linspace(0, shape_px[0] - 1, rings), np.linspace(0, shape_px[1] - 1, meridians), indexing="ij"
