@@ -28,8 +28,7 @@ from recon import (
     learn_class_model,
 )
 from reports.objects.mesh_files import gltf_from_object, write_glb
-from reports.objects.object_mesh import object_meshes
-from reports.objects.popup import object_texture
+from reports.objects.object_mesh import object_layers
 from rescore import FoundObject, Photo, find_object
 
 
@@ -65,10 +64,9 @@ def in_3d(photo: Photo, xyxy_px: np.ndarray, model: ClassModel) -> FoundObject:
 
 def write_object(path: Path, photo: Photo, found: FoundObject) -> None:
     """Write the object with the photograph on it; +Y is up, the origin on the ground below its middle."""
-    texture = object_texture(photo.rgb, found)
-    meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
+    layers = object_layers(photo.rgb, found, photo.seen_from.camera)
     turn = gltf_from_object(found.instance)
-    write_glb(path, [(f"object_{i}", mesh.moved(turn), texture) for i, mesh in enumerate(meshes)])
+    write_glb(path, [(f"object_{i}", mesh.moved(turn), rgb) for i, (mesh, rgb) in enumerate(layers)])
 
 
 def main() -> None:

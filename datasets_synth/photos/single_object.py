@@ -1,6 +1,6 @@
 """Photographs of one object on the ground, with the true pose, parts and box of the object."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,32 @@ class ObjectPhoto:
     """Shape (4, 4): a rotation and a translation in metres."""
     mesh: Mesh
     """The object, in its own frame."""
+    scene: Scene
+    """All that was photographed; its world is the object's frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewBeside:
+    """What a camera sees that has walked around the object of a photograph."""
+
+    turn_rad: float
+    """Angle about the object's middle; positive ones show more of what is on the left in the photograph."""
+    cam_from_photo: FloatArray
+    """(4, 4) from the camera frame of the photograph to that of this camera."""
+    rgb: UInt8Array
+    """sRGB, shape (h, w, 3)."""
+    mask: BoolArray
+    """Where a pixel's centre sees the object, shape (h, w)."""
+
+
+def view_beside(photo: ObjectPhoto, turn_rad: float) -> ViewBeside:
+    """The truth of another view of what was photographed, rendered with the same camera and light."""
+    points = photo.mesh.vertices_m
+    x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
+    moved = photo.cam_from_object @ pose(x, y, z, turn_rad) @ pose(-x, -y, -z)
+    scene = replace(photo.scene, left_from_world=moved)
+    view = render_view(scene, np.random.default_rng(0))
+    return ViewBeside(turn_rad, moved @ np.linalg.inv(photo.cam_from_object), view.rgb, view.instance == 1)
 
 
 def photograph(
@@ -120,6 +146,7 @@ def photograph(
         seen_from=GroundedCamera(camera, ground),
         cam_from_object=cam_from_object,
         mesh=mesh,
+        scene=scene,
     )
 
 

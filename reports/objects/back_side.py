@@ -43,6 +43,8 @@ class BackSide:
     """Vertex indices (m, 3)."""
     uv_px: FloatArray
     """Where the colour of each vertex is in the picture, (n, 2), pixel centres."""
+    mirrored: BoolArray
+    """Triangles whose mirror image the picture shows, (m,): all others have no colour of their own."""
     depth_m: Float32Array
     """Z-depth of the back at the corners of cells, shape (h + 1, w + 1); NaN where the object is no body."""
 
@@ -77,11 +79,15 @@ def back_side(
     quads = quads[(quads >= 0).all(axis=-1)]
     rim = _rim(quads)
     rim = np.concatenate([rim, rim[:, ::-1] + len(back)], axis=1)
+    shown_back = _is_behind(
+        _mirrored(back, instance), shown, camera, _SLACK * float(np.linalg.norm(instance.size_m)), near=True
+    )
+    mirrored = np.concatenate([shown_back[quads].all(axis=1), np.zeros(len(rim), bool)])
     quads = np.concatenate([quads, rim])
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     uv = np.concatenate([camera.project(_mirrored(back, instance)), corner_uv_px[use]])
     depth = np.where(use, front_m + thick, np.nan).astype(np.float32)
-    return BackSide(np.concatenate([back, front]), faces.astype(np.int64), uv, depth)
+    return BackSide(np.concatenate([back, front]), faces.astype(np.int64), uv, np.tile(mirrored, 2), depth)
 
 
 def is_compact(seen: BoolArray) -> bool:
@@ -148,8 +154,13 @@ def _in_box(points_m: FloatArray, instance: Instance3D, slack_m: float) -> BoolA
     return np.asarray((beside < slack_m).all(axis=1) & (own[:, 2] > 0) & (own[:, 2] < height + slack_m))
 
 
-def _is_behind(points_m: FloatArray, shown: DepthMap, camera: PinholeCamera, slack_m: float) -> BoolArray:
-    """Whether the picture shows the object before points (n, 3), or no farther behind them than a slack."""
+def _is_behind(
+    points_m: FloatArray, shown: DepthMap, camera: PinholeCamera, slack_m: float, near: bool = False
+) -> BoolArray:
+    """Whether the picture shows the object before points (n, 3), or no farther behind them than a slack.
+
+    With ``near`` no farther before them either, so that it shows the points themselves.
+    """
     height, width = shown.depth.shape
     before = points_m[:, 2] > NEAR_M
     at = camera.project(np.where(before[:, None], points_m, 1.0)) - [shown.x0_px, shown.y0_px]
@@ -157,7 +168,8 @@ def _is_behind(points_m: FloatArray, shown: DepthMap, camera: PinholeCamera, sla
     before &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
     seen = shown.depth[np.where(before, row, 0), np.where(before, column, 0)]
     # a comparison with NaN, outside the outline, is false
-    return np.asarray(before & (points_m[:, 2] + slack_m > seen))
+    behind = before & (points_m[:, 2] + slack_m > seen)
+    return np.asarray(behind & (points_m[:, 2] - slack_m < seen) if near else behind)
 
 
 def _rim(quads: IntArray) -> IntArray:

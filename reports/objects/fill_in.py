@@ -192,3 +192,17 @@ def _spread(values: Float32Array, where: BoolArray, sigma_px: float) -> Float32A
     """Values (h, w, 3) known in some places, spread smoothly, and fading out far from them."""
     weight = _blurred(where.astype(np.float32), sigma_px)
     return _blurred(values.astype(np.float32), sigma_px) / (weight[..., None] + np.float32(0.02))
+
+
+def filled_in(rgb: UInt8Array, hidden: BoolArray) -> UInt8Array:
+    """The picture (h, w, 3) with hidden pixels (h, w) filled smoothly from around them."""
+    # a smooth fill needs no detail, and costs much on large pictures
+    height, width = rgb.shape[:2]
+    scale = min(1.0, 400 / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    mask = hidden.astype(np.uint8)
+    small_hidden = (cv2.resize(mask * 255, size, interpolation=cv2.INTER_AREA) > 0).astype(np.uint8)
+    filled = cv2.inpaint(small, small_hidden, 5, cv2.INPAINT_TELEA)
+    back = cv2.resize(filled, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.where(hidden[..., None], back, rgb).astype(np.uint8)

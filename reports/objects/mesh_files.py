@@ -16,7 +16,7 @@ from recon.camera import GroundPlane, PinholeCamera
 from recon.files import atomic_path
 from recon.pixels import sample_bilinear
 from recon.reconstruction.instance import Instance3D
-from reports.objects.object_mesh import PictureMesh
+from reports.objects.picture_mesh import PictureMesh
 from reports.palette import PAPER, rgb
 
 
@@ -57,13 +57,14 @@ def write_glb(path: Path, layers: Sequence[tuple[str, PictureMesh, UInt8Array]])
         beside.write_bytes(scene.export(file_type="glb"))
 
 
-def write_ply(path: Path, meshes: Sequence[PictureMesh], rgb: UInt8Array) -> None:
-    """Write meshes as one, binary PLY with a colour for each vertex."""
+def write_ply(path: Path, layers: Sequence[tuple[PictureMesh, UInt8Array]]) -> None:
+    """Write meshes, each with its photograph, as one, binary PLY with a colour for each vertex."""
+    meshes = [mesh for mesh, _ in layers]
     first = np.cumsum([0, *(len(m.xyz_m) for m in meshes)])
     whole = trimesh.Trimesh(
         np.concatenate([m.xyz_m for m in meshes]),
         np.concatenate([m.faces + f for m, f in zip(meshes, first[:-1], strict=True)]),
-        vertex_colors=np.concatenate([vertex_colours(m, rgb) for m in meshes]),
+        vertex_colors=np.concatenate([vertex_colours(m, rgb) for m, rgb in layers]),
         process=False,
     )
     with atomic_path(path) as beside:

@@ -14,8 +14,17 @@ from recon.outlines import fill_polygon
 from recon.reconstruction.instance import NEAR_M, Instance3D, InstancePart
 from recon.reconstruction.reconstruct import Reconstruction, fill_gaps
 from reports.objects.back_side import back_side, is_compact, mirror
+from reports.objects.fill_in import filled_in
 from reports.objects.joined_planes import JoinedPlanes, joined_planes
+from reports.objects.part_colours import part_colours
+from reports.objects.picture_mesh import PictureMesh
+from reports.objects.solid_mesh import solid_mesh
+from rescore.library.single_picture import FoundObject
 
+TexturedMesh = tuple[PictureMesh, UInt8Array]
+"""A mesh and the picture that its texture coordinates refer to."""
+_BLUR_PX = 1.5
+"""Width of the rim inside an outline which the blur of the camera mixes with the background."""
 _MAX_CELLS = 60_000
 """Cells of the picture that an object is cut into at most; one cell a pixel where it has fewer."""
 _INNER_POINTS = 32
@@ -29,71 +38,82 @@ _MAX_BRIDGE = 0.2
 """Parts that adjoin in the picture are joined over gaps up to this share of the box's diagonal."""
 
 
-@dataclass(frozen=True, eq=False)
-class PictureMesh:
-    """Triangles whose colour is the photograph or one plain colour."""
+def object_layers(rgb: UInt8Array, one: FoundObject, camera: PinholeCamera) -> tuple[TexturedMesh, ...]:
+    """Meshes of an object in the camera frame, each with its picture: what is seen of it, and what is not.
 
-    xyz_m: FloatArray
-    """Vertices (n, 3)."""
-    faces: IntArray
-    """Vertex indices (m, 3)."""
-    uv_px: FloatArray | None
-    """Where each vertex is in the photograph, (n, 2), pixel centres; None for a plain colour."""
-    rgb: tuple[int, int, int] = (128, 128, 128)
-    """The plain colour."""
+    An object whose closed shape is known is that shape (``solid_mesh``). Of others, every pixel of the matte
+    stands on the plane of its part, after planes that adjoin have been joined. A compact object is closed by
+    its back (``back_side``); otherwise a hidden part whose name has "left" for "right" (or the reverse) of a
+    part in the picture gets that part's pixels, mirrored. All else has the plain colour of its part. Hidden
+    is what lies behind the object or behind pixels where something else stands before it.
 
-    def __post_init__(self) -> None:
-        if self.xyz_m.shape[1:] != (3,) or self.faces.shape[1:] != (3,):
-            raise ValueError(f"mesh: {self.xyz_m.shape}, {self.faces.shape}")
-        if self.uv_px is not None and self.uv_px.shape != (len(self.xyz_m), 2):
-            raise ValueError(f"mesh: {self.uv_px.shape} texture coordinates for {self.xyz_m.shape}")
-
-    def moved(self, transform: FloatArray) -> "PictureMesh":
-        """The mesh in another frame, by a (4, 4) transform."""
-        xyz = self.xyz_m @ transform[:3, :3].T + transform[:3, 3]
-        faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else self.faces
-        return PictureMesh(xyz, faces, self.uv_px, self.rgb)
-
-
-def object_meshes(
-    rgb: UInt8Array,
-    found: Reconstruction,
-    instance: Instance3D,
-    camera: PinholeCamera,
-    occluded: BoolArray | None = None,
-) -> tuple[PictureMesh, ...]:
-    """Meshes of an object in the camera frame: what the picture shows, and what it hides.
-
-    Every pixel of the object stands on the plane of its part, after planes that adjoin have been joined.
-    A compact object is closed by its back (``back_side``). Of others, a hidden part whose name has "left" for
-    "right" (or the reverse) of a part in the picture gets that part's pixels, mirrored. Other hidden parts
-    have the median colour of the object. Hidden is what lies behind the object or behind ``occluded`` pixels
-    (h, w), where something else stands before it.
+    Args:
+        rgb: the photograph, shape (h, w, 3).
+        one: the object.
+        camera: M.
     """
+    texture = object_texture(rgb, one)
+    if one.shape is not None:
+        names = {p.label: p.name for p in one.instance.parts}
+        return (solid_mesh(texture, one.matte, one.shape, camera, names),)
+    return tuple((mesh, texture) for mesh in _planar_meshes(texture, one, camera))
+
+
+def _planar_meshes(texture: UInt8Array, one: FoundObject, camera: PinholeCamera) -> list[PictureMesh]:
+    """Parts on their planes, and what they hide."""
+    found, instance = one.picture, one.instance
     planes = joined_planes(found, instance, camera)
-    cells = _cells_of(found, sorted(planes.inverse_depth))
+    cells = _cells_of(one, sorted(planes.inverse_depth))
     depth = _shown_depth(found, planes, camera)
+    window = found.depth.window
+    names = {p.label: p.name for p in instance.parts}
+    own = one.matte[window] > 0.5
+    colours = part_colours(texture[window][own], found.part_labels[own], names)
     shown = set(planes.inverse_depth)
     meshes = [picture_mesh(cells, planes, instance, camera)]
     if is_compact(found.part_labels > 0):
         back = back_side(*_corners(cells, planes, camera), depth, instance, camera)
-        meshes.append(PictureMesh(back.xyz_m, back.faces, back.uv_px))
+        meshes.append(PictureMesh(back.xyz_m, back.faces[back.mirrored], back.uv_px))
+        meshes.append(PictureMesh(back.xyz_m, back.faces[~back.mirrored], None, colours[0]))
         depth = _with_body(depth, back.depth_m + np.float32(_SLACK * np.linalg.norm(instance.size_m)))
     else:
         twins = _mirrored_labels(instance, shown)
-        own = np.where(np.isin(cells.label, list(twins)), cells.label, 0).astype(np.uint8)
-        side = picture_mesh(replace(cells, label=own), planes, instance, camera)
-        meshes.append(_out_of_sight(side.moved(mirror(instance)), depth, camera, occluded))
+        own_label = np.where(np.isin(cells.label, list(twins)), cells.label, 0).astype(np.uint8)
+        side = picture_mesh(replace(cells, label=own_label), planes, instance, camera)
+        meshes.append(_out_of_sight(side.moved(mirror(instance)), depth, camera, one.occluded))
         shown |= set(twins.values())
-    colour = np.median(rgb[found.depth.window][found.part_labels > 0], axis=0).astype(int)
     for part in (p for p in instance.parts if p.label not in shown):
         points, faces = _polygon(part, _INNER_POINTS)
-        whole = PictureMesh(points, faces, None, tuple(colour.tolist()))
-        hidden = _out_of_sight(whole, depth, camera, occluded)
+        whole = PictureMesh(points, faces, None, colours[part.label])
+        hidden = _out_of_sight(whole, depth, camera, one.occluded)
         # a part half of which would be seen is not where the class model has it, or belongs to the body
         if len(hidden.faces) > _MOSTLY * len(faces):
             meshes.append(hidden)
-    return tuple(m for m in meshes if len(m.faces))
+    return [m for m in meshes if len(m.faces)]
+
+
+def object_texture(rgb: UInt8Array, one: FoundObject) -> UInt8Array:
+    """The picture (h, w, 3) that an object carries: what hides it is filled in from around.
+
+    Outside the object, and in the rim which the blur of the camera mixes with the background, it has the
+    colours of the nearest pixels inside.
+    """
+    inside = one.matte > 0.5
+    if one.occluded is not None:
+        rgb = filled_in(rgb, cv2.dilate(one.occluded.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+        inside |= one.occluded & fill_polygon(one.picture.outline_px, *inside.shape)
+    deep = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # the middle of thin limbs counts as inside
+    ridge = (deep > 0) & (deep >= cv2.dilate(deep, np.ones((3, 3), np.uint8)))
+    good = (deep > _BLUR_PX) | ridge
+    if not good.any():
+        return rgb
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~good).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    colour = np.zeros((int(nearest.max()) + 1, 3), np.uint8)
+    colour[nearest[good]] = rgb[good]
+    return np.where(good[..., None], rgb, colour[nearest])
 
 
 def _with_body(depth: DepthMap, back_m: Float32Array) -> DepthMap:
@@ -157,11 +177,16 @@ class _Cells:
     step_px: int
 
 
-def _cells_of(found: Reconstruction, labels: Sequence[int]) -> _Cells:
-    """Cells with the part on whose plane each lies; those of parts without a plane go to the nearest."""
-    step = max(1, int(np.ceil(np.sqrt((found.part_labels > 0).sum() / _MAX_CELLS))))
+def _cells_of(one: FoundObject, labels: Sequence[int]) -> _Cells:
+    """Cells of the matte with the part on whose plane each lies: its own, else the nearest with a plane."""
+    found = one.picture
+    # pixels behind something else are the object's too
+    inside = one.matte[found.depth.window] > 0.5
+    if one.occluded is not None:
+        inside |= one.occluded[found.depth.window] & (found.part_labels > 0)
+    step = max(1, int(np.ceil(np.sqrt(inside.sum() / _MAX_CELLS))))
     own = np.where(np.isin(found.part_labels, labels), found.part_labels, 0).astype(np.uint8)
-    filled = fill_gaps(own, found.part_labels > 0)
+    filled = fill_gaps(own, inside)
     middle = slice(step // 2, None, step)
     return _Cells(filled[middle, middle], found.x0_px - 0.5, found.y0_px - 0.5, step)
 

@@ -12,9 +12,10 @@ from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.files import atomic_path
 from recon.outlines import fill_polygon
-from reports.objects.fill_in import filled_from_beside
+from reports.objects.fill_in import filled_from_beside, filled_in
 from reports.objects.mesh_files import MeshView, gltf_from_camera, turned_about
-from reports.objects.object_mesh import PictureMesh, object_meshes
+from reports.objects.object_mesh import object_layers
+from reports.objects.picture_mesh import PictureMesh
 from rescore.library.single_picture import FoundObject, Photo
 
 Layer = tuple[str, PictureMesh, UInt8Array]
@@ -24,8 +25,8 @@ _COLUMN_STEP_PX = 16.0
 not, and the finer step keeps the error far below half a pixel."""
 _RIM = 0.08
 """Width of what is filled in around objects, in roots of their area."""
-_BLUR_PX = 1.5
-"""Width of the rim inside an outline which the blur of the camera mixes with the background."""
+_TRACE = 0.1
+"""Pixels with a larger share of the object are not seen of the background."""
 _PLAN_PX = 600
 """Longer side of the plan on which the ground is filled in."""
 _VIEW_WIDTH_PX = 480
@@ -42,10 +43,8 @@ def scene_layers(photo: Photo, objects: Sequence[FoundObject]) -> list[Layer]:
     """
     layers: list[Layer] = []
     for i, one in enumerate(objects):
-        texture = object_texture(photo.rgb, one)
-        meshes = object_meshes(texture, one.picture, one.instance, photo.seen_from.camera, one.occluded)
-        names = [f"{one.instance.class_name}_{i + 1}_{k}" for k in range(len(meshes))]
-        layers += [(name, mesh, texture) for name, mesh in zip(names, meshes, strict=True)]
+        own = object_layers(photo.rgb, one, photo.seen_from.camera)
+        layers += [(f"{one.instance.class_name}_{i + 1}_{k}", *layer) for k, layer in enumerate(own)]
     far = backdrop_distance_m(objects, photo.seen_from.ground)
     empty = without_objects(photo, objects, far)
     layers += [
@@ -79,14 +78,14 @@ def without_objects(photo: Photo, objects: Sequence[FoundObject], far_m: float) 
         own = hidden & (np.arange(shape[0]) >= fold)[:, None]
         out = np.where(own[..., None], plan.unwarp(from_above, shape), out)
         left[fold:] &= plan.unwarp(missing.astype(np.uint8), shape)[fold:] > 0
-    return _filled_in(out, left) if left.any() else out
+    return filled_in(out, left) if left.any() else out
 
 
 def _hidden(shape: tuple[int, int], objects: Sequence[FoundObject]) -> tuple[BoolArray, BoolArray]:
     """Pixels (h, w) of objects and what hides them, and their boxes (h, w), both with a margin."""
     hidden, boxes = np.zeros(shape, bool), np.zeros(shape, bool)
     for one in objects:
-        own = fill_polygon(one.picture.outline_px, *shape)
+        own = (one.matte > _TRACE) | fill_polygon(one.picture.outline_px, *shape)
         if one.occluded is not None:
             own |= one.occluded
         hidden |= own
@@ -141,40 +140,6 @@ def ground_plan(seen_from: GroundedCamera, fold: int, far_m: float) -> GroundPla
     flat = ((own - low) * scale).astype(np.float32)
     above = cv2.getPerspectiveTransform(corners.astype(np.float32), flat)
     return GroundPlan(np.asarray(above, float), (width, height))
-
-
-def object_texture(rgb: UInt8Array, one: FoundObject) -> UInt8Array:
-    """The picture (h, w, 3) that an object carries: what hides it is filled in from around.
-
-    Outside the outline, and in the rim which the blur of the camera mixes with the background, it has the
-    colours of the nearest pixels inside.
-    """
-    if one.occluded is not None:
-        rgb = _filled_in(rgb, cv2.dilate(one.occluded.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
-    inside = fill_polygon(one.picture.outline_px, *rgb.shape[:2])
-    deep = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # the middle of thin limbs counts as inside
-    ridge = (deep > 0) & (deep >= cv2.dilate(deep, np.ones((3, 3), np.uint8)))
-    good = (deep > _BLUR_PX) | ridge
-    _, nearest = cv2.distanceTransformWithLabels(
-        (~good).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    colour = np.zeros((int(nearest.max()) + 1, 3), np.uint8)
-    colour[nearest[good]] = rgb[good]
-    return np.where(good[..., None], rgb, colour[nearest])
-
-
-def _filled_in(rgb: UInt8Array, hidden: BoolArray) -> UInt8Array:
-    # a smooth fill needs no detail, and costs much on large pictures
-    height, width = rgb.shape[:2]
-    scale = min(1.0, 400 / max(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-    mask = hidden.astype(np.uint8)
-    small_hidden = (cv2.resize(mask * 255, size, interpolation=cv2.INTER_AREA) > 0).astype(np.uint8)
-    filled = cv2.inpaint(small, small_hidden, 5, cv2.INPAINT_TELEA)
-    back = cv2.resize(filled, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.where(hidden[..., None], back, rgb).astype(np.uint8)
 
 
 def backdrop_distance_m(objects: Sequence[FoundObject], ground: GroundPlane) -> float:
@@ -236,20 +201,6 @@ def in_scene_axes(layers: Sequence[Layer], ground: GroundPlane) -> list[Layer]:
     return [(name, mesh.moved(transform), rgb) for name, mesh, rgb in layers]
 
 
-def source_similarity(photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer]) -> float:
-    """Mean structural similarity, inside the outlines, of the picture and the scene seen from its camera."""
-    again, _ = MeshView([(mesh, rgb) for _, mesh, rgb in layers]).picture(photo.seen_from.camera, np.eye(4))
-    height, width = photo.rgb.shape[:2]
-    inside = np.zeros((height, width), bool)
-    for one in objects:
-        inside |= fill_polygon(one.picture.outline_px, height, width)
-    for one in objects:
-        if one.occluded is not None:
-            inside &= ~one.occluded
-    grey = [np.asarray(cv2.cvtColor(p, cv2.COLOR_RGB2GRAY), np.uint8) for p in (photo.rgb, again)]
-    return float(structural_similarity(grey[0], grey[1])[inside].mean())
-
-
 def turntable(
     photo: Photo, objects: Sequence[FoundObject], layers: Sequence[Layer], angles_rad: FloatArray
 ) -> list[UInt8Array]:
@@ -287,19 +238,6 @@ def close_camera(
     return PinholeCamera(
         c.fx_px * scale, c.fy_px * scale, float(centre[0]), float(centre[1]), width_px, height_px
     )
-
-
-def structural_similarity(a: UInt8Array, b: UInt8Array) -> FloatArray:
-    """SSIM (h, w), in [-1, 1], of two grey pictures (h, w); Gaussian windows of sigma 1.5 pixels."""
-    x, y = a.astype(float), b.astype(float)
-
-    def mean(picture: FloatArray) -> FloatArray:
-        return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
-
-    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
-    mx, my = mean(x), mean(y)
-    vx, vy, vxy = mean(x * x) - mx * mx, mean(y * y) - my * my, mean(x * y) - mx * my
-    return np.asarray((2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
 
 
 def write_turntable(

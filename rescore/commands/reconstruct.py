@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 Picture = Annotated[Path, typer.Argument(help="Picture that OpenCV reads: PNG, JPEG, ...")]
 ClassName = Annotated[str, typer.Option("--class", help="Class of the object; that of the model.")]
-Model = Annotated[Path, typer.Option(help="Class model that `rescore learn` wrote.")]
+Model = Annotated[
+    Path | None,
+    typer.Option(help="Class model that `rescore learn` wrote. Default: that which comes with the package."),
+]
 Camera = Annotated[str | None, typer.Option(help="fx,fy,cx,cy in pixels. Default: the report's camera.")]
 Calib = Annotated[
     Path | None, typer.Option(help="JSON with fx, fy, cx, cy and, if known, height_m, pitch_rad, roll_rad.")
@@ -42,13 +45,13 @@ def reconstruct(
     picture: Picture,
     box: Annotated[str, typer.Option(help=BOX_HELP)],
     class_name: ClassName,
-    model: Model,
     out: Annotated[
         Path,
         typer.Option(
             help="Folder for instance.json, object.glb, object.ply, overlay.png.", callback=folder_target
         ),
     ],
+    model: Model = None,
     view_bin: ViewBin = None,
     camera: Camera = None,
     calib: Calib = None,
@@ -63,21 +66,20 @@ def reconstruct(
     """
     from reports.objects.instance_overlay import instance_overlay
     from reports.objects.mesh_files import gltf_from_object, write_glb, write_ply
-    from reports.objects.object_mesh import object_meshes
-    from reports.objects.popup import object_texture, write_png
+    from reports.objects.object_mesh import object_layers
+    from reports.objects.popup import write_png
     from rescore.files import write_json
     from rescore.library.single_picture import instance_json, load_class, open_photo
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
     found = _found(photo, box, view_bin, classes, say if as_json else typer.echo)
-    texture = object_texture(photo.rgb, found)
-    meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
     turn = gltf_from_object(found.instance)
-    moved = [mesh.moved(turn) for mesh in meshes]
+    layers = object_layers(photo.rgb, found, photo.seen_from.camera)
+    moved = [(mesh.moved(turn), picture) for mesh, picture in layers]
     write_json(out / "instance.json", instance_json(found.instance))
-    write_glb(out / "object.glb", [(f"{class_name}_{k}", m, texture) for k, m in enumerate(moved)])
-    write_ply(out / "object.ply", moved, texture)
+    write_glb(out / "object.glb", [(f"{class_name}_{k}", *layer) for k, layer in enumerate(moved)])
+    write_ply(out / "object.ply", moved)
     write_png(
         out / "overlay.png",
         instance_overlay(photo.rgb, found.picture, found.instance, photo.seen_from.camera),
@@ -94,10 +96,10 @@ def popup(
     picture: Picture,
     box: Annotated[list[str], typer.Option(help=BOX_HELP + " May be repeated.")],
     class_name: ClassName,
-    model: Model,
     out: Annotated[
         Path, typer.Option(help="Folder for scene.glb, views.png and turntable.gif.", callback=folder_target)
     ],
+    model: Model = None,
     view_bin: Annotated[
         list[int] | None,
         typer.Option(
@@ -115,8 +117,9 @@ def popup(
     Example: [bold]rescore popup street.png --box 40,90,200,80 --class car --model car.json --view-bin 3
     --out popup[/bold]
     """
+    from reports.objects.likeness import source_similarity
     from reports.objects.mesh_files import write_glb
-    from reports.objects.popup import in_scene_axes, scene_layers, source_similarity, write_turntable
+    from reports.objects.popup import in_scene_axes, scene_layers, write_turntable
     from rescore.library.single_picture import instance_json, load_class, open_photo
 
     classes = load_class(model, class_name)

@@ -1,19 +1,27 @@
 """Reads one picture with its camera and ground, and makes the 3D instance in a box of the picture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from recon.arrays import BoolArray, FloatArray, UInt8Array
+from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import DEFAULT_GROUND, GroundedCamera, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
-from recon.reconstruction.instance import Instance3D, build_instance
+from recon.localization.shape_fit import FittedShape, shape_in_box
+from recon.outlines import fill_polygon, largest_outline
+from recon.reconstruction.instance import Instance3D, InstancePart, build_instance
+from recon.reconstruction.matte import matte
 from recon.reconstruction.part_registration import RegistrationConfig
-from recon.reconstruction.reconstruct import ReconstructConfig, Reconstruction, reconstruct
+from recon.reconstruction.reconstruct import (
+    ReconstructConfig,
+    Reconstruction,
+    reconstruct,
+    reconstruct_outline,
+)
 from recon.reconstruction.segment import SegmentConfig
 from rescore.data.pictures import decode_picture, turned_by_exif
 from rescore.files import read_json
@@ -30,6 +38,10 @@ _THIN_CONFIG = ReconstructConfig(
 )
 _THIN = 0.08
 """Width of a thin limb, in roots of the box area."""
+_JOINED = 0.04
+"""Pieces of a matte this near to each other, in roots of its area, have one outline."""
+_KEPT = 0.85
+"""An outline smaller than this share of the first one has lost the object."""
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
@@ -50,6 +62,10 @@ class FoundObject:
     """What the picture gave: outline, parts, ground line, planes."""
     instance: Instance3D
     """The whole object in 3D."""
+    matte: Float32Array
+    """How much of each pixel of the picture is the object, shape (h, w), in [0, 1]."""
+    shape: FittedShape | None = None
+    """The closed shape; None where the class model knows none, or none fits."""
     occluded: BoolArray | None = None
     """Pixels (h, w) where something else hides the object; None for none."""
 
@@ -159,12 +175,16 @@ def _read_calib(path: Path) -> dict[str, float]:
     return numbers
 
 
-def load_class(path: Path, class_name: str) -> ClassModel:
-    """The class model of a file, which must be of a class.
+def load_class(path: Path | None, class_name: str) -> ClassModel:
+    """The class model of a file, which must be of a class; without a file that which comes with the package.
 
     Raises:
-        RescoreError: no such file, not a class model, or a model of another class.
+        RescoreError: no such file, not a class model, a model of another class, or none with the package.
     """
+    if path is None:
+        from rescore.library.bundles import default_bundle  # noqa: PLC0415 (readers take long to import)
+
+        return default_bundle(class_name).class_model
     model = ClassModel.load(path)
     if model.class_name != class_name:
         raise RescoreError(
@@ -207,12 +227,62 @@ def find_object(
         model: the class model.
         occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
     """
-    config = fine_config(model, view_bin)
-    (found,) = reconstruct(photo.rgb, xyxy_px[None], view_bin, model, photo.seen_from, config)
+    config, rgb, seen_from = fine_config(model, view_bin), photo.rgb, photo.seen_from
+    (found,) = reconstruct(rgb, xyxy_px[None], view_bin, model, seen_from, config)
     if isinstance(found, Failure):
         return found
-    instance = build_instance(found, view_bin, model, photo.seen_from, config.registration, occluded=occluded)
-    return instance if isinstance(instance, Failure) else FoundObject(found, instance, occluded)
+    inside = fill_polygon(found.outline_px, *rgb.shape[:2])
+    share = inside.astype(np.float32)
+    # a solid object without a shape keeps its outline: by colours alone it would lose its tyres
+    if model.shape_space is None and config is _THIN_CONFIG:
+        share = matte(rgb, inside, xyxy_px)
+        found = _along_matte(found, share, view_bin, model, seen_from)
+    instance = build_instance(found, view_bin, model, seen_from, config.registration, occluded=occluded)
+    if isinstance(instance, Failure):
+        return instance
+    if model.shape_space is None:
+        return FoundObject(found, instance, share, None, occluded)
+    share, shape = shape_in_box(rgb, inside, xyxy_px, instance, model.shape_space, seen_from, occluded)
+    if isinstance(shape, Failure):
+        return FoundObject(found, instance, share, None, occluded)
+    return FoundObject(found, _as_shape(instance, shape, model), share, shape, occluded)
+
+
+def _as_shape(instance: Instance3D, shape: FittedShape, model: ClassModel) -> Instance3D:
+    """The instance with the place, the size and the parts of its closed shape."""
+    turn = shape.cam_from_object
+    seen = {p.label for p in instance.parts if p.seen}
+    parts = []
+    for label, outline in zip(shape.space.part_labels, shape.parts_m, strict=True):
+        points = outline @ turn[:3, :3].T + turn[:3, 3]
+        middle = points.mean(axis=0)
+        normal = np.linalg.svd(points - middle)[2][2]
+        flat = points - np.outer((points - middle) @ normal, normal)
+        plane = np.append(normal, -normal @ middle)
+        parts.append(InstancePart(label, model.part_names[label - 1], plane, flat, label in seen))
+    ordered = tuple(sorted(parts, key=lambda p: p.label))
+    return replace(instance, parts=ordered, cam_from_object=turn, size_m=shape.size_m)
+
+
+def _along_matte(
+    found: Reconstruction,
+    share: Float32Array,
+    view_bin: int,
+    model: ClassModel,
+    seen_from: GroundedCamera,
+) -> Reconstruction:
+    """The reconstruction of a thin object along its matte (h, w); the first one where that loses much."""
+    across = max(3, round(_JOINED * float(np.sqrt((share > 0.5).sum()))))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
+    ring = largest_outline(cv2.morphologyEx((share > 0.5).astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0)
+    if (
+        ring is None
+        or len(ring) < 8
+        or (np.ptp(ring, axis=0) < _KEPT * np.ptp(found.outline_px, axis=0)).any()
+    ):
+        return found
+    (again,) = reconstruct_outline(ring, view_bin, model, seen_from, _THIN_CONFIG)
+    return found if isinstance(again, Failure) else again
 
 
 def instance_json(instance: Instance3D) -> dict[str, Any]:

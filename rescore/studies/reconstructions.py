@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.objects.object_classes import labelled_views, object_class
+from datasets_synth.objects.object_classes import SizedShape, labelled_views, object_class
 from datasets_synth.photos.gallery_photos import (
     gallery_photo,
     occluded_basket,
     views_without,
 )
-from datasets_synth.photos.single_object import ObjectPhoto
+from datasets_synth.photos.single_object import ObjectPhoto, ViewBeside, view_beside
 from recon.class_model import ClassModel
 from recon.errors import Failure
 from recon.learning.learn import learn_class_model
+from recon.localization.learn_shapes import with_shape_space
 from recon.localization.single_plane import single_plane
 from recon.reconstruction.view_selection import best_view_bin
 from rescore.library.single_picture import FoundObject, Photo, find_object
@@ -23,6 +24,8 @@ from rescore.speech import say
 from rescore.studies.instance_accuracy import BoxTruth, InstanceErrors, instance_errors, surface_errors
 
 CLASSES = ("car", "chair", "bicycle", "airplane")
+BESIDE_RAD = np.deg2rad([-40.0, -20.0, 20.0, 40.0])
+"""Angles from a photograph's view at which pop-ups are judged."""
 Pair = tuple[InstanceErrors | Failure, InstanceErrors | Failure]
 """Errors of the class model and of the single plane on one photograph."""
 
@@ -36,6 +39,8 @@ class Exhibit:
     view_bin: int
     photo: Photo
     found: FoundObject | Failure
+    beside: tuple[ViewBeside, ...] = ()
+    """The truth from beside the photograph, from right to left."""
 
     @property
     def title(self) -> str:
@@ -95,7 +100,8 @@ def _reconstructed(name: str, view_bin: int, model: ClassModel, seed: int) -> tu
     shape_id, shot = gallery_photo(name, view_bin, seed)
     photo = Photo(shot.rgb, shot.seen_from)
     found = find_object(photo, shot.xyxy_px, view_bin, model)
-    exhibit, given = Exhibit(name, shape_id, view_bin, photo, found), _errors(shot, found)
+    beside = tuple(view_beside(shot, float(turn)) for turn in BESIDE_RAD)
+    exhibit, given = Exhibit(name, shape_id, view_bin, photo, found, beside), _errors(shot, found)
     choice = best_view_bin(shot.rgb, shot.xyxy_px, model)
     if isinstance(choice, Failure):
         return exhibit, Measured(given, None, (choice, choice))
@@ -149,6 +155,8 @@ def learned_model(name: str, models: Path | None) -> ClassModel:
     shapes = shown.train[:: max(1, len(shown.train) // _INSTANCES)][:_INSTANCES]
     views = labelled_views(shown, shapes, shown.bins, _LABEL_SIZE_PX)
     model = learn_class_model(views, name, shown.part_names)
+    if all(isinstance(shape, SizedShape) for shape in shown.train):
+        model = with_shape_space(model, labelled_views(shown, shown.train, shown.bins, _LABEL_SIZE_PX))
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         model.save(path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets_synth.objects.object_classes import object_class
-from datasets_synth.photos.single_object import FILL, ObjectPhoto, Viewpoint, photograph
+from datasets_synth.photos.single_object import FILL, ObjectPhoto, Viewpoint, photograph, view_beside
 from datasets_synth.render.part_render import render_part_labels
 from datasets_synth.render.truth import azimuth_deg
 from recon.camera import PinholeCamera, default_camera
@@ -140,3 +140,28 @@ def test_what_cannot_be_photographed_is_refused(viewpoint, camera, setting, mess
     chosen = object_class("basket")
     with pytest.raises(RescoreError, match=message):
         photograph(chosen, chosen.test[0], viewpoint, camera, np.random.default_rng(0), setting)
+
+
+def test_a_view_beside_is_that_of_an_object_turned_the_other_way() -> None:
+    chosen = object_class("chair")
+    azimuth, turn = 0.4, 0.6
+    shots = [
+        photograph(
+            chosen,
+            chosen.test[0],
+            Viewpoint(a, chosen.elevation_rad, 4.0),
+            CAMERA,
+            np.random.default_rng(0),
+            "room",
+        )
+        for a in (azimuth, azimuth - turn)
+    ]
+    same, beside = view_beside(shots[0], 0.0), view_beside(shots[0], turn)
+    np.testing.assert_array_equal(same.mask, shots[0].mask)
+    np.testing.assert_allclose(same.cam_from_photo, np.eye(4), atol=1e-9)
+    # the camera has walked around the middle of the box, at the same height and distance
+    both, either = (beside.mask & shots[1].mask).sum(), (beside.mask | shots[1].mask).sum()
+    assert both > 0.97 * either
+    np.testing.assert_allclose(
+        beside.cam_from_photo @ shots[0].cam_from_object, shots[1].cam_from_object, atol=1e-6
+    )

@@ -6,8 +6,8 @@ import pytest
 
 from reports.objects.back_side import is_compact
 from reports.objects.mesh_files import MeshView, turned_about
-from reports.objects.object_mesh import object_meshes
-from reports.objects.popup import close_camera, object_texture
+from reports.objects.object_mesh import object_layers
+from reports.objects.popup import close_camera
 from rescore.library.single_picture import FoundObject, Photo, find_object
 from tests.single_car import car_from, quick_car_model
 
@@ -33,11 +33,10 @@ def test_a_disc_is_compact_and_a_frame_is_not() -> None:
 
 def test_the_back_closes_the_object(seen: Seen) -> None:
     photo, found = seen
-    texture = object_texture(photo.rgb, found)
-    meshes = object_meshes(texture, found.picture, found.instance, photo.seen_from.camera)
+    layers = object_layers(photo.rgb, found, photo.seen_from.camera)
     camera = close_camera(photo, [found], 320, 240)
     centre, up = found.instance.centroid_m, photo.seen_from.ground.up
-    front, whole = MeshView([(meshes[0], texture)]), MeshView([(m, texture) for m in meshes])
+    front, whole = MeshView(layers[:1]), MeshView(layers)
     # from its own camera the picture is what it was
     same = [view.picture(camera, np.eye(4))[0].astype(int) for view in (front, whole)]
     assert (np.abs(same[0] - same[1]).max(axis=2) > 20).mean() < 0.01
@@ -52,7 +51,7 @@ def test_the_back_closes_the_object(seen: Seen) -> None:
 
 def test_the_back_stays_in_the_box_above_the_ground(seen: Seen) -> None:
     photo, found = seen
-    back = object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)[1]
+    back = object_layers(photo.rgb, found, photo.seen_from.camera)[1][0]
     # the back itself comes first, then the front that it is closed against
     points = back.xyz_m[: len(back.xyz_m) // 2]
     own = (points - found.instance.cam_from_object[:3, 3]) @ found.instance.cam_from_object[:3, :3]

@@ -16,6 +16,7 @@ from recon.class_model import ClassModel
 from recon.outlines import fill_polygon
 from recon.pixels import sample_bilinear
 from reports.objects.instance_overlay import instance_overlay
+from reports.objects.likeness import source_similarity, structural_similarity
 from reports.objects.mesh_files import (
     MeshView,
     gltf_from_camera,
@@ -25,15 +26,14 @@ from reports.objects.mesh_files import (
     write_glb,
     write_ply,
 )
-from reports.objects.object_mesh import PictureMesh, object_meshes
+from reports.objects.object_mesh import object_layers
+from reports.objects.picture_mesh import PictureMesh
 from reports.objects.popup import (
     backdrop_distance_m,
     backdrop_mesh,
     ground_mesh,
     in_scene_axes,
     scene_layers,
-    source_similarity,
-    structural_similarity,
     turntable,
     without_objects,
     write_turntable,
@@ -116,7 +116,7 @@ def test_the_side_of_a_car(side: tuple[CarPicture, Photo, FoundObject]) -> None:
 
 def test_picture_meshes_cast_the_picture(side: tuple[CarPicture, Photo, FoundObject]) -> None:
     _, photo, found = side
-    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)
+    meshes = [mesh for mesh, _ in object_layers(photo.rgb, found, photo.seen_from.camera)]
     shown = meshes[0]
     assert shown.uv_px is not None
     # a vertex lies on the ray of its place in the photograph, and so do the middles of its triangles
@@ -148,10 +148,12 @@ def gltf_json(path: Path) -> dict:
 def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObject], tmp_path: Path) -> None:
     car, photo, found = side
     turn = gltf_from_object(found.instance)
-    meshes = [
-        m.moved(turn) for m in object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)
-    ]
-    write_glb(tmp_path / "car.glb", [(f"car_{k}", m, photo.rgb) for k, m in enumerate(meshes)])
+    layers = object_layers(photo.rgb, found, photo.seen_from.camera)
+    meshes = [mesh.moved(turn) for mesh, _ in layers]
+    write_glb(
+        tmp_path / "car.glb",
+        [(f"car_{k}", m, rgb) for k, (m, (_, rgb)) in enumerate(zip(meshes, layers, strict=True))],
+    )
     head = gltf_json(tmp_path / "car.glb")
     assert all(m["doubleSided"] for m in head["materials"])
     assert any("baseColorTexture" in m["pbrMetallicRoughness"] for m in head["materials"])
@@ -176,7 +178,7 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
     at = uv * texture.shape[1::-1] - 0.5
     assert meshes[0].uv_px is not None
     here = sample_bilinear(texture, at, cv2.BORDER_REPLICATE).astype(int)
-    there = sample_bilinear(photo.rgb, meshes[0].uv_px, cv2.BORDER_REPLICATE).astype(int)
+    there = sample_bilinear(layers[0][1], meshes[0].uv_px, cv2.BORDER_REPLICATE).astype(int)
     assert np.abs(here - there).mean() < 1.0
     # the front of the car, at the left of the picture, is at +Z
     lights = meshes[0].uv_px[:, 0] < found.picture.outline_px[:, 0].min() + 20
@@ -186,11 +188,11 @@ def test_glb_has_axes_metres_and_texture(side: tuple[CarPicture, Photo, FoundObj
 
 def test_ply_has_the_colours(side: tuple[CarPicture, Photo, FoundObject], tmp_path: Path) -> None:
     _, photo, found = side
-    meshes = object_meshes(photo.rgb, found.picture, found.instance, photo.seen_from.camera)
-    write_ply(tmp_path / "car.ply", meshes, photo.rgb)
+    layers = object_layers(photo.rgb, found, photo.seen_from.camera)
+    write_ply(tmp_path / "car.ply", layers)
     read = trimesh.load(tmp_path / "car.ply", process=False)
-    assert len(read.faces) == sum(len(m.faces) for m in meshes)
-    expected = np.concatenate([vertex_colours(m, photo.rgb) for m in meshes])
+    assert len(read.faces) == sum(len(m.faces) for m, _ in layers)
+    expected = np.concatenate([vertex_colours(m, rgb) for m, rgb in layers])
     np.testing.assert_array_equal(read.visual.vertex_colors[:, :3], expected)
 
 

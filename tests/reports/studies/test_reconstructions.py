@@ -1,19 +1,28 @@
 """Sheets of the gallery: sizes, what they show, and the table."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
+from datasets_synth.photos.single_object import ViewBeside
 from recon.errors import Failure, Reason
+from reports.objects.mesh_files import MeshView, turned_about
+from reports.objects.object_mesh import object_layers
 from reports.objects.popup import close_camera
 from reports.studies.reconstructions import (
     _cut,
     accuracy_table,
+    beside_sheet,
+    beside_table,
+    likeness_beside,
     popup_sheet,
     similarity,
     steps_strip,
+    write_popup,
     write_small_png,
 )
 from rescore.library.single_picture import FoundObject, Photo, find_object
@@ -84,3 +93,44 @@ def test_table_counts_failures() -> None:
     # means: (10 + 20) / 2 %; |0.1|, |-0.1|; |-0.2|, 0; 0.3, 0.1; (4 + 2) / 2
     assert rows[2] == ["car", "3 (1 failed)", "15.0%", "10%", "10%", "20%", "3.0°", "40.0%", "30.0°"]
     assert rows[3] == ["chair", "1 (1 failed)", *["-"] * 7]
+
+
+def test_from_beside_counts_overlap_and_failures(exhibit: Exhibit) -> None:
+    assert isinstance(exhibit.found, FoundObject)
+    camera = exhibit.photo.seen_from.camera
+    layers = object_layers(exhibit.photo.rgb, exhibit.found, camera)
+    centre, up = exhibit.found.instance.centroid_m, exhibit.photo.seen_from.ground.up
+    views = []
+    for turn_rad in np.deg2rad([-20.0, 20.0]):
+        turn = turned_about(centre, up, float(turn_rad))
+        views.append(ViewBeside(float(turn_rad), turn, *MeshView(layers).picture(camera, turn)))
+    own = replace(exhibit, beside=tuple(views))
+    # the truth is what the pop-up shows
+    assert [(v.overlap, v.similarity) for v in likeness_beside(own)[20]] == [(1.0, 1.0)] * 2
+    # half of it is missing in the truth
+    half = [replace(v, mask=v.mask & (np.arange(v.mask.shape[1]) % 2 == 0)) for v in views]
+    found = likeness_beside(replace(exhibit, beside=tuple(half)))[20]
+    assert [v.overlap for v in found] == pytest.approx([0.5, 0.5], abs=0.02)
+    assert max(v.similarity for v in found) < 0.9
+    failed = Exhibit("car", "lost", 3, exhibit.photo, LOST)
+    assert likeness_beside(failed) == {}
+    row = beside_table([own, failed]).splitlines()[2]
+    assert [c.strip() for c in row.strip("|").split("|")] == ["car", "2 (1 failed)", "100.0%", "1.000"]
+    sheet = beside_sheet(own)
+    assert sheet is not None
+    assert sheet.shape == (2 * 180 + 6, 3 * 240 + 2 * 6, 3)
+    assert beside_sheet(failed) is None
+
+
+def test_a_pop_up_is_kept_as_a_file_that_loads(exhibit: Exhibit, tmp_path: Path) -> None:
+    write_popup(tmp_path / "car.glb", exhibit)
+    write_popup(tmp_path / "lost.glb", Exhibit("car", "lost", 3, exhibit.photo, LOST))
+    assert [f.name for f in tmp_path.iterdir()] == ["car.glb"]
+    assert (tmp_path / "car.glb").stat().st_size < 2_000_000
+    scene = trimesh.load(tmp_path / "car.glb")
+    assert {"car_1_0", "ground", "backdrop"} <= set(scene.geometry)
+    # it stands on the ground, metres before the camera
+    low, high = scene.geometry["car_1_0"].bounds
+    assert abs(low[1]) < 0.2
+    assert 1.0 < high[1] < 2.0
+    assert low[2] < -5
