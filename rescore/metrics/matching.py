@@ -153,9 +153,11 @@ class Overlaps:
     annotation_id: IntArray
     """The car or region of that outcome, else -1, shape (n,)."""
     candidate: IntArray
-    """Candidate of each pair with a car, shape (p,), as the next two."""
+    """Candidate of each pair with a car that it lies on, shape (p,)."""
     car: IntArray
+    """Car of each pair, shape (p,)."""
     overlap: FloatArray
+    """IoU of each pair, shape (p,)."""
 
     @staticmethod
     def of(image_id: IntArray, xyxy_px: FloatArray, truth: TruthTable, min_iou: float) -> "Overlaps":
