@@ -117,7 +117,8 @@ def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
     ranking = np.zeros(len(posterior))
     if not len(posterior):
         return ranking
-    order = np.lexsort((detector_score, posterior))
+    alone = posterior is detector_score
+    order = np.argsort(posterior, kind="stable") if alone else np.lexsort((detector_score, posterior))
     fresh = np.zeros(len(order), np.bool_)
     for key in (posterior, detector_score):
         fresh[1:] |= np.diff(np.asarray(key)[order]) != 0
