@@ -83,8 +83,8 @@ def _forget() -> None:
     """No file system and no state of another store is kept."""
     import s3fs  # noqa: PLC0415
 
-    from recon import stores  # noqa: PLC0415
+    from recon.stores import objects  # noqa: PLC0415
 
-    stores._filesystem.cache_clear()
-    stores._state.cache_clear()
+    objects._filesystem.cache_clear()
+    objects._state.cache_clear()
     s3fs.S3FileSystem.clear_instance_cache()

@@ -15,7 +15,14 @@ FILES = {
     for f in sorted((ROOT / package).rglob("*.py"))
 }
 
-TOP = ("rescore.experiment", "rescore.studies", "rescore.grasping", "rescore.commands", "rescore.cli")
+TOP = (
+    "rescore.experiment",
+    "rescore.large",
+    "rescore.studies",
+    "rescore.grasping",
+    "rescore.commands",
+    "rescore.cli",
+)
 """What may import the renderer and the pages: the experiment, the studies, the robot and the commands."""
 METHOD = {"recon", "rescore"}
 ALLOWED = {

@@ -117,7 +117,8 @@ def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
     ranking = np.zeros(len(posterior))
     if not len(posterior):
         return ranking
-    order = np.lexsort((detector_score, posterior))
+    alone = posterior is detector_score
+    order = np.argsort(posterior, kind="stable") if alone else np.lexsort((detector_score, posterior))
     fresh = np.zeros(len(order), np.bool_)
     for key in (posterior, detector_score):
         fresh[1:] |= np.diff(np.asarray(key)[order]) != 0
@@ -153,9 +154,11 @@ class Overlaps:
     annotation_id: IntArray
     """The car or region of that outcome, else -1, shape (n,)."""
     candidate: IntArray
-    """Candidate of each pair with a car, shape (p,), as the next two."""
+    """Candidate of each pair with a car that it lies on, shape (p,)."""
     car: IntArray
+    """Car of each pair, shape (p,)."""
     overlap: FloatArray
+    """IoU of each pair, shape (p,)."""
 
     @staticmethod
     def of(image_id: IntArray, xyxy_px: FloatArray, truth: TruthTable, min_iou: float) -> "Overlaps":

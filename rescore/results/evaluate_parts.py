@@ -9,13 +9,15 @@ by. Left out are the figures of 3D boxes, which take every pair of a detection a
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, IntArray, constant
@@ -167,10 +169,7 @@ def evaluate_parts(
     for own in groups:
         usual = min_iou == MIN_IOU and frames.judged and not frames.hidden.any()
         one = _Detector.empty(own, frames, tunings, hard=not usual)
-        for rows in one.matched(min_iou):
-            name = f"{len(written):06d}"
-            n_bytes = write_part(run_dir / CANDIDATES, name, [arrow_rows(rows, schema)])
-            written.append(Part(name=name, rows=len(rows["image_id"]), bytes=n_bytes))
+        written += _written(run_dir / CANDIDATES, one.matched(min_iou), schema, len(written))
         found.add(one, seed, drawn)
     metrics = Metrics(
         n_images=frames.truth.n_images,
@@ -191,6 +190,25 @@ def evaluate_parts(
     PartTable(run_dir / CANDIDATES, CANDIDATES, {}, tuple(written)).write()
     write_metrics(RunFolder(run_dir).metrics, metrics)
     return metrics
+
+
+def _written(
+    root: Path, groups: Iterable[dict[str, NDArray[Any]]], schema: pa.Schema, n_before: int
+) -> list[Part]:
+    """The parts of rows, each written while the next are matched."""
+    written: list[Future[Part]] = []
+    with ThreadPoolExecutor(max_workers=1) as writer:
+        for number, rows in enumerate(groups, start=n_before):
+            written.append(writer.submit(_write, root, f"{number:06d}", rows, schema))
+            # no more than two are held
+            for earlier in written[-2:-1]:
+                earlier.result()
+    return [part.result() for part in written]
+
+
+def _write(root: Path, name: str, rows: dict[str, NDArray[Any]], schema: pa.Schema) -> Part:
+    n_bytes = write_part(root, name, [arrow_rows(rows, schema)])
+    return Part(name=name, rows=len(rows["image_id"]), bytes=n_bytes)
 
 
 def _mode(table: PartTable) -> Registration:
@@ -365,20 +383,24 @@ class _Detector:
         return np.array([code[k] for k in kind.tolist()], np.int8)
 
     def table(self, mode: str) -> MatchTable:
-        """The match table of the detector alone or of a mode."""
+        """The match table of the detector alone, "hard" for its well-seen cars alone, or of a mode."""
         score = self.columns["score"]
-        ranking = score if mode == ALONE else ranking_of(self.columns[f"posterior {mode}"], score)
-        return self._of(ranking, self.columns[f"outcome {mode}"])
+        first = score if mode in {ALONE, "hard"} else self.columns[f"posterior {mode}"]
+        return self._of(first, self.columns[f"outcome {mode}"])
 
     def rule_table(self, mode: Registration, rule: str) -> MatchTable:
         """The match table of a way of fusing."""
         score = self._rule_score(rule, mode, slice(None))
-        ranking = ranking_of(score, self.columns["score"])
-        return self._of(ranking, self.columns[f"outcome {mode} {rule}"])
+        return self._of(score, self.columns[f"outcome {mode} {rule}"])
 
-    def _of(self, ranking: FloatArray, outcome: NDArray[np.int8]) -> MatchTable:
+    def _of(self, score: FloatArray, outcome: NDArray[np.int8]) -> MatchTable:
         image: Any = self.columns["image"]
+        ranking = ranking_of(score, self.columns["score"])
         n_cars, unknown = self.frames.matched_with.n_cars, constant(-1, (len(image),), np.int64)
+        if self.kinds == [UNKNOWN]:
+            # what is in order once is sorted again in no time; kinds would have to follow
+            order = np.argsort(-ranking, kind="stable")
+            image, ranking, outcome = image[order], ranking[order], outcome[order]
         return MatchTable(self.frames.truth.n_images, n_cars, image, ranking, outcome, unknown)
 
     @property
@@ -469,7 +491,7 @@ def _difficulty(one: _Detector, alone: MatchTable) -> DetectorDifficulty:
     hard = one.columns.get("outcome hard")
     truth = one.frames.truth
     seen = int((~truth.ignore & ~one.frames.hidden).sum())
-    match = alone if hard is None else replace(alone, outcome=hard, n_cars=seen)
+    match = alone if hard is None else replace(one.table("hard"), n_cars=seen)
     curve = recall_curve(match)
     return DetectorDifficulty(
         n_cars=match.n_cars,

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from recon import stores
 from recon.errors import RescoreError
 from recon.files import atomic_path
-from recon.stores import RemotePath, StoreError, located, remote
+from recon.stores import RemotePath, StoreError, cache, located, remote
+from recon.stores import objects as stores
 from tests.object_store import SECRET, Store, serving
 
 
@@ -119,16 +119,16 @@ def test_no_error_tells_a_secret(store: Store, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_cache_has_a_bound(store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv(stores.CACHE_VARIABLE, "1")
+    monkeypatch.setenv(cache.CACHE_VARIABLE, "1")
     for k in range(15):
         at(f"{k}").write_bytes(bytes(100_000))
         at(f"{k}").read_bytes()
-    kept = list(stores.cache_folder().iterdir())
-    assert stores.cache_folder().is_relative_to(tmp_path)
+    kept = list(cache.cache_folder().iterdir())
+    assert cache.cache_folder().is_relative_to(tmp_path)
     assert 5 <= len(kept) <= 10
     at("large").write_bytes(bytes(200_000))
     at("large").read_bytes()
-    assert len(list(stores.cache_folder().iterdir())) == len(kept)
+    assert len(list(cache.cache_folder().iterdir())) == len(kept)
 
 
 def test_paths_of_this_machine_import_no_store() -> None:

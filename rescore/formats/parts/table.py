@@ -43,7 +43,7 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     name: str
-    """Its file's name without the end."""
+    """Name of its file without the end."""
     rows: int
     """Rows of its last group: candidates, or frames."""
     bytes: int

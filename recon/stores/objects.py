@@ -1,28 +1,17 @@
-"""Files in object stores as paths: read whole or by ranges of bytes, written by one put, told by URL.
+"""Objects of a store as paths, and what asks the store."""
 
-Code that reads takes a ``Path``; ``located`` makes of ``s3://bucket/key`` an object with those few methods
-that reading needs. Only then fsspec is imported, and of a store no more is asked than what is named: no
-bucket is ever listed as a whole. Credentials are the affair of the environment: none is taken from a URL, and
-none is written.
-
-What is read whole is kept in a cache on disk with a bound; its name holds what the store says of the content,
-so that an object that was written again is read again.
-"""
-
-import hashlib
 import io
 import os
 import re
-import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, NamedTuple, TypeVar, cast
 
 from recon.errors import RescoreError
+from recon.stores.cache import kept
 
 SCHEMES = ("s3", "gs")
 """Stores that are reached through fsspec; ``file://`` is a path of this machine."""
@@ -34,10 +23,6 @@ FIRST_PAUSE_S = 0.1
 """Pause before the second try; each further one is twice as long."""
 BLOCK_BYTES = 2**16
 """Least that is read of an object at once."""
-CACHE_VARIABLE = "RESCORE_CACHE_MB"
-"""Environment variable with the bound of the cache in megabytes; 0 keeps nothing."""
-CACHE_MB = 2000
-"""Bound of the cache where nothing else is said."""
 
 T = TypeVar("T")
 _SECRET = re.compile(r"key|secret|token|password|credential", re.IGNORECASE)
@@ -135,7 +120,7 @@ class RemotePath(PurePosixPath):
     def read_bytes(self) -> bytes:
         """The whole object, from the cache where it is kept there."""
         state = self.stat()
-        return _kept(f"{self}\0{state.tag}\0{state.st_size}", lambda: self.read_range(0, state.st_size))
+        return kept(f"{self}\0{state.tag}\0{state.st_size}", lambda: self.read_range(0, state.st_size))
 
     def read_text(self, encoding: str = "utf-8") -> str:
         """The whole object as text."""
@@ -310,66 +295,3 @@ def _filesystem(scheme: str) -> Any:
     except ImportError:
         raise missing from None
     return s3
-
-
-def cache_folder() -> Path:
-    """The folder of the cache."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "rescore" / "objects"
-
-
-def _bound() -> int:
-    """Bytes that the cache may hold."""
-    text = os.environ.get(CACHE_VARIABLE, str(CACHE_MB))
-    if not text.isdecimal():
-        raise RescoreError(f"{CACHE_VARIABLE}: expected megabytes as a whole number, got {text!r}; mend it")
-    return int(text) * 10**6
-
-
-def _kept(name: str, read: Callable[[], bytes]) -> bytes:
-    """The content of that name, read where the cache has none; the cache then holds it, within its bound."""
-    folder, bound = cache_folder(), _bound()
-    file = folder / hashlib.sha256(name.encode()).hexdigest()
-    with suppress(OSError):
-        data = file.read_bytes()
-        os.utime(file)
-        return data
-    data = read()
-    # an object that takes a good part of the cache would push out all the rest
-    if len(data) * 10 <= bound:
-        with suppress(OSError):
-            _keep(folder, file, data, bound)
-    return data
-
-
-_written_bytes: dict[int, int] = {}
-"""Bytes that a process has put into the cache since it last looked at its size."""
-
-
-def _keep(folder: Path, file: Path, data: bytes, bound: int) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    before = _written_bytes.get(os.getpid())
-    if before is None or before + len(data) > bound // 10:
-        _shrink(folder, bound * 8 // 10 - len(data))
-        before = 0
-    _written_bytes[os.getpid()] = before + len(data)
-    handle, beside = tempfile.mkstemp(dir=folder)
-    with os.fdopen(handle, "wb") as out:
-        out.write(data)
-    os.replace(beside, file)
-
-
-def _shrink(folder: Path, most: int) -> None:
-    """Remove what was used longest ago until no more than ``most`` bytes are left."""
-    files = []
-    for entry in os.scandir(folder):
-        with suppress(OSError):
-            state = entry.stat()
-            files.append((state.st_mtime_ns, state.st_size, entry.path))
-    total = sum(size for _, size, _ in files)
-    for _, size, path in sorted(files):
-        if total <= most:
-            return
-        with suppress(OSError):
-            os.unlink(path)
-            total -= size
