@@ -13,7 +13,7 @@ from recon.compiled import compiled
 
 _ONE, _TWO = np.float32(1), np.float32(2)
 _SLACK = 2 * math.pi * 1e-9
-"""Of a border between sectors, in radii, so that rounding moves no point across it."""
+"""Width of a border between sectors, in radii, so that rounding moves no point across it."""
 
 
 @compiled
