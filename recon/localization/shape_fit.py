@@ -40,7 +40,7 @@ _COARSE_STEPS, _FINE_STEPS = 10, 20
 _POSE_STEP = np.array([0.005, 0.005, 0.003, 0.003, 0.003, 0.003])
 """Steps in x and y (metres), yaw and logarithms of the size over which slopes are taken."""
 _SHAPE_STEP = 0.05
-"""The same for coefficients."""
+"""Step in each coefficient."""
 _MIRROR_PX = 7
 """Limbs thinner than this many pixels are not of the shape."""
 _DOWN = 0.3
@@ -105,9 +105,7 @@ class FittedShape:
             indexing="ij",
         )
         back = np.linalg.inv(self.cam_from_object)
-        rays = np.asarray(
-            _unit(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))) @ back[:3, :3].T, float
-        )
+        rays: FloatArray = _unit(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))) @ back[:3, :3].T
         value = least_values(back[:3, 3], rays, self.space, self.hull, self.size_m, _SAMPLES)
         value = value.reshape(height, width).astype(np.float32)
         fine = cv2.resize(value, tuple((high - low).tolist()), interpolation=cv2.INTER_LINEAR)

@@ -78,4 +78,5 @@ def _guided(rgb: UInt8Array, values: Float32Array) -> Float32Array:
 
     m, v = mean(guide), mean(values)
     slope = (mean(guide * values) - m * v) / (mean(guide * guide) - m * m + np.float32(_SMOOTH))
+    slope = np.asarray(slope, np.float32)
     return np.clip(mean(slope) * guide + mean(v - slope * m), 0, 1).astype(np.float32)

@@ -30,7 +30,7 @@ class _Given:
 
     records: bytes
     deaths: int
-    """Of workers, after which it is given up."""
+    """Deaths of workers after which it is given up."""
     alone: bool
     """Whether more than one record, whose deaths are sorted out elsewhere, or a single one."""
     died: int = 0

@@ -56,7 +56,7 @@ class Case:
 
 
 def cases(recorded: Recorded) -> tuple[Case, ...]:
-    """Both engines with tasks as ``map_frames`` makes them, and what would be without that."""
+    """Clusters of both engines with tasks as ``map_frames`` makes them, and of each frame as a task."""
     dask, ray = (Cluster(1, 0.0, c.caller_task_s, c.caller_frame_s) for c in recorded.engines)
     return (
         Case("Dask", dask, "#1f5fa8"),
