@@ -77,6 +77,7 @@ def _guided(rgb: UInt8Array, values: Float32Array) -> Float32Array:
         return np.asarray(cv2.blur(picture, (side, side)), np.float32)
 
     m, v = mean(guide), mean(values)
-    slope = (mean(guide * values) - m * v) / (mean(guide * guide) - m * m + np.float32(_SMOOTH))
-    slope = np.asarray(slope, np.float32)
-    return np.clip(mean(slope) * guide + mean(v - slope * m), 0, 1).astype(np.float32)
+    spread = mean(guide * guide) - m * m + np.float32(_SMOOTH)
+    slope = np.asarray((mean(guide * values) - m * v) / spread, np.float32)
+    left: Float32Array = v - slope * m
+    return np.asarray(np.clip(mean(slope) * guide + mean(left), 0, 1), np.float32)
