@@ -34,9 +34,9 @@ def busy(cpu_s: float) -> None:
 
 
 def test_stages_are_themselves_again_afterwards() -> None:
-    before, cues = sgbm.compute_disparity, profile_stages.cues.CUES
+    before, cues = sgbm.disparity_of_scene, profile_stages.cues.CUES
     with watched(Watch()):
-        assert sgbm.compute_disparity is not before
+        assert sgbm.disparity_of_scene is not before
         assert profile_stages.cues.CUES is not cues
-    assert sgbm.compute_disparity is before
+    assert sgbm.disparity_of_scene is before
     assert profile_stages.cues.CUES is cues
