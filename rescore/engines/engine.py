@@ -22,7 +22,7 @@ class Ended:
 
     task: int
     outcomes: tuple[Outcome, ...] | None
-    """Of each record; None where the task ended as many workers as it may."""
+    """What each record came to; None where the task ended as many workers as it may."""
     seconds: float = 0.0
     """Time in the function."""
 

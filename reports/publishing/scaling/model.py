@@ -19,7 +19,7 @@ class Cluster:
     caller_task_s: float
     """Seconds of the process that gives tasks out, a task; it does one at a time."""
     caller_frame_s: float
-    """The same, a frame."""
+    """Seconds of that process, a frame."""
     latency_s: float = 0.002
     """One way between that process and a worker."""
     store_bytes_s: float = 3e9
@@ -30,7 +30,7 @@ class Cluster:
     """Share of the tasks that take ``slow_times`` as long."""
     slow_times: float = 5.0
     deaths_per_hour: float = 0.1
-    """Of one worker."""
+    """Rate at which one worker dies."""
     renewal_s: float = 30.0
     """From a death to a worker that takes tasks again."""
     noticed_s: float = 5.0
