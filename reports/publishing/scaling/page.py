@@ -137,7 +137,7 @@ def _page(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded, command: s
     parts = [
         "# How a run grows with its workers",
         f"Made by `{command}` from `recorded.json`. A simulation on recorded times, not a measurement: two "
-        "cores were there to measure on. The points at two workers are measured: the time in frames over that "
+        "cores were there to measure on. The points at two workers are measured: time in frames over that "
         "of all processes, which at two workers counts the one that gives tasks out on the same cores.",
         "![Efficiency over workers](scaling.png)",
         f"Efficiency at {WANTED_AT} workers, where {100 * WANTED:.0f} % is wanted: {first}.",
