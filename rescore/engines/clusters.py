@@ -48,7 +48,7 @@ class Crew:
 
     @property
     def workers(self) -> int:
-        """The number of workers; at least one, since those that died are replaced."""
+        """Number of workers; at least one, since those that died are replaced."""
         if now_s() - self._looked_s >= _LOOK_S:
             self._workers, self._looked_s = max(self._count(), 1), now_s()
         return self._workers

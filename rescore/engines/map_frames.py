@@ -90,7 +90,7 @@ class _Flow:
         self._engine = engine
         self._records = iter(records)
         self._tasks: dict[int, tuple[int, tuple[Any, ...]]] = {}
-        """The number of the first record of each task that is out, and its records."""
+        """Tasks that are out: the number of the first record, and the records."""
         self._done: dict[int, tuple[Any, Outcome | None]] = {}
         """Records by number that wait for their turn, and what they came to."""
         self._begun, self._taken = 0, 0

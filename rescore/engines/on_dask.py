@@ -32,9 +32,9 @@ class _Given:
     deaths: int
     """Deaths of workers after which it is given up."""
     alone: bool
-    """Whether more than one record, whose deaths are sorted out elsewhere, or a single one."""
+    """Whether it is one record, which is tried by itself before it is given up."""
     died: int = 0
-    """Workers that it may have ended so far."""
+    """Deaths of workers that it may have caused so far."""
 
 
 class OnDask:

@@ -155,7 +155,7 @@ def caller_killed(engine: str, frames: int, seed: int) -> Resumed:
         first.kill()
         first.wait()
         start_s = time.monotonic()
-        _until(lambda: not any(map(alive, workers)), 60)
+        _until(lambda: not any(map(alive, workers)), 240)
         gone_s = time.monotonic() - start_s
         before = len(list(folder.glob("frame_*")))
         subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

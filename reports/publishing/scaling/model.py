@@ -30,7 +30,7 @@ class Cluster:
     """Share of the tasks that take ``slow_times`` as long."""
     slow_times: float = 5.0
     deaths_per_hour: float = 0.1
-    """Deaths of one worker."""
+    """Rate at which one worker dies."""
     renewal_s: float = 30.0
     """From a death to a worker that takes tasks again."""
     noticed_s: float = 5.0

@@ -56,7 +56,7 @@ class Case:
 
 
 def cases(recorded: Recorded) -> tuple[Case, ...]:
-    """Clusters of both engines with tasks as ``map_frames`` makes them, and of each frame as a task."""
+    """Engines with tasks as ``map_frames`` makes them, and what would be without that."""
     dask, ray = (Cluster(1, 0.0, c.caller_task_s, c.caller_frame_s) for c in recorded.engines)
     return (
         Case("Dask", dask, "#1f5fa8"),
@@ -137,7 +137,8 @@ def _page(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded, command: s
     parts = [
         "# How a run grows with its workers",
         f"Made by `{command}` from `recorded.json`. A simulation on recorded times, not a measurement: two "
-        "cores were there to measure on. The points at two workers are measured.",
+        "cores were there to measure on. The points at two workers are measured: time in frames over that "
+        "of all processes, which at two workers counts the one that gives tasks out on the same cores.",
         "![Efficiency over workers](scaling.png)",
         f"Efficiency at {WANTED_AT} workers, where {100 * WANTED:.0f} % is wanted: {first}.",
         _table(runs).markdown().rstrip(),

@@ -17,7 +17,7 @@ class EngineCost:
     caller_task_s: float
     """In the process that gives tasks out, with the scheduler where it is there too, a task."""
     caller_frame_s: float
-    """Seconds of that process, a frame in a task."""
+    """What a frame in a task adds to it."""
     efficiency: float
     """Time in frames of 100 ms over the time of all processes, two workers."""
 
