@@ -48,7 +48,9 @@ def test_figures_equal_those_in_memory(
         assert getattr(found, name) == getattr(known, name), name
     assert found.difficulty == known.difficulty
     a, b = known.comparisons[0], found.comparisons[0]
-    assert (a.auc_difference.value, a.auc_p_value) == (b.auc_difference.value, b.auc_p_value)
+    assert a.auc_difference.value == b.auc_difference.value
+    # sums over images in another order
+    assert a.auc_p_value == pytest.approx(b.auc_p_value, rel=1e-9)
     assert {k: (v.value, v.before) for k, v in a.reduction.items()} == {
         k: (v.value, v.before) for k, v in b.reduction.items()
     }
