@@ -105,9 +105,10 @@ class FittedShape:
             indexing="ij",
         )
         back = np.linalg.inv(self.cam_from_object)
-        rays = _unit(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))) @ back[:3, :3].T
-        eye_m: FloatArray = np.asarray(back[:3, 3], float)
-        value = least_values(eye_m, rays, self.space, self.hull, self.size_m, _SAMPLES)
+        rays = _unit(camera.rays(np.stack([u.ravel(), v.ravel()], axis=1)) @ back[:3, :3].T)
+        value = least_values(
+            np.asarray(back[:3, 3], float), rays, self.space, self.hull, self.size_m, _SAMPLES
+        )
         value = value.reshape(height, width).astype(np.float32)
         fine = cv2.resize(value, tuple((high - low).tolist()), interpolation=cv2.INTER_LINEAR)
         out[low[1] : high[1], low[0] : high[0]] = fine < 0

@@ -72,12 +72,10 @@ def _guided(rgb: UInt8Array, values: Float32Array) -> Float32Array:
     """Values (h, w) in [0, 1] whose borders follow those of a picture (h, w, 3)."""
     guide = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32) / np.float32(255), np.float32)
 
-    def mean(picture: Float32Array) -> Float32Array:
+    def mean(picture: FloatArray | Float32Array) -> Float32Array:
         side = 2 * _RADIUS_PX + 1
         return np.asarray(cv2.blur(picture, (side, side)), np.float32)
 
     m, v = mean(guide), mean(values)
-    spread = mean(guide * guide) - m * m + np.float32(_SMOOTH)
-    slope = np.asarray((mean(guide * values) - m * v) / spread, np.float32)
-    left: Float32Array = v - slope * m
-    return np.asarray(np.clip(mean(slope) * guide + mean(left), 0, 1), np.float32)
+    slope = (mean(guide * values) - m * v) / (mean(guide * guide) - m * m + np.float32(_SMOOTH))
+    return np.asarray(np.clip(mean(slope) * guide + mean(v - slope * m), 0, 1), np.float32)
