@@ -69,13 +69,13 @@ def _connect(executor: Executor) -> None:
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "CRITICAL"}
     try:
         if executor.address is not None:
-            ray.init(address=executor.address, **quiet)
+            ray.init(executor.address, **quiet)
             return
         # a record that needs more memory than there is must not be tried for ever
         patience = {"task_oom_retries": TRIES - 1}
-        ray.init(num_cpus=executor.jobs, include_dashboard=False, _system_config=patience, **quiet)
+        ray.init("local", num_cpus=executor.jobs, include_dashboard=False, _system_config=patience, **quiet)
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
+        where, why = executor.address or "local", " ".join(str(error).split())
         raise RescoreError(
-            f"--address {executor.address}: expected a Ray cluster, got {' '.join(str(error).split())}; "
-            "start it, or leave the option out"
+            f"--address {where}: expected a Ray cluster, got {why}; start it, or leave the option out"
         ) from error
