@@ -221,7 +221,7 @@ def _parts(net: _Net, shape: FittedShape) -> IntArray:
 
 
 def _inside(flat: FloatArray, polygon: FloatArray) -> BoolArray:
-    """Which points (h, w, 2) lie inside a polygon (m, 2)."""
+    """Whether points (h, w, 2) lie inside a polygon (m, 2), shape (h, w)."""
     low, size = polygon.min(axis=0), max(float(np.ptp(polygon, axis=0).max()), 1e-9)
     filled = fill_polygon((polygon - low) / size * 255, 256, 256)
     at = np.rint((flat - low) / size * 255).astype(int)
