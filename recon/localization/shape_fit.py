@@ -40,7 +40,7 @@ _COARSE_STEPS, _FINE_STEPS = 10, 20
 _POSE_STEP = np.array([0.005, 0.005, 0.003, 0.003, 0.003, 0.003])
 """Steps in x and y (metres), yaw and logarithms of the size over which slopes are taken."""
 _SHAPE_STEP = 0.05
-"""Step in each coefficient."""
+"""Steps in coefficients over which slopes are taken."""
 _MIRROR_PX = 7
 """Limbs thinner than this many pixels are not of the shape."""
 _DOWN = 0.3
