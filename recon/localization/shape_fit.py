@@ -59,10 +59,10 @@ class ShapeFitConfig:
     """A fit turned farther from the rough pose is none of it."""
     noise_share: float = 0.006
     """Expected error of the outline, as a share of its box's diagonal."""
-    side_weight: float = 2.0
-    """Weight of a side of the box that touches the object, beside all of the outline's 6."""
-    shadow_weight: float = 0.1
-    """Weight of points where the outline faces down and the object ends above it: there lies its shadow."""
+    side_weight: float = 0.7
+    """Weight of a side of the box that touches the object, in inverses of the error of the outline."""
+    below_weight: float = 0.1
+    """Weight of points where the outline faces down: colours take in the shadow there, or lose tyres."""
     max_residual: float = 0.03
     """Largest median distance between outline and silhouette, as a share of the box's diagonal."""
 
@@ -123,8 +123,8 @@ def shape_in_box(
     space: ShapeSpace,
     seen_from: GroundedCamera,
     occluded: BoolArray | None = None,
-) -> tuple[Float32Array, FittedShape | Failure]:
-    """The matte (h, w) of an object, and the shape that explains its outline or why none does.
+) -> tuple[Float32Array, FittedShape] | Failure:
+    """The matte (h, w) of an object with the shape that explains its outline, or why none does.
 
     Colours cannot tell the shadow under an object from its tyres, a shape can; and a shape cannot follow a
     mirror, colours can. So the matte is found again along the border of the first shape, and fitted again.
@@ -141,21 +141,23 @@ def shape_in_box(
     first = matte(rgb, inside, xyxy_px)
     shape = _fit_to(first, xyxy_px, rough, space, seen_from, occluded)
     if isinstance(shape, Failure):
-        return first, shape
+        return shape
     second = matte(rgb, shape.silhouette(seen_from.camera, xyxy_px), xyxy_px, fitted=True)
     again = _fit_to(second, xyxy_px, shape, space, seen_from, occluded)
     if isinstance(again, Failure):
-        return second, again
+        return again
     own, filled = second > 0.5, again.silhouette(seen_from.camera, xyxy_px)
     if occluded is not None:
         own, filled = own & ~occluded, filled & ~occluded
     overlap = float((own & filled).sum() / max((own | filled).sum(), 1))
     if overlap < _LEAST_OVERLAP:
-        return second, Failure(
+        return Failure(
             Reason.REGISTRATION_FAILED,
             f"a silhouette that shares {_LEAST_OVERLAP:.0%} with the object expected, got {overlap:.0%}",
         )
-    return second, again
+    # tyres and sills are as dark as the shadow; what the shape surely covers is the object
+    core = cv2.erode(filled.astype(np.float32), np.ones((_MIRROR_PX, _MIRROR_PX), np.uint8))
+    return np.maximum(second, core.astype(np.float32)), again
 
 
 def _fit_to(
@@ -251,7 +253,7 @@ class _Problem:
         points = np.concatenate([points[own], *self.sides])
         self.rays = _unit(seen_from.camera.rays(points)) @ cam_from_ground(seen_from.ground)[:3, :3]
         self.eye = np.array([0.0, 0.0, seen_from.ground.height_m])
-        self.outside = np.where(normal[own, 1] > _DOWN, config.shadow_weight, 1.0)
+        self.trust = np.where(normal[own, 1] > _DOWN, config.below_weight, 1.0)
 
     def fit(self, start: FloatArray) -> tuple[FloatArray, float]:
         """Unknowns and their cost, from a start (6,) without coefficients; first with the mean shape."""
@@ -290,12 +292,12 @@ class _Problem:
         least = self._least_values(vector)
         noise_m = slack * self.config.noise_share * float(np.exp(self.space.log_size).max())
         value, sides = least[: self.outline], least[self.outline :].reshape(-1, _SIDE_POINTS)
-        weight = np.where(value > 0, self.outside, 1.0) * np.sqrt(40 / len(value)) / noise_m
+        weight = self.trust * np.sqrt(40 / len(value)) / noise_m
         touch = sides.min(axis=1) * self.config.side_weight / noise_m
-        # Cauchy's loss for what is seen; no outlier may outweigh what is known of the class
-        seen = np.concatenate([value * weight, touch])
-        robust = np.sign(seen) * np.sqrt(np.log1p(seen**2))
-        return np.concatenate([robust, vector[3:6] / size_std, vector[6:]])
+        # Cauchy's loss for the outline; no outlier may outweigh the box and what is known of the class
+        weighted = value * weight
+        robust = np.sign(weighted) * np.sqrt(np.log1p(weighted**2))
+        return np.concatenate([robust, touch, vector[3:6] / size_std, vector[6:]])
 
     def _least_values(self, vector: FloatArray) -> FloatArray:
         """Least value of the hull function along each ray, shape (n,), in metres."""
