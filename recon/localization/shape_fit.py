@@ -17,7 +17,7 @@ from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.localization.outline_edges import outline_points
-from recon.localization.standing_box import angle_between, cam_from_ground, turn
+from recon.localization.standing_box import cam_from_ground, turn
 from recon.outlines import largest_outline
 from recon.reconstruction.instance import Instance3D
 from recon.reconstruction.matte import matte
@@ -55,11 +55,11 @@ class ShapeFitConfig:
     """Points on the outline."""
     starts_deg: tuple[float, ...] = (-15.0, 0.0, 15.0)
     """Directions from the rough pose that the fit starts from."""
-    max_turn_deg: float = 40.0
-    """A fit turned farther from the rough pose is none of it."""
+    turn_deg: float = 10.0
+    """Standard deviation of the direction about that of the rough pose, the middle of a view bin."""
     noise_share: float = 0.006
     """Expected error of the outline, as a share of its box's diagonal."""
-    side_weight: float = 0.7
+    side_weight: float = 0.3
     """Weight of a side of the box that touches the object, in inverses of the error of the outline."""
     below_weight: float = 0.1
     """Weight of points where the outline faces down: colours take in the shadow there, or lose tyres."""
@@ -199,11 +199,11 @@ def fit_shape(
         config: settings; None for the defaults.
     """
     config = config or ShapeFitConfig()
-    problem = _Problem(ring_px, xyxy_px, space, seen_from, occluded, config)
     pose = cam_from_ground(seen_from.ground)
     middle = (rough.cam_from_object[:3, 3] - pose[:3, 3]) @ pose[:3, :3]
     nose = rough.cam_from_object[:3, 0] @ pose[:3, :3]
     yaw = float(np.arctan2(nose[1], nose[0]))
+    problem = _Problem(ring_px, xyxy_px, yaw, space, seen_from, occluded, config)
     if isinstance(rough, FittedShape):
         log_rest = np.log(rough.size_m) - space.log_size - space.log_size_modes @ rough.coefficients
         found = [problem.refined(np.concatenate([middle[:2], [yaw], log_rest, rough.coefficients]))]
@@ -213,10 +213,7 @@ def fit_shape(
             problem.fit(np.concatenate([middle[:2], [yaw + step], log_rest]))
             for step in np.deg2rad(config.starts_deg)
         ]
-    near = [f for f in found if angle_between(f[0][2], yaw) < np.deg2rad(config.max_turn_deg)]
-    if not near:
-        return Failure(Reason.REGISTRATION_FAILED, "a shape turned as the view bin expected, found none")
-    vector = min(near, key=lambda f: f[1])[0]
+    vector = min(found, key=lambda f: f[1])[0]
     size = space.size_m(vector[6:], vector[3:6])
     off = problem.median_residual(vector) / float(np.linalg.norm(size))
     if off > config.max_residual:
@@ -236,11 +233,13 @@ class _Problem:
         self,
         ring_px: FloatArray,
         xyxy_px: FloatArray,
+        yaw_rad: float,
         space: ShapeSpace,
         seen_from: GroundedCamera,
         occluded: BoolArray | None,
         config: ShapeFitConfig,
     ) -> None:
+        self.yaw_rad = yaw_rad
         self.space, self.config = space, config
         points, normal = outline_points(ring_px, config.points)
         size = np.array([seen_from.camera.width_px, seen_from.camera.height_px])
@@ -297,7 +296,8 @@ class _Problem:
         # Cauchy's loss for the outline; no outlier may outweigh the box and what is known of the class
         weighted = value * weight
         robust = np.sign(weighted) * np.sqrt(np.log1p(weighted**2))
-        return np.concatenate([robust, touch, vector[3:6] / size_std, vector[6:]])
+        turned = np.array([vector[2] - self.yaw_rad]) / np.deg2rad(self.config.turn_deg)
+        return np.concatenate([robust, touch, turned, vector[3:6] / size_std, vector[6:]])
 
     def _least_values(self, vector: FloatArray) -> FloatArray:
         """Least value of the hull function along each ray, shape (n,), in metres."""
