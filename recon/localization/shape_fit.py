@@ -17,7 +17,7 @@ from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, PinholeCamera
 from recon.errors import Failure, Reason
 from recon.localization.outline_edges import outline_points
-from recon.localization.standing_box import angle_between, cam_from_ground, turn
+from recon.localization.standing_box import cam_from_ground, turn
 from recon.outlines import largest_outline
 from recon.reconstruction.instance import Instance3D
 from recon.reconstruction.matte import matte
@@ -55,14 +55,14 @@ class ShapeFitConfig:
     """Points on the outline."""
     starts_deg: tuple[float, ...] = (-15.0, 0.0, 15.0)
     """Directions from the rough pose that the fit starts from."""
-    max_turn_deg: float = 40.0
-    """A fit turned farther from the rough pose is none of it."""
+    turn_deg: float = 10.0
+    """Standard deviation of the direction about that of the rough pose, the middle of a view bin."""
     noise_share: float = 0.006
     """Expected error of the outline, as a share of its box's diagonal."""
-    side_weight: float = 2.0
-    """Weight of a side of the box that touches the object, beside all of the outline's 6."""
-    shadow_weight: float = 0.1
-    """Weight of points where the outline faces down and the object ends above it: there lies its shadow."""
+    side_weight: float = 0.3
+    """Weight of a side of the box that touches the object, in inverses of the error of the outline."""
+    below_weight: float = 0.1
+    """Weight of points where the outline faces down: colours take in the shadow there, or lose tyres."""
     max_residual: float = 0.03
     """Largest median distance between outline and silhouette, as a share of the box's diagonal."""
 
@@ -123,8 +123,8 @@ def shape_in_box(
     space: ShapeSpace,
     seen_from: GroundedCamera,
     occluded: BoolArray | None = None,
-) -> tuple[Float32Array, FittedShape | Failure]:
-    """The matte (h, w) of an object, and the shape that explains its outline or why none does.
+) -> tuple[Float32Array, FittedShape] | Failure:
+    """The matte (h, w) of an object with the shape that explains its outline, or why none does.
 
     Colours cannot tell the shadow under an object from its tyres, a shape can; and a shape cannot follow a
     mirror, colours can. So the matte is found again along the border of the first shape, and fitted again.
@@ -141,21 +141,23 @@ def shape_in_box(
     first = matte(rgb, inside, xyxy_px)
     shape = _fit_to(first, xyxy_px, rough, space, seen_from, occluded)
     if isinstance(shape, Failure):
-        return first, shape
+        return shape
     second = matte(rgb, shape.silhouette(seen_from.camera, xyxy_px), xyxy_px, fitted=True)
     again = _fit_to(second, xyxy_px, shape, space, seen_from, occluded)
     if isinstance(again, Failure):
-        return second, again
+        return again
     own, filled = second > 0.5, again.silhouette(seen_from.camera, xyxy_px)
     if occluded is not None:
         own, filled = own & ~occluded, filled & ~occluded
     overlap = float((own & filled).sum() / max((own | filled).sum(), 1))
     if overlap < _LEAST_OVERLAP:
-        return second, Failure(
+        return Failure(
             Reason.REGISTRATION_FAILED,
             f"a silhouette that shares {_LEAST_OVERLAP:.0%} with the object expected, got {overlap:.0%}",
         )
-    return second, again
+    # tyres and sills are as dark as the shadow; what the shape surely covers is the object
+    core = cv2.erode(filled.astype(np.float32), np.ones((_MIRROR_PX, _MIRROR_PX), np.uint8))
+    return np.maximum(second, core.astype(np.float32)), again
 
 
 def _fit_to(
@@ -197,11 +199,11 @@ def fit_shape(
         config: settings; None for the defaults.
     """
     config = config or ShapeFitConfig()
-    problem = _Problem(ring_px, xyxy_px, space, seen_from, occluded, config)
     pose = cam_from_ground(seen_from.ground)
     middle = (rough.cam_from_object[:3, 3] - pose[:3, 3]) @ pose[:3, :3]
     nose = rough.cam_from_object[:3, 0] @ pose[:3, :3]
     yaw = float(np.arctan2(nose[1], nose[0]))
+    problem = _Problem(ring_px, xyxy_px, yaw, space, seen_from, occluded, config)
     if isinstance(rough, FittedShape):
         log_rest = np.log(rough.size_m) - space.log_size - space.log_size_modes @ rough.coefficients
         found = [problem.refined(np.concatenate([middle[:2], [yaw], log_rest, rough.coefficients]))]
@@ -211,10 +213,7 @@ def fit_shape(
             problem.fit(np.concatenate([middle[:2], [yaw + step], log_rest]))
             for step in np.deg2rad(config.starts_deg)
         ]
-    near = [f for f in found if angle_between(f[0][2], yaw) < np.deg2rad(config.max_turn_deg)]
-    if not near:
-        return Failure(Reason.REGISTRATION_FAILED, "a shape turned as the view bin expected, found none")
-    vector = min(near, key=lambda f: f[1])[0]
+    vector = min(found, key=lambda f: f[1])[0]
     size = space.size_m(vector[6:], vector[3:6])
     off = problem.median_residual(vector) / float(np.linalg.norm(size))
     if off > config.max_residual:
@@ -234,11 +233,13 @@ class _Problem:
         self,
         ring_px: FloatArray,
         xyxy_px: FloatArray,
+        yaw_rad: float,
         space: ShapeSpace,
         seen_from: GroundedCamera,
         occluded: BoolArray | None,
         config: ShapeFitConfig,
     ) -> None:
+        self.yaw_rad = yaw_rad
         self.space, self.config = space, config
         points, normal = outline_points(ring_px, config.points)
         size = np.array([seen_from.camera.width_px, seen_from.camera.height_px])
@@ -251,7 +252,7 @@ class _Problem:
         points = np.concatenate([points[own], *self.sides])
         self.rays = _unit(seen_from.camera.rays(points)) @ cam_from_ground(seen_from.ground)[:3, :3]
         self.eye = np.array([0.0, 0.0, seen_from.ground.height_m])
-        self.outside = np.where(normal[own, 1] > _DOWN, config.shadow_weight, 1.0)
+        self.trust = np.where(normal[own, 1] > _DOWN, config.below_weight, 1.0)
 
     def fit(self, start: FloatArray) -> tuple[FloatArray, float]:
         """Unknowns and their cost, from a start (6,) without coefficients; first with the mean shape."""
@@ -290,12 +291,13 @@ class _Problem:
         least = self._least_values(vector)
         noise_m = slack * self.config.noise_share * float(np.exp(self.space.log_size).max())
         value, sides = least[: self.outline], least[self.outline :].reshape(-1, _SIDE_POINTS)
-        weight = np.where(value > 0, self.outside, 1.0) * np.sqrt(40 / len(value)) / noise_m
+        weight = self.trust * np.sqrt(40 / len(value)) / noise_m
         touch = sides.min(axis=1) * self.config.side_weight / noise_m
-        # Cauchy's loss for what is seen; no outlier may outweigh what is known of the class
-        seen = np.concatenate([value * weight, touch])
-        robust = np.sign(seen) * np.sqrt(np.log1p(seen**2))
-        return np.concatenate([robust, vector[3:6] / size_std, vector[6:]])
+        # Cauchy's loss for the outline; no outlier may outweigh the box and what is known of the class
+        weighted = value * weight
+        robust = np.sign(weighted) * np.sqrt(np.log1p(weighted**2))
+        turned = np.array([vector[2] - self.yaw_rad]) / np.deg2rad(self.config.turn_deg)
+        return np.concatenate([robust, touch, turned, vector[3:6] / size_std, vector[6:]])
 
     def _least_values(self, vector: FloatArray) -> FloatArray:
         """Least value of the hull function along each ray, shape (n,), in metres."""

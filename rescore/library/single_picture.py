@@ -242,9 +242,10 @@ def find_object(
         return instance
     if model.shape_space is None:
         return FoundObject(found, instance, share, None, occluded)
-    share, shape = shape_in_box(rgb, inside, xyxy_px, instance, model.shape_space, seen_from, occluded)
-    if isinstance(shape, Failure):
+    solid = shape_in_box(rgb, inside, xyxy_px, instance, model.shape_space, seen_from, occluded)
+    if isinstance(solid, Failure):
         return FoundObject(found, instance, share, None, occluded)
+    share, shape = solid
     return FoundObject(found, _as_shape(instance, shape, model), share, shape, occluded)
 
 

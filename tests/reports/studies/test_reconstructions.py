@@ -114,7 +114,7 @@ def test_from_beside_counts_overlap_and_failures(exhibit: Exhibit) -> None:
     assert max(v.similarity for v in found) < 0.9
     failed = Exhibit("car", "lost", 3, exhibit.photo, LOST)
     assert likeness_beside(failed) == {}
-    row = beside_table([own, failed]).splitlines()[2]
+    row = beside_table([(e, likeness_beside(e)) for e in (own, failed)]).splitlines()[2]
     assert [c.strip() for c in row.strip("|").split("|")] == ["car", "2 (1 failed)", "100.0%", "1.000"]
     sheet = beside_sheet(own)
     assert sheet is not None
