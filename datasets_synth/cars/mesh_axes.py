@@ -131,8 +131,11 @@ def _unevenness(corners: FloatArray, axis: int) -> float:
     low, high = along.min(), along.max()
     share = np.zeros(_BINS)
     for weights in _INSIDE:
-        cell = (along @ weights - low) / max(high - low, 1e-12) * _BINS
-        share += np.bincount(np.clip(cell, 0, _BINS - 1).astype(int), area, _BINS)
+        # shared between the two nearest, so that what lies on the border of two does not jump between them
+        place = np.clip((along @ weights - low) / max(high - low, 1e-12), 0, 1) * (_BINS - 1)
+        cell = np.minimum(place.astype(int), _BINS - 2)
+        share += np.bincount(cell, area * (1 + cell - place), _BINS)
+        share += np.bincount(cell + 1, area * (place - cell), _BINS)
     return float(np.abs(share - share[::-1]).sum() / (2 * max(share.sum(), 1e-12)))
 
 

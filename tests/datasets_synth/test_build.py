@@ -63,9 +63,10 @@ def test_a_killed_build_is_taken_up_again_and_gives_the_same_bytes(
     (half / "disparity" / "train_0000.png").unlink()
     built: list[str] = []
 
-    def watched(task: Any) -> None:
-        built.append(task.name)
-        original(task)
+    def watched(record: Any, shared: Any) -> None:
+        split, index, _ = record
+        built.append(f"{split}_{index:04d}")
+        original(record, shared)
 
     original = build._build_frame
     monkeypatch.setattr(build, "_build_frame", watched)

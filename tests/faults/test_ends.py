@@ -41,6 +41,13 @@ def frames_in(folder: Path, n: int) -> "Iterator[bool]":
         yield len(list((folder / "records").glob("*.json"))) >= n
 
 
+def held_by(folder: Path, process: int) -> "Iterator[bool]":
+    """Whether the lock of a folder names a process, as it does once that process has it."""
+    while True:
+        text = (folder / LOCK).read_text() if (folder / LOCK).is_file() else ""
+        yield f'"process": {process},' in text
+
+
 def gone(processes: list[int]) -> "Iterator[bool]":
     while True:
         yield not any(alive(p) for p in processes)
@@ -61,6 +68,7 @@ def test_a_stopped_build_says_so_goes_on_and_is_locked_meanwhile(tmp_path: Path,
     ):
         process = start(*build)
         wait_for("frames", frames_in(out, number))
+        wait_for("lock", held_by(out, process.pid))
         with pytest.raises(RescoreError, match=f"{out}: expected no other .*, got process {process.pid} of"):
             locked(out).__enter__()
         helpers = descendants(process.pid)

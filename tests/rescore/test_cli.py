@@ -99,8 +99,13 @@ def test_apply_shows_few_options_first() -> None:
     options = [p for p in command.get_params(context) if isinstance(p, TyperOption)]
     panels = Counter(p.rich_help_panel for p in options)
     assert panels.pop(None) <= 12
-    further = {"Modes with a learned D", "Camera and stereo matching", "Second boxes", "Names of classes"}
-    assert set(panels) == further
+    assert set(panels) == {
+        "Modes with a learned D",
+        "Camera and stereo matching",
+        "Second boxes",
+        "Names of classes",
+        "Clusters (docs/scale.md)",
+    }
 
 
 def test_quiet_leaves_results_and_errors(rescore: Command, tiny_run: Path, tmp_path: Path) -> None:

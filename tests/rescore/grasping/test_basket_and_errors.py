@@ -120,7 +120,7 @@ def test_an_error_is_put_on_one_measure_alone() -> None:
 
 def test_a_small_error_is_borne_and_a_large_one_is_not() -> None:
     cars = experiment_cars(8, "validation")[:2]
-    points = [_point(cars, "lateral", level, "parallel_jaw", 1, 0) for level in (5.0, 60.0)]
+    points = [_point(("lateral", level, "parallel_jaw"), (cars, 1, 0)) for level in (5.0, 60.0)]
     assert [p.trials for p in points] == [2, 2]
     assert points[0].gentle == 2
     assert points[1].gentle == 0
