@@ -51,9 +51,9 @@ SHEETS = {
     "popup_others": (("chair", 8), ("bicycle", 4), ("airplane", 10)),
 }
 """Class and view bin of each column of the sheets of pop-ups."""
-BESIDE = (("car", 5), ("car", 11), ("chair", 7), ("bicycle", 10))
+BESIDE = (("car", 5), ("car", 11), ("chair", 0), ("bicycle", 10))
 """Class and view bin of what is shown from beside the photograph, under the truth."""
-FILES = (("car", 5), ("chair", 7))
+FILES = (("car", 5), ("chair", 0))
 """Class and view bin of the pop-ups that are kept as files."""
 SHOWN_BINS = frozenset({*STEPS, *BESIDE, *FILES, *(column for sheet in SHEETS.values() for column in sheet)})
 """Class and view bin of everything that is drawn."""

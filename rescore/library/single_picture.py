@@ -40,8 +40,9 @@ _THIN = 0.08
 """Width of a thin limb, in roots of the box area."""
 _JOINED = 0.04
 """Pieces of a matte this near to each other, in roots of its area, have one outline."""
-_KEPT = 0.85
-"""An outline smaller than this share of the first one has lost the object."""
+_ASTRAY = 0.04
+"""An outline whose sides are farther than this from the drawn box, as shares of its extent, has lost a limb;
+a foot that is missing moves the whole object away."""
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
@@ -236,7 +237,7 @@ def find_object(
     # a solid object without a shape keeps its outline: by colours alone it would lose its tyres
     if model.shape_space is None and config is _THIN_CONFIG:
         share = matte(rgb, inside, xyxy_px)
-        found = _along_matte(found, share, view_bin, model, seen_from)
+        found = _along_matte(found, share, xyxy_px, view_bin, model, seen_from)
     instance = build_instance(found, view_bin, model, seen_from, config.registration, occluded=occluded)
     if isinstance(instance, Failure):
         return instance
@@ -268,6 +269,7 @@ def _as_shape(instance: Instance3D, shape: FittedShape, model: ClassModel) -> In
 def _along_matte(
     found: Reconstruction,
     share: Float32Array,
+    xyxy_px: FloatArray,
     view_bin: int,
     model: ClassModel,
     seen_from: GroundedCamera,
@@ -276,11 +278,10 @@ def _along_matte(
     across = max(3, round(_JOINED * float(np.sqrt((share > 0.5).sum()))))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
     ring = largest_outline(cv2.morphologyEx((share > 0.5).astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0)
-    if (
-        ring is None
-        or len(ring) < 8
-        or (np.ptp(ring, axis=0) < _KEPT * np.ptp(found.outline_px, axis=0)).any()
-    ):
+    if ring is None or len(ring) < 8:
+        return found
+    sides = np.concatenate([ring.min(axis=0), ring.max(axis=0) + 1]) - xyxy_px
+    if (np.abs(sides.reshape(2, 2)) > _ASTRAY * (xyxy_px[2:] - xyxy_px[:2])).any():
         return found
     (again,) = reconstruct_outline(ring, view_bin, model, seen_from, _THIN_CONFIG)
     return found if isinstance(again, Failure) else again
