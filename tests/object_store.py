@@ -5,9 +5,12 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+from recon.stores import objects
 
 SECRET = "the-secret-of-the-test"
 BUCKET = "fleet"
@@ -48,8 +51,11 @@ class Store:
 
 
 @contextmanager
-def serving(monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    """Inside, ``s3://fleet`` is a bucket of a server on the loopback address, with a secret to reach it."""
+def serving(monkeypatch: pytest.MonkeyPatch, cache: Path) -> Iterator[Store]:
+    """Inside, ``s3://fleet`` is a bucket of a server on the loopback address, with a secret to reach it.
+
+    What is read is kept in the folder ``cache``, and nothing waits between two tries.
+    """
     pytest.importorskip("s3fs", reason="needs the extra s3")
     server = pytest.importorskip("moto.server", reason="needs moto's server")
     serving = pytest.importorskip("werkzeug.serving", reason="needs moto's server")
@@ -63,9 +69,11 @@ def serving(monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
         "AWS_SECRET_ACCESS_KEY": SECRET,
         "AWS_DEFAULT_REGION": "us-east-1",
         "AWS_ENDPOINT_URL": f"http://127.0.0.1:{http.server_port}",
+        "XDG_CACHE_HOME": str(cache),
     }
     for name, value in settings.items():
         monkeypatch.setenv(name, value)
+    monkeypatch.setattr(objects, "pause", lambda _seconds: None)
     _forget()
     try:
         import boto3  # noqa: PLC0415
@@ -82,8 +90,6 @@ def serving(monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 def _forget() -> None:
     """No file system and no state of another store is kept."""
     import s3fs  # noqa: PLC0415
-
-    from recon.stores import objects  # noqa: PLC0415
 
     objects._filesystem.cache_clear()
     objects._state.cache_clear()

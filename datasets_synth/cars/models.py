@@ -50,20 +50,8 @@ class ParametricCar:
 
 
 @dataclass(frozen=True)
-class RepaintedCar:
+class RepaintedCar(ParametricCar):
     """A shape of the parametric family in looks as other people's models have."""
-
-    shape: CarShape
-
-    @property
-    def shape_id(self) -> str:
-        """Name of the shape."""
-        return self.shape.shape_id
-
-    @property
-    def size_m(self) -> tuple[float, float, float]:
-        """Length, width and height."""
-        return self.shape.size_m
 
     def build(self, rng: np.random.Generator) -> Mesh:
         """The mesh in unusual materials."""

@@ -82,20 +82,29 @@ def yolo_classes(
     """
     places = [place / name for place in (folder, folder.parent) for name in NAME_FILES]
     path = next((p for p in places if p.is_file()), None)
-    found, notes = (_named(path), ()) if path is not None else _numbered(folder, files, classes)
-    return replace(found, tracks=_has_tracks(files)), notes
+    numbers, tracks = _scanned(files)
+    found, notes = (_named(path), ()) if path is not None else _numbered(folder, numbers, classes)
+    return replace(found, tracks=tracks), notes
 
 
-def _has_tracks(files: Sequence[Path]) -> bool:
-    """Whether a box, its score and a whole number that is no corner's stand in a line: a tracker wrote it."""
-    ends = (words[-1] for file in files for _, words in read_lines(file) if len(words) == 7)
-    return any(text.isdecimal() and int(text) > 1 for text in ends)
+def _scanned(files: Sequence[Path]) -> tuple[list[int], bool]:
+    """The class numbers in the order in which they first come, and whether a tracker wrote a line.
+
+    A tracker writes a box, its score and a whole number that is no corner's.
+    """
+    numbers: dict[int, None] = {}
+    tracks = False
+    for file in files:
+        for _, words in read_lines(file):
+            if (number := _class_number(words[0])) is not None:
+                numbers[number] = None
+            tracks = tracks or (len(words) == 7 and words[-1].isdecimal() and int(words[-1]) > 1)
+    return list(numbers), tracks
 
 
-def _numbered(folder: Path, files: Sequence[Path], classes: ClassMap) -> tuple[YoloClasses, tuple[str, ...]]:
+def _numbered(folder: Path, numbers: Sequence[int], classes: ClassMap) -> tuple[YoloClasses, tuple[str, ...]]:
     """The numbers of the classes for their names."""
-    numbers = Counter(_class_number(words[0]) for file in files for _, words in read_lines(file))
-    texts = {n: str(n) for n in numbers if n is not None}
+    texts = {n: str(n) for n in numbers}
     if set(classes.renamed) & set(texts.values()):
         return YoloClasses(texts), ()
     if set(texts) <= {0}:

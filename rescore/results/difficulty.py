@@ -16,6 +16,8 @@ from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, MatchTable, TruthTa
 
 CAR_LEVEL = 0.7
 """True-positive rate at which false positives are counted."""
+MIN_VISIBILITY = 0.6
+"""Visible share from which a car counts as seen."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Difficulty:
 
 
 def difficulty(
-    data: DataSet, detections_by_image: Mapping[int, Detections], min_visibility: float = 0.6
+    data: DataSet, detections_by_image: Mapping[int, Detections], min_visibility: float = MIN_VISIBILITY
 ) -> Difficulty:
     """The difficulty of ``data`` for a detector with these candidates; an image without any may be left out.
 
@@ -57,7 +59,7 @@ def difficulty_of_table(
     image_id: IntArray,
     boxes: FloatArray,
     score: FloatArray,
-    min_visibility: float = 0.6,
+    min_visibility: float = MIN_VISIBILITY,
     alone: MatchTable | None = None,
 ) -> Difficulty:
     """The difficulty as ``difficulty`` has it, for a detector's candidates in one table.

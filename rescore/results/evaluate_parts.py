@@ -48,7 +48,7 @@ from rescore.metrics.matching import (
 from rescore.metrics.reliability import reliability
 from rescore.results.candidate_file import ALONE, arrow_rows, detector_columns, parts_schema
 from rescore.results.comparisons import certainty
-from rescore.results.difficulty import CAR_LEVEL, share_by_kind
+from rescore.results.difficulty import CAR_LEVEL, MIN_VISIBILITY, share_by_kind
 from rescore.results.evaluate import RELIABILITY_BINS, tuning_rows
 from rescore.results.metrics_file import (
     BootstrapSettings,
@@ -64,8 +64,6 @@ from rescore.results.metrics_file import (
 )
 from rescore.results.run_folder import RunFolder
 
-MIN_VISIBILITY = 0.6
-"""Visible share from which a car counts for the difficulty, as ``rescore.results.difficulty`` has it."""
 CANDIDATES = "candidates"
 
 

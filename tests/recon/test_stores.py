@@ -18,9 +18,7 @@ from tests.object_store import SECRET, Store, serving
 
 @pytest.fixture
 def store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Store]:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(stores, "pause", lambda _seconds: None)
-    with serving(monkeypatch) as running:
+    with serving(monkeypatch, tmp_path / "cache") as running:
         yield running
 
 

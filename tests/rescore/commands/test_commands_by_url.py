@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import rescore.defaults
-from recon.stores import located, objects, remote
+from recon.stores import located, remote
 from rescore.formats.parts.table import PARTS
 from rescore.library.bundles import write_bundle
 from tests.object_store import BUCKET, SECRET, Store, serving
@@ -37,9 +37,7 @@ def street(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]
 
 @pytest.fixture
 def store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Store]:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(objects, "pause", lambda _seconds: None)
-    with serving(monkeypatch) as running:
+    with serving(monkeypatch, tmp_path / "cache") as running:
         yield running
 
 
