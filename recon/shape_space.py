@@ -69,6 +69,15 @@ class ShapeSpace:
             ]
         )
 
+    def hull_values(self, unit: FloatArray, hull: Float32Array, size_m: FloatArray) -> FloatArray:
+        """Values (n,) of a hull function of this grid at points (n, 3) in units of length, width and height.
+
+        They grow with the distance from the grid beyond it, in metres of a size (3,).
+        """
+        beyond = np.maximum(np.abs(unit) - np.array(self.reach), 0) * size_m
+        value = sample_hull(hull, self.grid_coordinates(unit))
+        return np.asarray(value + np.sqrt((beyond**2).sum(axis=1)))
+
     @cached_property
     def digest(self) -> str:
         """A digest of the content: the same for spaces that are read twice."""

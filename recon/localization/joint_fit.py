@@ -181,12 +181,14 @@ class OutlineFit:
         """Least hull value along each ray (n,), and the points (n, 3) in units of the size where it is."""
         heights, points = rays.between(float(size_m[2]), self.config.depth_samples)
         n, s = points.shape[:2]
-        values = self._values(self._unit(points.reshape(-1, 3), vector, size_m), hull, size_m).reshape(n, s)
+        values = self.space.hull_values(
+            self._unit(points.reshape(-1, 3), vector, size_m), hull, size_m
+        ).reshape(n, s)
         step = heights[0] - heights[1]
         middle = np.clip(heights[np.argmin(values, axis=1)], step, heights[0] - step)
         fine = middle[:, None] + np.linspace(step, -step, 9)
         unit = self._unit(rays.at(fine).reshape(-1, 3), vector, size_m)
-        values = self._values(unit, hull, size_m).reshape(n, 9)
+        values = self.space.hull_values(unit, hull, size_m).reshape(n, 9)
         best = np.argmin(values, axis=1)
         row = np.arange(n)
         return values[row, best], unit.reshape(n, 9, 3)[row, best]
@@ -196,13 +198,6 @@ class OutlineFit:
         out[:, :2] = (points[:, :2] - vector[:2]) @ turn(vector[2])
         return out / size_m
 
-    def _values(self, unit: FloatArray, hull: Float32Array, size_m: FloatArray) -> FloatArray:
-        """Hull values (n,), growing with the distance from the grid beyond it."""
-        reach = np.array(self.space.reach)
-        beyond = np.maximum(np.abs(unit) - reach, 0) * size_m
-        value = sample_hull(hull, self.space.grid_coordinates(unit))
-        return np.asarray(value + np.sqrt((beyond**2).sum(axis=1)))
-
     def jacobian(
         self, vector: FloatArray, unit: FloatArray, hull: Float32Array, size_m: FloatArray
     ) -> FloatArray:
@@ -211,7 +206,11 @@ class OutlineFit:
         step = 0.008
         gradient = np.stack(
             [
-                (self._values(unit + d, hull, size_m) - self._values(unit - d, hull, size_m)) / (2 * step)
+                (
+                    self.space.hull_values(unit + d, hull, size_m)
+                    - self.space.hull_values(unit - d, hull, size_m)
+                )
+                / (2 * step)
                 for d in np.eye(3) * step
             ],
             axis=1,

@@ -21,7 +21,7 @@ from recon.localization.standing_box import cam_from_ground, turn
 from recon.outlines import largest_outline
 from recon.reconstruction.instance import Instance3D
 from recon.reconstruction.matte import matte
-from recon.shape_space import ShapeSpace, sample_hull
+from recon.shape_space import ShapeSpace
 
 _BORDER_PX = 2.0
 """Outline points this near to the picture's edge, or to what hides the object, are no outline of it."""
@@ -354,6 +354,5 @@ def hull_values(
     They are positive below the ground, and grow off the grid.
     """
     unit = points_m.reshape(-1, 3) / size_m
-    beyond = np.maximum(np.abs(unit) - np.array(space.reach), 0) * size_m
-    value = sample_hull(hull, space.grid_coordinates(unit)) + np.sqrt((beyond**2).sum(axis=1))
+    value = space.hull_values(unit, hull, size_m)
     return np.asarray(np.maximum(value, -unit[:, 2] * size_m[2])).reshape(points_m.shape[:-1])
