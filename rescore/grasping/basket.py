@@ -108,7 +108,8 @@ class TableBasket:
                 axis = int(np.argmax(np.ptp(corners.reshape(-1, 3)[:, :2], axis=0)))
                 pieces += cut_between(corners, axis, np.linspace(0.0, 1.0, 6))
         size = np.array(self.size_m) * SCALE
-        return Solid(self.shape_id, hulls_of([p.reshape(-1, 3) for p in pieces]), size, MASS_KG)
+        hulls = hulls_of([p.reshape(-1, 3) for p in pieces])
+        return Solid.heavy_below(self.shape_id, hulls, size, MASS_KG)
 
 
 @dataclass(frozen=True, eq=False)

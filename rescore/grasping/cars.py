@@ -10,7 +10,7 @@ from datasets_synth.cars.models import ParametricCar, table_cars
 from datasets_synth.cars.shapes import CarModel
 from datasets_synth.photos.table_scene import SCALE
 from rescore.grasping.causes import Cause, Refusal
-from rescore.grasping.solids import Solid, convex_pieces, is_closed
+from rescore.grasping.solids import Solid, convex_pieces, filled_solid, is_closed
 
 THIN = 0.78
 """Width of a thin car over that of the shape it is made of: as narrow as the small cars of Japan."""
@@ -65,15 +65,22 @@ def _thin(car: CarModel) -> CarModel:
     return ParametricCar(replace(shape, shape_id=f"{shape.shape_id}_thin", width=shape.width * THIN))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=64)
 def solid_of(car: TableCar) -> Solid | Refusal:
-    """The car as a body that can be touched; a refusal where its mesh is not closed."""
-    mesh = car.model.build(np.random.default_rng(0))
-    if not is_closed(mesh):
+    """The car as a body that can be touched; a refusal where its surface bounds no body.
+
+    A surface that is not closed is filled from outside.
+    """
+    mesh, size = car.model.build(np.random.default_rng(0)), np.array(car.size_m)
+    mass = float(_DENSITY_KG_M3 * size.prod())
+    solid = (
+        Solid.heavy_below(car.name, convex_pieces(mesh, SCALE), size, mass)
+        if is_closed(mesh)
+        else filled_solid(car.name, mesh, SCALE, size, mass)
+    )
+    if solid is None:
         return Refusal(
             Cause.NOT_CLOSED,
-            f"{car.model.shape_id}: a closed surface expected, got one that encloses no volume",
+            f"{car.model.shape_id}: a surface around a body expected, got one that encloses next to no volume",
         )
-    size = np.array(car.size_m)
-    breaks = BREAKS_AT_N if car.fragile else float("inf")
-    return Solid(car.name, convex_pieces(mesh, SCALE), size, float(_DENSITY_KG_M3 * size.prod()), breaks)
+    return replace(solid, breaks_at_n=BREAKS_AT_N) if car.fragile else solid

@@ -60,6 +60,8 @@ class GraspRow(StudyPart):
     """Number of the car."""
     placement: int
     """Number of the placement of this car."""
+    filled_from_outside: bool = False
+    """Whether the mesh of the car was not closed, so that its solid was filled from outside."""
     truth: BoxRow
     estimates: dict[str, BoxRow | Failure]
     """By method."""

@@ -139,11 +139,7 @@ def _add_solid(spec: "mujoco.MjSpec", solid: Solid) -> None:
             friction=_OBJECT_FRICTION,
             mass=0.0,
         )
-    # as a filled box of its size with more weight below, which is where a model car has its metal
-    body.mass = solid.mass_kg
-    body.ipos = [0.0, 0.0, 0.4 * solid.size_m[2]]
-    square = solid.size_m**2
-    body.inertia = [solid.mass_kg / 12 * (square.sum() - s) for s in square]
+    body.mass, body.ipos, body.inertia = solid.mass_kg, solid.middle_m, solid.inertia_kg_m2
     body.explicitinertial = True
 
 

@@ -1,4 +1,4 @@
-"""Meshes as bodies that can be touched: whether a mesh is closed, and convex pieces that fill it."""
+"""Meshes as bodies that can be touched: whether a mesh is closed, convex pieces that fill it, and its weight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from datasets_synth.meshes.filled import Filled, filled
 from datasets_synth.meshes.mesh import Mesh
 from recon.arrays import BoolArray, FloatArray, IntArray
 
@@ -22,6 +23,11 @@ _SLABS = 9
 _BANDS = (0.0, 0.56, 1.0)
 """Heights at which slabs are cut, as shares of the piece's height: a car's body is wider than its roof."""
 _MERGED_M = 1e-5
+LEAST_INSIDE = 0.25
+"""Least volume of a body that is filled from outside, as a share of the hull of its surface; cars have 0.4 or
+more, a sheet or a shell with a large opening next to nothing."""
+_FILLED_SLABS, _FILLED_BANDS = 12, (0.0, 0.28, 0.56, 1.0)
+"""Pieces along a body that is filled, and the heights at which they are cut."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +40,21 @@ class Solid:
     size_m: FloatArray
     """Length, width and height, shape (3,)."""
     mass_kg: float
+    middle_m: FloatArray
+    """Centre of mass in the object frame, shape (3,)."""
+    inertia_kg_m2: FloatArray
+    """Moments of inertia about axes through the centre of mass along x, y and z, shape (3,)."""
     breaks_at_n: float = float("inf")
     """Force of one touch at which it breaks."""
+    from_outside: bool = False
+    """Whether its mesh was not closed, and filled from outside."""
+
+    @staticmethod
+    def heavy_below(name: str, hulls_m: tuple[FloatArray, ...], size_m: FloatArray, mass_kg: float) -> "Solid":
+        """The body that weighs as a filled box with more weight below, where a model car has its metal."""
+        square = size_m**2
+        inertia = np.array([mass_kg / 12 * (square.sum() - s) for s in square])
+        return Solid(name, hulls_m, size_m, mass_kg, np.array([0.0, 0.0, 0.4 * size_m[2]]), inertia)
 
 
 def volumes_m3(mesh: Mesh) -> FloatArray:
@@ -54,6 +73,33 @@ def is_closed(mesh: Mesh) -> bool:
     volumes = volumes_m3(mesh)
     largest = float(volumes.max())
     return largest > 0 and float(volumes.min()) > (1 - CLOSED_WITHIN) * largest
+
+
+def filled_solid(name: str, mesh: Mesh, scale: float, size_m: FloatArray, mass_kg: float) -> Solid | None:
+    """The solid inside a surface that is not closed, evenly filled; None where it bounds next to nothing.
+
+    Args:
+        name: of the solid.
+        mesh: the surface.
+        scale: size of the solid in units of the mesh.
+        size_m: length, width and height of the solid, shape (3,).
+        mass_kg: its mass.
+    """
+    body = filled(mesh)
+    if body.volume_m3 < LEAST_INSIDE * _hull_volume(mesh.vertices_m[np.unique(mesh.faces)].astype(float)):
+        return None
+    hulls = hulls_of([p * scale for p in body.pieces_m(_FILLED_SLABS, _FILLED_BANDS)])
+    square = body.variance_m2 * scale**2
+    inertia = mass_kg * (square.sum() - square)
+    return Solid(name, hulls, size_m, mass_kg, body.middle_m * scale, inertia, from_outside=True)
+
+
+def _hull_volume(points: FloatArray) -> float:
+    """Volume of the convex hull of points (n, 3); infinite where they are flat."""
+    try:
+        return float(ConvexHull(points).volume)
+    except QhullError:
+        return float("inf")
 
 
 def convex_pieces(mesh: Mesh, scale: float) -> tuple[FloatArray, ...]:

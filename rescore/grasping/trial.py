@@ -68,6 +68,7 @@ def run_trial(car: TableCar, index: int, number: int, table_class: TableClass, s
         car=car.name,
         index=index,
         placement=number,
+        filled_from_outside=isinstance(solid, Solid) and solid.from_outside,
         truth=BoxRow.of(truth),
         estimates={
             m: e if isinstance(e, Failure) else BoxRow.of(e.box, e.width_known) for m, e in estimates.items()

@@ -98,7 +98,7 @@ def test_changing_the_truth_does_not_change_the_motion() -> None:
     hand = HANDS["three_fingers"]
     motion = motion_to(off(), "three_fingers")
     elsewhere = StandingBox(np.add(truth().xy_m, (0.03, -0.05)), truth().yaw_rad + 0.7, truth().size_m)
-    other = Solid("heavier", car().hulls_m, car().size_m, 3 * car().mass_kg)
+    other = replace(car(), mass_kg=3 * car().mass_kg)
     here, there = record_of("three_fingers", 0.0), execute(motion, hand, other, elsewhere)
     assert here.commands.tobytes() == there.commands.tobytes()
     assert here.phase.tobytes() == there.phase.tobytes()
