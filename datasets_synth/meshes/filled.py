@@ -1,7 +1,7 @@
 """The inside of a surface that need not be closed: what a ball that comes from outside does not reach.
 
-A grid lies around the surface. A ball as wide as the gaps that are bridged is rolled around outside; where its
-surface gets, is outside, and all else belongs to the body. Neither the sense of the faces nor walls inside
+A grid lies around the surface. A ball too large for the gaps that are to be bridged is rolled around outside;
+what it sweeps is outside, and all else belongs to the body. Neither the sense of the faces nor walls inside
 matter.
 """
 
@@ -14,9 +14,9 @@ from scipy import ndimage
 from datasets_synth.meshes.mesh import Mesh
 from recon.arrays import BoolArray, FloatArray
 
-_CELLS = 200
+_CELLS = 150
 """Cells along the longest extent of the surface."""
-_BALL_CELLS = 4.0
+_BALL_CELLS = 3.0
 """Radius of the ball: gaps up to twice as wide, a twenty-fifth of the longest extent, are bridged."""
 _PAD = int(_BALL_CELLS) + 3
 _SHIFT = 0.37
@@ -72,7 +72,7 @@ class Filled:
 
 
 def filled(mesh: Mesh) -> Filled:
-    """The body that the surface of a mesh bounds; of a surface that bounds nothing it has few cells or none."""
+    """The body that the surface of a mesh bounds; it has few cells or none where that bounds nothing."""
     corners = mesh.vertices_m[np.unique(mesh.faces)].astype(float)
     low, high = corners.min(axis=0), corners.max(axis=0)
     cell = float((high - low).max()) / _CELLS

@@ -104,6 +104,8 @@ def _shown(result: GraspResult) -> list[tuple[str, GraspRow, str, str]]:
 
 
 def _moved_and_failed(row: GraspRow, method: str, hand: str) -> bool:
+    if method not in row.verdicts:
+        return False
     verdict = row.verdicts[method][hand]
     # a refusal has words and no motion that could be shown
     return not verdict.held and not verdict.detail and not isinstance(row.estimates[method], Failure)
@@ -237,14 +239,15 @@ def page(
 
 def _tables(result: GraspResult) -> list[str]:
     """The table of as many placements as the report has, and that of all where there are more."""
-    if result.placements <= REPORTED_PLACEMENTS:
+    few, first = result.first(REPORTED_PLACEMENTS), next(iter(HANDS))
+    more = [m for m in METHODS if len(result.verdicts(m, first)) > len(few.verdicts(m, first))]
+    if not more:
         return [grasp_table(result).rstrip()]
-    few = result.first(REPORTED_PLACEMENTS)
     return [
         f"The first {few.placements} placements of each car, as many as in the report:",
         grasp_table(few).rstrip(),
-        f"All {len(result.rows)} trials:",
-        grasp_table(result).rstrip(),
+        f"All {result.placements} placements of each car, with the methods that were tried at all of them:",
+        grasp_table(result, more).rstrip(),
     ]
 
 

@@ -94,7 +94,7 @@ class GraspingFigures:
 
     def interval(self, method: str, hand: str) -> str:
         """Wilson's interval of the share gently held."""
-        return counted(self.result.verdicts(method, hand))[2]
+        return counted(self.result.verdicts(method, hand))[3]
 
     def basket(self, basket: str, hand: str) -> str:
         """How many trials held a basket, of how many."""

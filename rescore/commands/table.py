@@ -82,6 +82,9 @@ def grasp(
     ],
     cars: Annotated[int, typer.Option(min=1, help="Model cars, spread over the body types.")] = 20,
     placements: Annotated[int, typer.Option(min=1, help="Placements of each car within reach.")] = 3,
+    fit_placements: Annotated[
+        int, typer.Option(min=0, help="Placements of each car for the joint fit, if more: for intervals.")
+    ] = 0,
     meshes: Meshes = None,
     up: Up = "y",
     nose: Nose = "z",
@@ -109,7 +112,7 @@ def grasp(
     from rescore.grasping.result_file import grasp_table
 
     workers = workers_of(engine, address, jobs)
-    experiment = Experiment.of(cars, placements, meshes, seed, mesh_axes(up, nose))
+    experiment = Experiment.of(cars, placements, meshes, seed, mesh_axes(up, nose), fit_placements)
     experiment.require_trial(show)
     result = experiment.run(out, workers)
     write_grasping(experiment, result, out)

@@ -83,7 +83,7 @@ def _steps(seconds: float) -> int:
     return round(seconds / STEP_S)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=64)
 def _world_of(hand: Hand, solid: Solid) -> "mujoco.MjModel":
     return world(hand, solid)
 

@@ -336,8 +336,9 @@ def basket_table(result: BasketResult) -> str:
     *Carried* is lifted and kept aloft, though the handle may hang over fingers of one side alone.
     """
     lines = [
-        "| basket | hand | handle off, mm (median) | carried | held | gentle | 95 % interval | failed for |",
-        "|---|---|---:|---:|---:|---:|---:|---|",
+        "| basket | hand | handle off, mm (median) | carried | held | gentle | held, 95 % | gentle, 95 % "
+        "| failed for |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---|",
     ]
     for basket, name in ((TAUGHT, "the one that taught"), (OTHER, "another")):
         rows = [r for r in result.rows if r.basket == basket]

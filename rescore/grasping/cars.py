@@ -81,6 +81,6 @@ def solid_of(car: TableCar) -> Solid | Refusal:
     if solid is None:
         return Refusal(
             Cause.NOT_CLOSED,
-            f"{car.model.shape_id}: a surface around a body expected, got one that encloses next to no volume",
+            f"{car.model.shape_id}: a surface around a body expected, got one that bounds next to nothing",
         )
     return replace(solid, breaks_at_n=BREAKS_AT_N) if car.fragile else solid

@@ -1,20 +1,23 @@
 """From the camera's picture to estimates of the car, by every method of the localisation study."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from datasets_synth.photos.table_scene import SEEN_FROM
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import Failure
-from recon.localization.localize import localize_by_parts
+from recon.localization.localize import FitLocalization, PartsLocalization, localize_by_parts
 from recon.localization.single_plane import lower_edge, single_plane
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from rescore.grasping.choose import Estimate
 from rescore.parallel import one_thread
 from rescore.studies.localization.learned import TableClass
-from rescore.studies.localization.segment import empty_table, segment_table
+from rescore.studies.localization.segment import TableRegion, empty_table, segment_table
 from rescore.studies.localization.trials import TrialConfig, fit_region
 
-METHODS = ("3dp", "3dp_report", "single_plane", "single_plane_narrow", "truth")
+JOINT_FIT, TRUE_BOX = "3dp", "truth"
+METHODS = (JOINT_FIT, "3dp_report", "single_plane", "single_plane_narrow", TRUE_BOX)
 METHOD_NAME = {
     "3dp": "3DP, joint fit",
     "3dp_report": "3DP, the report's construction",
@@ -26,22 +29,32 @@ _SHEET_M = 0.001
 """Thickness at which a surface without volume is handed on."""
 
 
-def perceive(rgb: UInt8Array, table_class: TableClass, config: TrialConfig) -> dict[str, Estimate | Failure]:
+def perceive(
+    rgb: UInt8Array, table_class: TableClass, config: TrialConfig, methods: Sequence[str] = METHODS
+) -> dict[str, Estimate | Failure]:
     """The estimates of the largest thing on the table in a picture (h, w, 3), by method but the truth."""
+    methods = [m for m in methods if m != TRUE_BOX]
     with one_thread():
         regions = segment_table(rgb, empty_table(config.segment))
         if isinstance(regions, Failure):
-            return dict.fromkeys(METHODS[:-1], regions)
-        region = regions[0]
-        fit = fit_region(rgb, region, table_class, config)
-        parts = localize_by_parts(rgb, region.ring_px, table_class.model, SEEN_FROM, config.parts)
-        sheet = _sheet(region.ring_px, region.mask)
-    return {
-        "3dp": fit if isinstance(fit, Failure) else Estimate(fit.box),
-        "3dp_report": parts if isinstance(parts, Failure) else Estimate(parts.box),
-        "single_plane": sheet if isinstance(sheet, Failure) else Estimate(sheet, width_known=False),
-        "single_plane_narrow": sheet if isinstance(sheet, Failure) else Estimate(sheet),
-    }
+            return dict.fromkeys(methods, regions)
+        return {m: _estimate(m, rgb, regions[0], table_class, config) for m in methods}
+
+
+def _estimate(
+    method: str, rgb: UInt8Array, region: TableRegion, table_class: TableClass, config: TrialConfig
+) -> Estimate | Failure:
+    found: StandingBox | FitLocalization | PartsLocalization | Failure
+    if method == JOINT_FIT:
+        found = fit_region(rgb, region, table_class, config)
+    elif method == "3dp_report":
+        found = localize_by_parts(rgb, region.ring_px, table_class.model, SEEN_FROM, config.parts)
+    else:
+        found = _sheet(region.ring_px, region.mask)
+    if isinstance(found, Failure):
+        return found
+    box = found if isinstance(found, StandingBox) else found.box
+    return Estimate(box, width_known=method != "single_plane")
 
 
 def _sheet(ring_px: FloatArray, mask: BoolArray) -> StandingBox | Failure:

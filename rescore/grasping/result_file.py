@@ -68,6 +68,15 @@ class GraspRow(StudyPart):
     verdicts: dict[str, dict[str, Verdict]]
     """By method and hand."""
 
+    def only(self, methods: Sequence[str]) -> "GraspRow":
+        """The row of some of its methods, in this order."""
+        return self.model_copy(
+            update={
+                "estimates": {m: self.estimates[m] for m in methods},
+                "verdicts": {m: self.verdicts[m] for m in methods},
+            }
+        )
+
 
 class GraspResult(StudyPart):
     """The content of grasp.json."""
@@ -84,8 +93,13 @@ class GraspResult(StudyPart):
         return self.model_copy(update={"placements": min(placements, self.placements), "rows": rows})
 
     def verdicts(self, method: str, hand: str) -> list[Verdict]:
-        """The verdicts on one method with one hand, in the order of the trials."""
-        return [row.verdicts[method][hand] for row in self.rows]
+        """The verdicts on one method with one hand, in the order of the trials that have it."""
+        return [row.verdicts[method][hand] for row in self.rows if method in row.verdicts]
+
+    @property
+    def filled_cars(self) -> list[str]:
+        """Names of the cars whose mesh was not closed, so that their solid was filled from outside."""
+        return list(dict.fromkeys(row.car for row in self.rows if row.filled_from_outside))
 
 
 def write_grasps(path: Path, result: GraspResult) -> None:
@@ -102,13 +116,14 @@ def read_grasps(path: Path) -> GraspResult:
     return read_checked(path, TypeAdapter(GraspResult), "a finished `rescore grasp`")
 
 
-def grasp_table(result: GraspResult) -> str:
-    """A Markdown table with a row for each method and hand: held, gentle, interval, causes of failure."""
+def grasp_table(result: GraspResult, methods: Sequence[str] = METHODS) -> str:
+    """A Markdown table with a row for each method and hand: held and gentle with their 95 % intervals, causes
+    of failure; below it the cars whose meshes were not closed."""
     lines = [
-        "| method | hand | held | gentle | gentle, 95 % interval | failed for | report: held |",
-        "|---|---|---:|---:|---:|---|---:|",
+        "| method | hand | held | gentle | held, 95 % | gentle, 95 % | failed for | report: held |",
+        "|---|---|---:|---:|---:|---:|---|---:|",
     ]
-    for method in METHODS:
+    for method in methods:
         for hand in HANDS:
             reported = f"{REPORTED[method]} of 60" if method in REPORTED and hand == next(iter(HANDS)) else ""
             lines.append(
@@ -116,20 +131,27 @@ def grasp_table(result: GraspResult) -> str:
                     [METHOD_NAME[method], HANDS[hand].name, *counted(result.verdicts(method, hand)), reported]
                 )
             )
+    if result.filled_cars:
+        lines += ["", f"Meshes not closed, filled from outside: {', '.join(result.filled_cars)}."]
     return "\n".join(lines) + "\n"
 
 
 def counted(verdicts: Sequence[Verdict]) -> list[str]:
-    """Cells of a table: how many of them held, gently held, the interval of these, and causes of failure."""
-    n, gentle = len(verdicts), sum(v.ending == "gentle" for v in verdicts)
-    low, high = wilson(gentle, n)
+    """Cells of a table: how many of them held, gently held, the intervals of both, and causes of failure."""
+    n, held = len(verdicts), sum(v.held for v in verdicts)
+    gentle = sum(v.ending == "gentle" for v in verdicts)
     causes = ", ".join(f"{c.value} {k}" for c, k in count_causes(verdicts).items())
     return [
-        f"{sum(v.held for v in verdicts)} of {n}",
+        f"{held} of {n}",
         f"{gentle} of {n}",
-        f"{100 * low:.1f} to {100 * high:.1f} %",
+        *(_interval(k, n) for k in (held, gentle)),
         causes or "none",
     ]
+
+
+def _interval(successes: int, trials: int) -> str:
+    low, high = wilson(successes, trials)
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
 def by_car_table(result: GraspResult, hand: str) -> str:
@@ -137,13 +159,14 @@ def by_car_table(result: GraspResult, hand: str) -> str:
     lines = [_line(["car", *(METHOD_NAME[m] for m in METHODS)]), "|---|" + "---:|" * len(METHODS)]
     for car in result.cars:
         rows = [r for r in result.rows if r.car == car]
-        cells = [_pair([r.verdicts[m][hand] for r in rows]) for m in METHODS]
+        cells = [_pair([r.verdicts[m][hand] for r in rows if m in r.verdicts]) for m in METHODS]
         lines.append(_line([car, *cells]))
     return "\n".join(lines) + "\n"
 
 
 def _pair(verdicts: Sequence[Verdict]) -> str:
-    return f"{sum(v.held for v in verdicts)} / {sum(v.ending == 'gentle' for v in verdicts)}"
+    held, gentle = sum(v.held for v in verdicts), sum(v.ending == "gentle" for v in verdicts)
+    return f"{held} / {gentle} of {len(verdicts)}"
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Meshes as bodies that can be touched: whether a mesh is closed, convex pieces that fill it, and its weight."""
+"""Meshes as bodies that can be touched: whether a mesh is closed, convex pieces of it, and its weight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from datasets_synth.meshes.filled import Filled, filled
+from datasets_synth.meshes.filled import filled
 from datasets_synth.meshes.mesh import Mesh
 from recon.arrays import BoolArray, FloatArray, IntArray
 
@@ -50,7 +50,9 @@ class Solid:
     """Whether its mesh was not closed, and filled from outside."""
 
     @staticmethod
-    def heavy_below(name: str, hulls_m: tuple[FloatArray, ...], size_m: FloatArray, mass_kg: float) -> "Solid":
+    def heavy_below(
+        name: str, hulls_m: tuple[FloatArray, ...], size_m: FloatArray, mass_kg: float
+    ) -> "Solid":
         """The body that weighs as a filled box with more weight below, where a model car has its metal."""
         square = size_m**2
         inertia = np.array([mass_kg / 12 * (square.sum() - s) for s in square])

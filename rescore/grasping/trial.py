@@ -1,5 +1,6 @@
 """One trial in the order of the report: place, photograph, reconstruct, plan, grasp, judge; and once more."""
 
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from rescore.grasping.causes import Cause, Refusal
 from rescore.grasping.choose import Estimate, choose_grasp
 from rescore.grasping.hands import HANDS, Hand
 from rescore.grasping.judge import Verdict, judge, refused
-from rescore.grasping.perception import METHODS, perceive
+from rescore.grasping.perception import METHODS, TRUE_BOX, perceive
 from rescore.grasping.plan import Motion, plan_motion
 from rescore.grasping.result_file import BoxRow, GraspRow
 from rescore.grasping.scene import MOUNT
@@ -58,12 +59,20 @@ def within_reach(box: StandingBox) -> bool:
     return REACH_M[0] <= distance <= REACH_M[1]
 
 
-def run_trial(car: TableCar, index: int, number: int, table_class: TableClass, seed: int) -> GraspRow:
-    """One placement of a car from its random draw to the verdicts."""
+def run_trial(
+    car: TableCar,
+    index: int,
+    number: int,
+    table_class: TableClass,
+    seed: int,
+    methods: Sequence[str] = METHODS,
+) -> GraspRow:
+    """One placement of a car from its random draw to the verdicts on some methods."""
     placed = placed_car(car, index, number, seed)
     truth, solid = placed.placement.box, solid_of(car)
-    estimates = perceive(placed.rgb, table_class, TrialConfig())
-    estimates["truth"] = Estimate(truth)
+    estimates = perceive(placed.rgb, table_class, TrialConfig(), methods)
+    if TRUE_BOX in methods:
+        estimates[TRUE_BOX] = Estimate(truth)
     return GraspRow(
         car=car.name,
         index=index,
@@ -75,7 +84,7 @@ def run_trial(car: TableCar, index: int, number: int, table_class: TableClass, s
         },
         verdicts={
             m: {h: grasp_and_judge(estimates[m], hand, solid, truth, seed) for h, hand in HANDS.items()}
-            for m in METHODS
+            for m in methods
         },
     )
 

@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,12 +20,12 @@ from reports.recording.grasp import write_grasp_recording
 from reports.studies.grasping import publish, show_trial, write_grasping
 from rescore.grasping import experiment as module
 from rescore.grasping.basket import BasketResult, write_baskets
-from rescore.grasping.cars import experiment_cars
+from rescore.grasping.cars import TableCar, experiment_cars
 from rescore.grasping.error_grid import LEVELS, ErrorGrid, GridPoint, write_errors
 from rescore.grasping.experiment import Experiment
 from rescore.grasping.hands import HANDS
 from rescore.grasping.perception import METHODS
-from rescore.grasping.result_file import GraspResult, grasp_table, read_grasps
+from rescore.grasping.result_file import GraspResult, GraspRow, by_car_table, grasp_table, read_grasps
 from rescore.grasping.scene import MOUNT, require_robot
 from rescore.grasping.trial import REACH_M, placed_car
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
@@ -94,8 +95,41 @@ def test_a_stopped_run_goes_on_and_other_settings_start_anew(
     assert settings["seed"] == 0
     kept = module._Kept(tmp_path / "trials", experiment)
     kept.add(result.rows[0])
-    assert module._Kept(tmp_path / "trials", experiment).row(0, 0) == result.rows[0]
-    assert module._Kept(tmp_path / "trials", Experiment(SEDANS, 2, seed=1)).row(0, 0) is None
+    again = module._Kept(tmp_path / "trials", experiment)
+    assert again.row(0, 0, METHODS) == result.rows[0]
+    fit_alone = again.row(0, 0, METHODS[:1])
+    assert fit_alone is not None
+    assert list(fit_alone.verdicts) == list(fit_alone.estimates) == ["3dp"]
+    # a trial of one method is not one of all of them
+    again.add(fit_alone)
+    assert again.row(0, 0, METHODS) is None
+    assert module._Kept(tmp_path / "trials", Experiment(SEDANS, 2, seed=1)).row(0, 0, METHODS) is None
+
+
+def test_more_placements_of_the_joint_fit_alone(
+    run: tuple[Experiment, GraspResult, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment, result, out = run
+    tried: list[tuple[int, tuple[str, ...]]] = []
+
+    def noted(
+        car: TableCar, i: int, k: int, known: TableClass, seed: int, methods: tuple[str, ...]
+    ) -> GraspRow:
+        tried.append((k, methods))
+        return result.rows[0].only(methods).model_copy(update={"placement": k})
+
+    monkeypatch.setattr(module, "run_trial", noted)
+    more = replace(experiment, fit_placements=5)
+    found = more.run(out, 1, small_class())
+    assert tried == [(k, ("3dp",)) for k in (2, 3, 4)]
+    assert found.rows[:2] == result.rows
+    more.require_trial(4)
+    table = grasp_table(found)
+    assert "| 3DP, joint fit | three fingers | 5 of 5 | 5 of 5 | 56.6 to 100.0 % |" in table
+    assert "| true box | three fingers | 2 of 2 |" in table
+    assert "| 5 / 5 of 5 | 2 / 2 of 2 |" in by_car_table(found, "three_fingers")
+    # back to what was asked first, nothing is left of it
+    assert experiment.run(out, 1) == result
 
 
 def test_pictures_recording_and_page(run: tuple[Experiment, GraspResult, Path], tmp_path: Path) -> None:
