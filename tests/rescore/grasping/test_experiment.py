@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,8 @@ from recon.view_bins import ViewBins
 from reports.recording.grasp import write_grasp_recording
 from reports.studies.grasping import publish, show_trial, write_grasping
 from rescore.grasping import experiment as module
+from rescore.grasping import trial
+from rescore.grasping.act import Record
 from rescore.grasping.basket import BasketResult, write_baskets
 from rescore.grasping.cars import TableCar, experiment_cars
 from rescore.grasping.error_grid import LEVELS, ErrorGrid, GridPoint, write_errors
@@ -26,10 +29,11 @@ from rescore.grasping.experiment import Experiment
 from rescore.grasping.hands import HANDS
 from rescore.grasping.perception import METHODS
 from rescore.grasping.result_file import GraspResult, GraspRow, by_car_table, grasp_table, read_grasps
-from rescore.grasping.scene import MOUNT, require_robot
-from rescore.grasping.trial import REACH_M, placed_car
+from rescore.grasping.scene import MOUNT, OBJECT, require_robot, world
+from rescore.grasping.trial import REACH_M, Replay, placed_car
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
 from tests.exact_primitives import exact_library
+from tests.reports.recording_reader import every_row
 
 pytest.importorskip("mujoco")
 
@@ -141,8 +145,7 @@ def test_pictures_recording_and_page(run: tuple[Experiment, GraspResult, Path], 
     picture = cv2.imread(str(strips[0]))
     assert picture.shape[1] > 6 * picture.shape[0]
     assert picture.std() > 20
-    recording = write_grasp_recording(show_trial(experiment, result, 1), out / "trial_1.rrd")
-    assert recording.read_bytes()[:4] == b"RRF2"
+    assert_all_is_recorded(show_trial(experiment, result, 1), out / "trial_1.rrd")
     with pytest.raises(RescoreError, match="--show: expected a trial from 0 to 1, got 2"):
         show_trial(experiment, result, 2)
     row = GridPoint(kind="lateral", level=0.0, hand="three_fingers", trials=1, held=1, gentle=1)
@@ -160,6 +163,64 @@ def test_pictures_recording_and_page(run: tuple[Experiment, GraspResult, Path], 
     assert (tmp_path / "page" / "strip_grasp.jpg").is_file()
     for name in re.findall(r"\]\(([\w.]+)\)", page):
         assert (tmp_path / "page" / name).is_file()
+
+
+def assert_all_is_recorded(shown: Replay, file: Path) -> None:
+    """Both boxes, plan, picture, arm and hand, the car's way up, contact forces, verdict."""
+    logged: dict[str, list[dict[str, Any]]] = {}
+    for entity, row in every_row(write_grasp_recording(shown, file)):
+        logged.setdefault(entity.lstrip("/"), []).append(row)
+    estimate = shown.row.estimates["3dp"]
+    assert not isinstance(estimate, Failure)
+    for name, box in (("true_box", shown.row.truth), ("estimated_box", estimate)):
+        (row,) = logged[f"world/{name}"]
+        np.testing.assert_allclose(np.ravel(row["Boxes3D:half_sizes"]), np.array(box.size_m) / 2, atol=1e-6)
+    assert len(logged["world/plan"][0]["LineStrips3D:strips"][0]) > 50
+    assert any(key.endswith((":blob", ":buffer")) for row in logged["world/camera/image"] for key in row)
+    assert shown.row.car in str(logged["verdict"][0])
+    moments = len(shown.record.qpos)
+    robot = [e for e in logged if e.startswith("world/robot/")]
+    assert len(robot) == sum(not n for n in in_scene(shown))
+    for entity in (*robot, "world/car", "world/contacts", "forces/left", "forces/right", "height/car"):
+        assert sum("time" in row and row["time"] is not None for row in logged[entity]) == moments
+    heights = [v for row in logged["height/car"] for v in row.get("Scalars:scalars") or []]
+    assert max(heights) == pytest.approx(0.19, abs=0.02)
+    pressed = [v for row in logged["forces/left"] for v in row.get("Scalars:scalars") or []]
+    assert max(pressed) > 5
+    arrows = [len(row.get("Arrows3D:vectors") or []) for row in logged["world/contacts"]]
+    assert max(arrows) >= 2
+    assert arrows[0] == 0
+
+
+def in_scene(shown: Replay) -> list[bool]:
+    """Of every geom of the scene whether it is the table or the car."""
+    model = world(HANDS[shown.hand], shown.solid)
+    return [model.body(model.geom_bodyid[g]).name in ("world", OBJECT) for g in range(model.ngeom)]
+
+
+def test_changing_the_truth_behind_a_picture_changes_no_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    methods = ("3dp", "single_plane")
+    given: list[bytes] = []
+    really_execute = trial.execute
+
+    def noted(*arguments: Any) -> Record:
+        record = really_execute(*arguments)
+        given.append(record.commands.tobytes())
+        return record
+
+    monkeypatch.setattr(trial, "execute", noted)
+    here = trial.run_trial(SEDANS[0], 0, 0, small_class(), 0, methods)
+    seen = placed_car(SEDANS[0], 0, 0, 0)
+    moved = replace(seen.placement, xy_m=seen.placement.xy_m + 0.03, yaw_rad=seen.placement.yaw_rad + 0.5)
+    monkeypatch.setattr(trial, "placed_car", lambda *_: replace(seen, placement=moved))
+    there = trial.run_trial(SEDANS[0], 0, 0, small_class(), 0, methods)
+    assert here.truth != there.truth
+    assert here.estimates == there.estimates
+    assert len(given) == 2 * len(methods) * len(HANDS)
+    assert given[: len(given) // 2] == given[len(given) // 2 :]
+    # the verdicts are about the truth
+    assert here.verdicts["3dp"]["three_fingers"].held
+    assert here.verdicts != there.verdicts
 
 
 def test_the_photograph_and_the_car_have_one_paint() -> None:

@@ -1,5 +1,6 @@
 """Grasps in the physics engine, how they are judged, and what they may not depend on."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -11,16 +12,17 @@ from recon.errors import Failure, Reason
 from recon.localization.standing_box import StandingBox, turn
 from rescore.grasping.act import PHASES, Record, execute
 from rescore.grasping.cars import BREAKS_AT_N, experiment_cars, solid_of
-from rescore.grasping.causes import Cause
-from rescore.grasping.choose import Estimate
+from rescore.grasping.causes import Cause, Refusal
+from rescore.grasping.choose import Estimate, Grasp, choose_grasp
 from rescore.grasping.hands import HANDS
 from rescore.grasping.judge import GENTLE_N, Ending, Verdict, count_causes, judge, wilson
-from rescore.grasping.plan import Motion
-from rescore.grasping.scene import MOUNT
+from rescore.grasping.plan import Motion, _Room
+from rescore.grasping.result_file import counted
+from rescore.grasping.scene import MOUNT, OBJECT, world
 from rescore.grasping.solids import Solid
 from rescore.grasping.trial import grasp_and_judge, planned
 
-pytest.importorskip("mujoco")
+mujoco = pytest.importorskip("mujoco")
 HAND_NAMES = list(HANDS)
 
 
@@ -78,6 +80,41 @@ def test_hand_and_arm_pass_through_neither_table_nor_car(hand: str) -> None:
     touching_car = np.count_nonzero(record.forces_n[record.during("way", "line")].sum(axis=1) > 0)
     rest_on_car = np.count_nonzero(record.forces_n[:, 2] > 0)
     assert (touching_table, touching_car, rest_on_car) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("hand", HAND_NAMES)
+@pytest.mark.parametrize(("across_m", "most_m"), [(0.0, 0.003), (0.045, 0.010)])
+def test_bodies_give_way_by_millimetres_even_where_the_hand_lands_on_the_roof(
+    hand: str, across_m: float, most_m: float
+) -> None:
+    record = record_of(hand, across_m)
+    model = world(HANDS[hand], car())
+    data = mujoco.MjData(model)
+    deepest = {"table": 0.0, OBJECT: 0.0}
+    for qpos in record.qpos:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        for touch in data.contact:
+            names = {model.body(model.geom_bodyid[g]).name.replace("world", "table") for g in touch.geom}
+            if names != {"table", OBJECT}:
+                for other in names & set(deepest):
+                    deepest[other] = max(deepest[other], -float(touch.dist))
+    assert deepest["table"] == 0.0
+    assert 0.0 < deepest[OBJECT] < most_m
+
+
+def test_the_planner_sees_arm_and_hand_in_table_and_box() -> None:
+    room = _Room.of(HANDS["parallel_jaw"])
+    grasp = choose_grasp(off(), HANDS["parallel_jaw"])
+    assert isinstance(grasp, Grasp)
+    room.place(off(), grasp)
+    motion = motion_to(off(), "parallel_jaw")
+    assert not room.touches(motion.line_rad[-1])
+    # stretched out, level and a little down
+    assert "the table" in room.touching(np.array([0.0, 1.9, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    room.place(Estimate(replace(truth(), size_m=np.array([0.27, 0.19, 0.08]))), grasp)
+    assert "object" in room.touching(motion.line_rad[-1])
 
 
 @pytest.mark.parametrize("hand", HAND_NAMES)
@@ -150,10 +187,50 @@ def test_verdicts_and_causes(changes: dict[str, float], ending: Ending, cause: C
     assert (verdict.ending, verdict.cause) == (ending, cause)
 
 
+LOST = Failure(Reason.NO_OUTLINE, "a region expected, got none")
+
+
 def test_what_perception_lost_is_a_failure_with_its_reason() -> None:
-    lost = Failure(Reason.NO_OUTLINE, "a region expected, got none")
-    verdict = grasp_and_judge(lost, HANDS["parallel_jaw"], car(), truth(), 0)
-    assert (verdict.cause, verdict.detail) == (Cause.NOT_LOCALISED, lost.detail)
+    verdict = grasp_and_judge(LOST, HANDS["parallel_jaw"], car(), truth(), 0)
+    assert (verdict.cause, verdict.detail) == (Cause.NOT_LOCALISED, LOST.detail)
+
+
+def standing(ahead_m: float, *size_m: float) -> Estimate:
+    """An estimate straight before the arm, its length along the arm."""
+    return Estimate(StandingBox(np.add(MOUNT.xy_m, (0.0, -ahead_m)), -np.pi / 2, np.array(size_m)))
+
+
+def lower(estimate: Estimate) -> Estimate:
+    return replace(estimate, box=replace(estimate.box, size_m=estimate.box.size_m * np.array([1, 1, 0.8])))
+
+
+LED_TO: dict[Cause, Callable[[], tuple[Estimate | Failure, Solid | Refusal]]] = {
+    Cause.NOT_CLOSED: lambda: (off(), Refusal(Cause.NOT_CLOSED, "a surface around a body expected")),
+    Cause.NOT_LOCALISED: lambda: (LOST, car()),
+    Cause.BELOW_TABLE: lambda: (replace(off(), bottom_m=-0.1), car()),
+    Cause.TOO_WIDE: lambda: (standing(0.55, 0.25, 0.2, 0.08), car()),
+    Cause.OUT_OF_REACH: lambda: (standing(1.05, 0.25, 0.1, 0.08), car()),
+    Cause.NO_PATH: lambda: (standing(0.4, 0.9, 0.02, 0.3), car()),
+    Cause.CRUSHED: lambda: (off(), replace(car(), breaks_at_n=5.0)),
+    Cause.PUSHED_AWAY: lambda: (lower(off(0.055, 0.12)), car()),
+    Cause.MISSED: lambda: (off(along_m=0.2), car()),
+    Cause.SLIPPED: lambda: (off(), replace(car(), mass_kg=15 * car().mass_kg)),
+}
+"""What leads to each cause in the engine."""
+
+
+def test_every_cause_occurs_and_is_counted() -> None:
+    assert set(LED_TO) == set(Cause)
+    led = {c: grasp_and_judge(e, HANDS["parallel_jaw"], s, truth(), 0) for c, (e, s) in made_causes()}
+    assert {c: v.cause for c, v in led.items()} == {c: c for c in Cause}
+    assert count_causes(list(led.values())) == dict.fromkeys(Cause, 1)
+    held, gentle, *_, failed_for = counted([*led.values(), Verdict(Ending.GENTLE)])
+    assert (held, gentle) == ("1 of 11", "1 of 11")
+    assert failed_for == ", ".join(f"{c.value} 1" for c in Cause)
+
+
+def made_causes() -> list[tuple[Cause, tuple[Estimate | Failure, Solid | Refusal]]]:
+    return [(c, make()) for c, make in LED_TO.items()]
 
 
 def test_wilsons_interval_and_counts_of_causes() -> None:
