@@ -55,7 +55,7 @@ published-localization: setup
 	$(PROSE)
 
 published-grasping: setup
-	$(BIN)/rescore grasp --out runs/grasping --cars 20 --placements 12 --seed 0 --show 0 --jobs $(JOBS)
+	$(BIN)/rescore grasp --out runs/grasping --cars 20 --placements 3 --fit-placements 25 --seed 0 --show 0 --jobs $(JOBS)
 	$(BIN)/rescore grasp-errors --out runs/grasping --seed 0 --jobs $(JOBS)
 	$(BIN)/rescore grasp-basket --out runs/grasping --seed 0 --jobs $(JOBS)
 	$(BIN)/python -m reports.publishing.grasp_recording runs/grasping/trial_0.rrd runs/grasping/recording.jpg

@@ -67,7 +67,7 @@ def _folded(xy: FloatArray | Float32Array) -> Float32Array:
 
 def linear_from_srgb(rgb: UInt8Array) -> Float32Array:
     """Linear light in [0, 1] of sRGB bytes, same shape."""
-    return np.asarray(np.take(linear_of_bytes(), rgb))
+    return np.asarray(linear_of_bytes()[rgb])
 
 
 def srgb_from_linear(linear: Float32Array) -> UInt8Array:
@@ -77,7 +77,7 @@ def srgb_from_linear(linear: Float32Array) -> UInt8Array:
 
 def linear_16bit_from_srgb(rgb: UInt8Array) -> NDArray[np.uint16]:
     """Linear light in [0, 65535] of sRGB bytes, same shape: enough to average, and quick."""
-    return np.asarray(np.take(_linear_16bit_of_bytes(), rgb))
+    return np.asarray(_linear_16bit_of_bytes()[rgb])
 
 
 def srgb_from_linear_16bit(linear: NDArray[np.uint16]) -> UInt8Array:
