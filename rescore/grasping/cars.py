@@ -17,6 +17,8 @@ THIN = 0.78
 _THIN_EVERY, _THIN_FIRST = 6, 2
 BREAKS_AT_N = 40.0
 """Force of one touch at which the fragile car breaks."""
+_MOST_PIECES = 60
+"""A car of more convex pieces, as those of which every panel is one, would be slow in the engine."""
 _DENSITY_KG_M3 = 250.0
 """Mass over the volume of the bounding box: a die-cast sedan 1:18 weighs about half a kilogram."""
 
@@ -69,13 +71,14 @@ def _thin(car: CarModel) -> CarModel:
 def solid_of(car: TableCar) -> Solid | Refusal:
     """The car as a body that can be touched; a refusal where its surface bounds no body.
 
-    A surface that is not closed is filled from outside.
+    A surface that is not closed, or falls into very many pieces, is filled from outside.
     """
     mesh, size = car.model.build(np.random.default_rng(0)), np.array(car.size_m)
     mass = float(_DENSITY_KG_M3 * size.prod())
+    pieces = convex_pieces(mesh, SCALE) if is_closed(mesh) else ()
     solid = (
-        Solid.heavy_below(car.name, convex_pieces(mesh, SCALE), size, mass)
-        if is_closed(mesh)
+        Solid.heavy_below(car.name, pieces, size, mass)
+        if 0 < len(pieces) <= _MOST_PIECES
         else filled_solid(car.name, mesh, SCALE, size, mass)
     )
     if solid is None:

@@ -61,7 +61,7 @@ class GraspRow(StudyPart):
     placement: int
     """Number of the placement of this car."""
     filled_from_outside: bool = False
-    """Whether the mesh of the car was not closed, so that its solid was filled from outside."""
+    """Whether the mesh of the car was not closed, or in very many pieces, and was filled from outside."""
     truth: BoxRow
     estimates: dict[str, BoxRow | Failure]
     """By method."""
@@ -98,7 +98,7 @@ class GraspResult(StudyPart):
 
     @property
     def filled_cars(self) -> list[str]:
-        """Names of the cars whose mesh was not closed, so that their solid was filled from outside."""
+        """Names of the cars whose meshes were filled from outside."""
         return list(dict.fromkeys(row.car for row in self.rows if row.filled_from_outside))
 
 
@@ -118,7 +118,7 @@ def read_grasps(path: Path) -> GraspResult:
 
 def grasp_table(result: GraspResult, methods: Sequence[str] = METHODS) -> str:
     """A Markdown table with a row for each method and hand: held and gentle with their 95 % intervals, causes
-    of failure; below it the cars whose meshes were not closed."""
+    of failure; below it the cars whose meshes were filled from outside."""
     lines = [
         "| method | hand | held | gentle | held, 95 % | gentle, 95 % | failed for | report: held |",
         "|---|---|---:|---:|---:|---:|---|---:|",
@@ -132,7 +132,10 @@ def grasp_table(result: GraspResult, methods: Sequence[str] = METHODS) -> str:
                 )
             )
     if result.filled_cars:
-        lines += ["", f"Meshes not closed, filled from outside: {', '.join(result.filled_cars)}."]
+        lines += [
+            "",
+            f"Meshes filled from outside, not closed or in very many pieces: {', '.join(result.filled_cars)}.",
+        ]
     return "\n".join(lines) + "\n"
 
 

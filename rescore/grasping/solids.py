@@ -47,7 +47,7 @@ class Solid:
     breaks_at_n: float = float("inf")
     """Force of one touch at which it breaks."""
     from_outside: bool = False
-    """Whether its mesh was not closed, and filled from outside."""
+    """Whether its mesh, not closed or in very many pieces, was filled from outside."""
 
     @staticmethod
     def heavy_below(

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.cars.models import ParametricCar, cars_of_splits
 from recon.errors import Failure, RescoreError
 from recon.localization.learn_shapes import ShapeSpaceConfig
 from recon.localization.standing_box import StandingBox
@@ -24,12 +24,21 @@ from rescore.grasping import trial
 from rescore.grasping.act import Record
 from rescore.grasping.basket import BasketResult, write_baskets
 from rescore.grasping.cars import TableCar, experiment_cars
+from rescore.grasping.causes import Cause, Refusal
 from rescore.grasping.error_grid import LEVELS, ErrorGrid, GridPoint, write_errors
 from rescore.grasping.experiment import Experiment
 from rescore.grasping.hands import HANDS
 from rescore.grasping.perception import METHODS
-from rescore.grasping.result_file import GraspResult, GraspRow, by_car_table, grasp_table, read_grasps
+from rescore.grasping.result_file import (
+    GraspResult,
+    GraspRow,
+    by_car_table,
+    grasp_table,
+    read_grasps,
+    write_grasps,
+)
 from rescore.grasping.scene import MOUNT, OBJECT, require_robot, world
+from rescore.grasping.solids import Solid
 from rescore.grasping.trial import REACH_M, Replay, placed_car
 from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
 from tests.exact_primitives import exact_library
@@ -163,6 +172,29 @@ def test_pictures_recording_and_page(run: tuple[Experiment, GraspResult, Path], 
     assert (tmp_path / "page" / "strip_grasp.jpg").is_file()
     for name in re.findall(r"\]\(([\w.]+)\)", page):
         assert (tmp_path / "page" / name).is_file()
+
+
+def test_meshes_that_are_filled_are_named_and_those_that_cannot_be_are_counted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sheet = Refusal(Cause.NOT_CLOSED, "a surface around a body expected, got a sheet")
+    whole = trial.solid_of(SEDANS[0])
+    assert isinstance(whole, Solid)
+    solids = {"sheet": sheet, "torn": replace(whole, from_outside=True), "whole": whole}
+    monkeypatch.setattr(trial, "solid_of", lambda car: solids[car.name])
+    seen, model = placed_car(SEDANS[0], 0, 0, 0), SEDANS[0].model
+    assert isinstance(model, ParametricCar)
+    monkeypatch.setattr(trial, "placed_car", lambda *_: seen)
+    # the true box needs no picture
+    monkeypatch.setattr(trial, "perceive", lambda *_: {})
+    named = [TableCar(ParametricCar(replace(model.shape, shape_id=name))) for name in solids]
+    rows = [trial.run_trial(car, k, 0, small_class(), 0, ("truth",)) for k, car in enumerate(named)]
+    result = GraspResult(seed=0, placements=1, cars=tuple(solids), rows=tuple(rows))
+    write_grasps(tmp_path / "grasp.json", result)
+    table = grasp_table(read_grasps(tmp_path / "grasp.json"))
+    assert table.count("| 2 of 3 | 2 of 3 |") == len(HANDS)
+    assert table.count("| mesh_not_closed 1 |") == len(HANDS)
+    assert table.endswith("in very many pieces: torn.\n")
 
 
 def assert_all_is_recorded(shown: Replay, file: Path) -> None:
