@@ -132,10 +132,8 @@ def grasp_table(result: GraspResult, methods: Sequence[str] = METHODS) -> str:
                 )
             )
     if result.filled_cars:
-        lines += [
-            "",
-            f"Meshes filled from outside, not closed or in very many pieces: {', '.join(result.filled_cars)}.",
-        ]
+        names = ", ".join(result.filled_cars)
+        lines += ["", f"Meshes filled from outside, not closed or in very many pieces: {names}."]
     return "\n".join(lines) + "\n"
 
 

@@ -12,6 +12,7 @@ from datasets_synth.cars.shapes import CarModel
 from datasets_synth.meshes.filled import filled
 from datasets_synth.meshes.mesh import Material, Mesh
 from datasets_synth.meshes.solids import MeshDraft
+from rescore.grasping import cars
 from rescore.grasping.cars import TableCar, experiment_cars, solid_of
 from rescore.grasping.causes import Cause, Refusal
 from rescore.grasping.solids import Solid, convex_pieces, filled_solid, is_closed, volumes_m3
@@ -78,6 +79,14 @@ def test_a_car_that_is_not_closed_is_filled_as_the_closed_one() -> None:
     assert (solid.inertia_kg_m2 > 0.5 * exact.inertia_kg_m2).all()
 
 
+def test_a_closed_car_of_very_many_pieces_is_filled_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    car, mesh = sedan()
+    monkeypatch.setattr(cars, "_MOST_PIECES", 5)
+    solid = solid_of(TableCar(Holed(car.shape_id, car.size_m, mesh)))
+    assert isinstance(solid, Solid)
+    assert solid.from_outside
+
+
 def test_a_box_with_a_slit_is_filled_and_one_without_a_face_bounds_nothing() -> None:
     whole = filled(box_without())
     assert whole.volume_m3 == pytest.approx(12.0, rel=0.02)
@@ -134,12 +143,12 @@ def test_the_pieces_of_a_car_are_as_large_as_the_car_and_follow_its_roof() -> No
 
 
 def test_among_twenty_cars_are_thin_ones_and_one_fragile() -> None:
-    cars = experiment_cars(20)
-    assert len({c.name for c in cars}) == 20
-    thin = [c for c in cars if c.name.endswith("_thin")]
+    twenty = experiment_cars(20)
+    assert len({c.name for c in twenty}) == 20
+    thin = [c for c in twenty if c.name.endswith("_thin")]
     assert len(thin) >= 3
     assert max(c.size_m[1] for c in thin) < 0.085
-    (fragile,) = [c for c in cars if c.fragile]
+    (fragile,) = [c for c in twenty if c.fragile]
     assert fragile.name.startswith("formula")
     trained = {c.shape_id for c in table_cars()["train"]}
-    assert not trained & {c.name.split(" ")[0].removesuffix("_thin") for c in cars}
+    assert not trained & {c.name.split(" ")[0].removesuffix("_thin") for c in twenty}
