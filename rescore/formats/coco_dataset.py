@@ -49,6 +49,7 @@ class _Image(TypedDict, total=False):
     """One of perhaps very many: a dictionary takes half the time and memory of a model."""
 
     id: Required[Number]
+    name: str | None
     file_name: Required[str]
     width: Required[PositiveInt]
     height: Required[PositiveInt]
@@ -212,6 +213,7 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
         instance_kinds={i.id: i.kind for i in image.get("instances", ())},
         measured=MeasuredFile(beside(root, m.file_name), m.quantity, m.factor) if m else None,
         disparity_offset_px=given.disparity_offset_px if given else 0.0,
+        name=image.get("name") or "",
     )
 
 

@@ -21,8 +21,10 @@ ONE_CAMERA = (
     "P2",
 )
 """Names of the matrix of one camera, best first."""
-UNITS = ("depth_factor", "DepthMapFactor", "disparity_factor")
+UNITS = ("depth_factor", "DepthMapFactor", "depth_scale", "disparity_factor")
 """Names of the values that files of depth or disparity have for one metre or pixel."""
+ZERO = "disparity_zero"
+"""Name of the value that files of disparity have for none."""
 GROUND = ("height_m", "pitch_rad", "roll_rad")
 """Names of the camera's height over the ground and of its angles."""
 _SAME = {
@@ -32,6 +34,8 @@ _SAME = {
     **{f"{side}.{k}": f"{k}{n}" for n, side in ((1, "LEFT"), (2, "RIGHT")) for k in "KDRP"},
     **{"LEFT.width": "width", "LEFT.height": "height", "Camera_Matrix": "cameraMatrix"},
     **{"image_Width": "image_width", "image_Height": "image_height"},
+    # RealSense
+    **{"ppx": "cx", "ppy": "cy", "coeffs": "D"},
 }
 """Names that mean what another one does."""
 _PAIR = [f"{k}{n}" for n in (1, 2) for k in "KDRP"]
@@ -42,8 +46,10 @@ _WANTED = frozenset(
         *_PAIR,
         *UNITS,
         *GROUND,
-        *("P0", "P3", "P_rect_02", "P_rect_03", "Q", "R", "T", "D", "cam0", "doffs", "rectification_matrix"),
-        *("baseline", "baseline_m", "fx", "fy", "cx", "cy", "T_BS", "intrinsics"),
+        *("P0", "P3", "Q", "R", "T", "D", "cam0", "doffs", "rectification_matrix"),
+        *(f"P_rect_0{n}" for n in range(4)),
+        *("baseline", "baseline_m", "fx", "fy", "cx", "cy", "ppx", "ppy", "T_BS", "intrinsics"),
+        *("intrinsic_matrix", "coeffs"),
         *("width", "height", "image_width", "image_height", "imageSize", "image_size", "resolution"),
         *(f"{k}_{n}" for k in ("P_rect", "S_rect", "R", "T") for n in (101, 103)),
         *("Camera.bf", "Camera.width", "Camera.height", "Stereo.b", "Stereo.T_c1_c2"),
@@ -78,7 +84,9 @@ def calibration_values(
     others = _of_file(right, size_px)
     if "T_BS" in values and "T_BS" in others:
         return tools.of_euroc(path, values, right, others)
-    if "K1" in values and "K1" not in others:
+    if any(k in values and k not in others for k in ("K1", "K")) and not any(
+        k in others for k in ONE_CAMERA[:2]
+    ):
         return values | others
     return tools.of_ros(path, values, right, others)
 
@@ -94,6 +102,10 @@ def _of_file(path: Path, size_px: tuple[int, int] | None) -> Values:
     if blocks:
         return values | tools.of_kalibr(path, blocks)
     sections = {k: v for k, v in found.items() if isinstance(v, dict)}
+    if "baseline" in sections.get("extrinsic", ()) and "u0" in sections.get("intrinsic", ()):
+        return tools.of_cityscapes(path, sections)
+    if "camera0" in sections:
+        return tools.of_virtual_kitti(path, sections)
     if any(name.startswith("LEFT_CAM") for name in sections):
         return values | tools.of_zed(path, sections, size_px)
     if any(tools.is_fisheye(found.get(k, "")) for k in ("distortion_model", "Camera.type")):
@@ -131,6 +143,8 @@ _ROS = {"k": "K", "p": "P", "d": "D", "r": "rectification_matrix", "R": "rectifi
 
 def _with_matrix(path: Path, values: Values) -> Values:
     """The values with K and the size where a file has fx, fy, cx and cy, one by one or in a list."""
+    if "intrinsic_matrix" in values:
+        values["K"] = tools.open3d_matrix(path, values)
     if "intrinsics" in values:
         values["K"] = pinhole(*matrix_of(path, values, "intrinsics", 1, 4)[0])
         values.setdefault("D", np.zeros(4))

@@ -1,0 +1,1 @@
+"""Which pictures, measured files and calibrations of plain folders belong together."""
