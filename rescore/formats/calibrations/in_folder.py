@@ -18,14 +18,16 @@ from rescore.formats.calibration_files import (
 from rescore.formats.calibrations.file_forms import FORMS
 from rescore.formats.calibrations.numbers import Values, number_of
 from rescore.formats.calibrations.raw_pair import RawPair
-from rescore.formats.calibrations.values import UNITS, ZERO, calibration_values
-from rescore.formats.pairs.places import folders_in
+from rescore.formats.calibrations.values import UNITS, USUAL_DEPTH, ZERO, calibration_values
+from rescore.formats.pairs.places import folders_in, has_pictures
 
 _NAMED = re.compile(
-    r"((left|right)[_-]?)?(calib|cam_?info|camera|intrinsic|extrinsic|camchain|stereo|sensor|sn\d+|orb)",
+    r"((left|right|vehicle)[_-]?)?(calib|cam_?info|camera|intrinsic|extrinsic|camchain|stereo|sensor|sn\d+|orb)",
     re.IGNORECASE,
 )
 """Beginnings of names by which text, XML and JSON are taken for a calibration."""
+_FOLDER = re.compile(r"calib|camera|intrinsic", re.IGNORECASE)
+"""Beginnings of names of folders of calibrations."""
 _OTHER_YAML = ("data", "dataset")
 """Names of YAML files that are none."""
 _SENSOR = "sensor.yaml"
@@ -46,8 +48,10 @@ class FolderCalibration:
     """The cameras as they stand; None where no file says."""
     depth_factor: float | None = None
     """Value of files of depth for one metre; None where no file says."""
-    usual_depth_factor: float | None = None
-    """The value for one metre that the tool writes whose form the file has; None where there is none."""
+    form: str = ""
+    """The tool or data set of whose form the file is, where that has one value for one metre."""
+    usual_factor: float | None = None
+    """That value, documented there; None where there is none."""
     disparity_factor: float | None = None
     """Value of files of disparity for one pixel; None where no file says."""
     disparity_zero: float = 0.0
@@ -111,7 +115,8 @@ def calibrations_of_frames(
     Raises:
         RescoreError: a file is damaged, or of pictures that are not rectified.
     """
-    for folder in (p for p in folders_in(root) if _NAMED.match(p.name)) if remote(root) is None else ():
+    folders = [p for p in folders_in(root) if _FOLDER.match(p.name)] if remote(root) is None else []
+    for folder in (p for p in folders if not has_pictures(p)):
         files = _own_files(folder.joinpath(*sub), lefts) or _file_of_folder(folder, sub, lefts, size_px)
         if files:
             side = lefts[0].parent.name
@@ -160,15 +165,17 @@ def _read(
         refuse_other_size(path, size_of(path, values), size_px)
         return FolderCalibration(path, None, RawPair.of(path, values))
     cameras = (0, 1) if left in ("image_0", "image_00") else (2, 3)
+    form, usual_factor = next(((f, m) for name, f, m in USUAL_DEPTH if name in values), ("", None))
     return FolderCalibration(
-        path,
-        None if set(values) <= set(UNITS) and values else calibration_of(path, values, cameras),
-        RawPair.of(path, values),
-        _depth_factor(path, values),
-        1000.0 if "intrinsic_matrix" in values else None,
-        _factor(path, values, "disparity_factor"),
-        number_of(path, values, ZERO) if ZERO in values else 0.0,
-        notes_of(path, values),
+        path=path,
+        calibration=None if set(values) <= set(UNITS) and values else calibration_of(path, values, cameras),
+        raw=RawPair.of(path, values),
+        depth_factor=_depth_factor(path, values),
+        form=form,
+        usual_factor=usual_factor,
+        disparity_factor=_factor(path, values, "disparity_factor"),
+        disparity_zero=number_of(path, values, ZERO) if ZERO in values else 0.0,
+        notes=notes_of(path, values),
     )
 
 

@@ -229,51 +229,6 @@ def _place(path: Path, values: Values, number: int) -> FloatArray:
     return np.asarray(-turn.T @ matrix_of(path, values, f"T_{number}", 3, 1)[:, 0])
 
 
-def of_cityscapes(path: Path, sections: Mapping[str, Named]) -> Values:
-    """The pair of Cityscapes' camera file, the ground under it, and the value of no disparity in its files.
-
-    Height and angles are those of the left camera on the vehicle, whose origin lies on the ground: turns
-    about the axes to the left (pitch, positive down) and ahead (roll, positive to the right), in this order.
-    """
-    inside, outside = (
-        {k: number_of(path, {k: numbers_of(path, k, v)}, k) for k, v in sections[name].items() if k in wanted}
-        for name, wanted in (
-            ("intrinsic", ("fx", "fy", "u0", "v0")),
-            ("extrinsic", ("baseline", "z", "pitch", "roll")),
-        )
-    )
-    missing = [k for k in ("fx", "fy", "u0", "v0") if k not in inside]
-    if missing:
-        raise RescoreError(f"{path}: intrinsic: expected fx, fy, u0 and v0, got no {missing[0]}; mend it")
-    told = {"baseline_m": outside["baseline"], "disparity_factor": 256.0, "disparity_zero": 1.0}
-    if "z" in outside:
-        pitch, roll = outside.get("pitch", 0.0), outside.get("roll", 0.0)
-        told |= {
-            "height_m": outside["z"],
-            "pitch_rad": np.arctan2(np.sin(pitch), np.cos(pitch) * np.cos(roll)),
-        }
-        told["roll_rad"] = np.arcsin(np.cos(pitch) * np.sin(roll))
-    values = {name: np.array([value], dtype=float) for name, value in told.items()}
-    return values | {"K": pinhole(*(inside[k] for k in ("fx", "fy", "u0", "v0")))}
-
-
-def of_virtual_kitti(path: Path, cameras: Mapping[str, Named]) -> Values:
-    """K of Virtual KITTI's table of intrinsics, or the baseline of its table of extrinsics.
-
-    Raises:
-        RescoreError: it is another table.
-    """
-    read = ("K[0,0]", "K[1,1]", "K[0,2]", "K[1,2]", "t1")
-    first, second = (
-        {k: numbers_of(path, k, v) for k, v in cameras.get(name, {}).items() if k in read}
-        for name in ("camera0", "camera1")
-    )
-    if read[0] in first:
-        return {"K": pinhole(*(number_of(path, first, k) for k in read[:4]))}
-    # both cameras are turned alike, and points of the world move to the left in the right one
-    return {"baseline_m": np.array([number_of(path, first, "t1") - number_of(path, second, "t1")])}
-
-
 def open3d_matrix(path: Path, values: Values) -> FloatArray:
     """The matrix (3, 3) of a camera of Open3D, which lists it column by column.
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
-from rescore.formats.calibrations import tools
+from rescore.formats.calibrations import data_sets, tools
 from rescore.formats.calibrations.file_forms import Named, named_values
 from rescore.formats.calibrations.numbers import Values, matrix_of, numbers_of, pinhole
 
@@ -23,6 +23,8 @@ ONE_CAMERA = (
 """Names of the matrix of one camera, best first."""
 UNITS = ("depth_factor", "DepthMapFactor", "depth_scale", "disparity_factor")
 """Names of the values that files of depth or disparity have for one metre or pixel."""
+USUAL_DEPTH = (("intrinsic_matrix", "Open3D", 1000.0), (data_sets.TABLE, "Virtual KITTI", 100.0))
+"""Forms of files by a name in them, and the value of one metre that each documents."""
 ZERO = "disparity_zero"
 """Name of the value that files of disparity have for none."""
 GROUND = ("height_m", "pitch_rad", "roll_rad")
@@ -84,15 +86,18 @@ def calibration_values(
     others = _of_file(right, size_px)
     if "T_BS" in values and "T_BS" in others:
         return tools.of_euroc(path, values, right, others)
-    if any(k in values and k not in others for k in ("K1", "K")) and not any(
-        k in others for k in ONE_CAMERA[:2]
-    ):
+    if "baseline_m" in others or ("K1" in values and "K1" not in others):
         return values | others
     return tools.of_ros(path, values, right, others)
 
 
 def _of_file(path: Path, size_px: tuple[int, int] | None) -> Values:
     found = _merged(path, named_values(path))
+    of_data_set = data_sets.of_data_set(path, found)
+    return _of_tool(path, found, size_px) if of_data_set is None else of_data_set
+
+
+def _of_tool(path: Path, found: Named, size_px: tuple[int, int] | None) -> Values:
     blocks = {k: block for k in ("cam0", "cam1") if isinstance(block := found.get(k), dict)}
     values = {
         k: numbers_of(path, k, v)
@@ -102,10 +107,6 @@ def _of_file(path: Path, size_px: tuple[int, int] | None) -> Values:
     if blocks:
         return values | tools.of_kalibr(path, blocks)
     sections = {k: v for k, v in found.items() if isinstance(v, dict)}
-    if "baseline" in sections.get("extrinsic", ()) and "u0" in sections.get("intrinsic", ()):
-        return tools.of_cityscapes(path, sections)
-    if "camera0" in sections:
-        return tools.of_virtual_kitti(path, sections)
     if any(name.startswith("LEFT_CAM") for name in sections):
         return values | tools.of_zed(path, sections, size_px)
     if any(tools.is_fisheye(found.get(k, "")) for k in ("distortion_model", "Camera.type")):

@@ -128,15 +128,11 @@ def _with_measured(
             f"cameraMatrix{'; ' * bool(found.notes)}{found.notes[0] if found.notes else ''}"
         )
     factors = [_factor_of(path, place, found) for _, path in pairs]
-    if (
-        place.quantity is Quantity.DEPTH
-        and found.depth_factor is None
-        and found.usual_depth_factor in factors
-    ):
+    if place.quantity is Quantity.DEPTH and found.depth_factor is None and found.usual_factor in factors:
         notes = (
             *notes,
-            f"{found.path}: says no depth_scale, so {found.usual_depth_factor:g} is taken for one metre, as "
-            "Open3D does; add depth_scale where it is another",
+            f"{found.path}: says no value of one metre, so depth of {found.usual_factor:g} is taken for "
+            f"it, as {found.form} has it; add depth_factor where it is another",
         )
     pictures = []
     for (left, path), factor in zip(pairs, factors, strict=True):
@@ -170,11 +166,12 @@ def _factor_of(path: Path, place: Place, found: FolderCalibration) -> float:
     root = place.left.parent
     if place.left.name == "rgb" and (root / "rgb.txt").is_file() and (root / "depth.txt").is_file():
         return TUM_DEPTH_FACTOR
-    if found.usual_depth_factor:
-        return found.usual_depth_factor
+    if found.usual_factor:
+        return found.usual_factor
     raise RescoreError(
         f"{path.parent}: expected to be told the value of one metre, found nothing; add the line "
-        "'depth_factor: 5000' (TUM), 1000 (millimetres) or 256 (KITTI) to the calibration"
+        "'depth_factor: 5000' (TUM), 1000 (millimetres) or 256 (KITTI) to the calibration (in JSON "
+        '"depth_factor": 1000)'
     )
 
 

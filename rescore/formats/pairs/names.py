@@ -29,12 +29,13 @@ class Side(Enum):
 
 
 OTHER = re.compile(
-    r"depth|disp|flow|segm|semantic|instance|mask|normal|label|annot|gtfine|gtcoarse|gtbbox|lidar|velodyne|oxts",
+    r"depth|disp(?!l)|flow(?!er)|segmentation|(?<![a-z])seg(?![a-z])|semantic|instance|mask|normals|"
+    r"labels?(?![a-z])|annotations?(?![a-z])|gtfine|gtcoarse|gtbbox|lidar|velodyne|oxts",
     re.IGNORECASE,
 )
 """What names of files and folders have that hold no pictures of the cameras."""
-_KIND = re.compile(r"[_-](depth|disparity|disp|camera|calib)$", re.IGNORECASE)
-"""Ends of names that tell what is measured for a left picture."""
+_KIND = re.compile(r"[_-](depth|disparity|disp)$|^(rgb|color|image|depth|disparity|disp)[_-]", re.IGNORECASE)
+"""What names of files have that tells pictures from what is measured for them."""
 
 
 def side_of(name: str) -> Side | None:
@@ -68,8 +69,8 @@ def paired(lefts: Sequence[Path], others: Sequence[Path], side: Side) -> list[tu
     """Left pictures with the files that go with them, in the order of the left ones.
 
     A file of the same name goes first, then one whose name differs in one word for a side, then one that
-    differs in all such words, or in what it measures at the end (``_depth``); what is left is paired by times
-    of nearly one moment, as in TUM.
+    differs in all such words, or in what it measures (``_depth``); what is left is paired by times of nearly
+    one moment, as in TUM.
 
     Args:
         lefts: The left pictures, no name twice.

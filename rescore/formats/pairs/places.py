@@ -98,12 +98,17 @@ def folders_in(root: Path) -> list[Path]:
     return [root / name for name in names]
 
 
+def has_pictures(folder: Path) -> bool:
+    """Whether there are pictures in a folder; a large one is not listed."""
+    return next(_picture_names(folder), None) is not None
+
+
 def _folders(root: Path) -> list[Path]:
     if remote(root) is None:
         return folders_in(root)
-    # a store is asked for names alone: to list it, and to ask what each thing is, takes long
+    # to ask a store what each thing is takes long
     names = {*sum(PAIRS, ()), *LEFT_ALONE, *(name for name, _ in MEASURED)}
-    return [root / name for name in sorted(names) if (root / name).is_dir()]
+    return [p for p in root.iterdir() if p.name in names and p.is_dir()]
 
 
 def _picture_names(folder: Path) -> Iterator[str]:
@@ -139,7 +144,7 @@ def _by_side(root: Path, folders: dict[str, Path]) -> tuple[Path, Path] | None:
 
 def _under(left: Path, right: Path | None, measured: Path | None, quantity: Quantity) -> list[Place]:
     """A place for each folder of pictures under that of the left side."""
-    subs = [()] if remote(left) is not None else _leaves(left) or [()]
+    subs: list[tuple[str, ...]] = [()] if remote(left) is not None else _leaves(left) or [()]
 
     def beside(folder: Path | None, sub: tuple[str, ...]) -> Path | None:
         if folder is None or not sub:
@@ -150,9 +155,28 @@ def _under(left: Path, right: Path | None, measured: Path | None, quantity: Quan
         # files that are measured for a single folder need not repeat its name
         return folder if folder == measured and len(subs) == 1 else None
 
+    # both sides may lie under the one folder, as Camera_0 and Camera_1 in Virtual KITTI's rgb
+    others = {} if right else _right_of(subs)
     return [
-        Place(left.joinpath(*sub), beside(right, sub), beside(measured, sub), quantity, sub) for sub in subs
+        Place(
+            left.joinpath(*sub),
+            left.joinpath(*others[sub]) if sub in others else beside(right, sub),
+            beside(measured, sub),
+            quantity,
+            sub,
+        )
+        for sub in subs
+        if sub not in others.values()
     ]
+
+
+def _right_of(subs: list[tuple[str, ...]]) -> dict[tuple[str, ...], tuple[str, ...]]:
+    """The folder of right pictures of each of left ones, by their names from the folder they lie in."""
+    inside: dict[tuple[str, ...], list[str]] = {}
+    for sub in subs:
+        if sub:
+            inside.setdefault(sub[:-1], []).append(sub[-1])
+    return {(*at, a): (*at, b) for at, names in inside.items() for a, b in differ_in_side(names)}
 
 
 def _leaves(folder: Path) -> list[tuple[str, ...]]:
@@ -161,7 +185,7 @@ def _leaves(folder: Path) -> list[tuple[str, ...]]:
     level: list[tuple[str, ...]] = [()]
     for _ in range(MOST_DEEP + 1):
         places = {sub: folder.joinpath(*sub) for sub in level}
-        here = {sub for sub, place in places.items() if next(_picture_names(place), None) is not None}
+        here = {sub for sub, place in places.items() if has_pictures(place)}
         found += here
         level = [
             (*sub, p.name) for sub, place in places.items() if sub not in here for p in folders_in(place)

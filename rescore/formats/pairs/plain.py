@@ -13,6 +13,7 @@ from rescore.formats.calibrations.raw_pair import RawPair
 from rescore.formats.folders import Layout, Pictures, box_files_in, data_set, files_of_frames, splits_of
 from rescore.formats.kitti import kitti_labels
 from rescore.formats.labels import ClassMap, LabelRow, with_size
+from rescore.formats.pairs import cityscapes
 from rescore.formats.pairs.frames import frames_of_places, frames_of_scenes, paired_pictures, scenes_in
 from rescore.formats.pairs.names import Side
 from rescore.formats.pairs.places import places_in
@@ -86,9 +87,10 @@ def _labels(layout: Layout, classes: ClassMap) -> tuple[list[list[LabelRow]], tu
     texts = box_files_in(root / "labels", ".txt")
     voc, kitti = _voc_folder(root), root / "label_2"
     there = [root / "labels"] if texts else []
-    there += [folder for folder in (voc, kitti) if folder is not None and folder.is_dir()]
+    fine = root / cityscapes.FOLDER
+    there += [folder for folder in (voc, kitti, fine) if folder is not None and folder.is_dir()]
     if not there:
-        places = "labels (YOLO), label_2 (KITTI) or Annotations (VOC)"
+        places = "labels (YOLO), label_2 (KITTI), Annotations (VOC) or gtFine (Cityscapes)"
         return [[] for _ in layout.pictures], (f"{root}: no boxes in {places}, so no frame has a car",)
     unused = tuple(f"{there[0]}: taken in place of the boxes in {p.name}" for p in there[1:])
     if texts and not is_kitti_text(texts):
@@ -96,9 +98,24 @@ def _labels(layout: Layout, classes: ClassMap) -> tuple[list[list[LabelRow]], tu
         return _each(layout, root / "labels", ".txt", classes, names, (*unused, *notes))
     if voc is not None and not texts:
         return _each(layout, voc, ".xml", classes, None, unused)
+    if there[0] == fine:
+        return _of_polygons(layout, fine, classes, unused)
     folder = root / "labels" if texts else kitti
     rows, counts, notes = kitti_labels(folder, layout, classes)
     return rows, (*unused, *notes, *classes.notes(folder, counts))
+
+
+def _of_polygons(
+    layout: Layout, folder: Path, classes: ClassMap, notes: tuple[str, ...]
+) -> tuple[list[list[LabelRow]], tuple[str, ...]]:
+    paths, missing = cityscapes.polygon_files(layout)
+    read = [
+        cityscapes.read_polygons(path, *picture_size(pictures.left)) if path else []
+        for pictures, path in zip(layout.pictures, paths, strict=True)
+    ]
+    sized, flat = with_size(folder, read)
+    kept, counts = chosen(sized, classes)
+    return kept, (*notes, *missing, *flat, *classes.notes(folder, counts))
 
 
 def _voc_folder(root: Path) -> Path | None:

@@ -47,6 +47,7 @@ _CAMERA = ("fx", "fy", "cx", "cy", "baseline_m", "height_m", "pitch_rad", "roll_
 SCHEMA = pa.schema(
     {
         "image_id": pa.int64(),
+        "name": pa.string(),
         "split": pa.string(),
         "width_px": pa.int64(),
         "height_px": pa.int64(),
@@ -89,6 +90,7 @@ def _row(root: Path, f: FrameRecord, truth: Truth) -> dict[str, Any]:
     row: dict[str, Any] = {name: getattr(f, name) for name in ("image_id", "split", "width_px", "height_px")}
     row |= {name: _name(root, getattr(f, field)) for name, field in _FILES.items()}
     row |= {
+        "name": f.name or None,
         "instance_file": _name(root, f.instance_path),
         "disparity_offset_px": f.disparity_offset_px or None,
     }
@@ -271,6 +273,8 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
         if measured is None
         else MeasuredFile(measured, Quantity(row["quantity"]), row["factor"]),
         disparity_offset_px=row["disparity_offset_px"] or 0.0,
+        # tables of earlier versions have no names
+        name=row.get("name") or "",
     )
 
 
