@@ -51,7 +51,7 @@ class FolderCalibration:
     form: str = ""
     """The tool or data set of whose form the file is, where that has one value for one metre."""
     usual_factor: float | None = None
-    """That value, documented there; None where there is none."""
+    """Value for one metre that this tool or data set documents; None where there is none."""
     disparity_factor: float | None = None
     """Value of files of disparity for one pixel; None where no file says."""
     disparity_zero: float = 0.0
@@ -103,8 +103,7 @@ def _upward(root: Path, top: Path) -> Iterator[Path]:
 def calibrations_of_frames(
     root: Path, sub: Sequence[str], lefts: Sequence[Path], size_px: tuple[int, int]
 ) -> dict[Path, FolderCalibration]:
-    """The calibrations of left pictures that have their own, or that of their folder, in a folder of
-    calibrations.
+    """The calibration of each left picture that has its own, or one of its folder; empty where none has.
 
     Args:
         root: The folder of the data set, with a folder such as calib or camera.

@@ -1,1 +1,1 @@
-"""Which pictures, measured files and calibrations of plain folders belong together."""
+"""Plain folders: the pictures, measured files and calibrations that belong together."""

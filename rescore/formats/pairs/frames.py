@@ -131,8 +131,8 @@ def _with_measured(
     if place.quantity is Quantity.DEPTH and found.depth_factor is None and found.usual_factor in factors:
         notes = (
             *notes,
-            f"{found.path}: says no value of one metre, so depth of {found.usual_factor:g} is taken for "
-            f"it, as {found.form} has it; add depth_factor where it is another",
+            f"{found.path}: states no depth_factor, so {found.usual_factor:g} is taken for one metre, as "
+            f"{found.form} documents; add depth_factor where it is another",
         )
     pictures = []
     for (left, path), factor in zip(pairs, factors, strict=True):

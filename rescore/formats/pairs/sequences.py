@@ -84,10 +84,10 @@ def _joined(root: Path, parts: Sequence[DataSet]) -> DataSet:
                 boxes, annotation_id=boxes.annotation_id - boxes.annotation_id[:1] + first
             )
             first += n
-    return replace(parts[0], root=root, frames=tuple(frames), truth=truth, notes=_notes(root, parts))
+    return replace(parts[0], root=root, frames=tuple(frames), truth=truth, notes=_notes(parts))
 
 
-def _notes(root: Path, parts: Sequence[DataSet]) -> tuple[str, ...]:
+def _notes(parts: Sequence[DataSet]) -> tuple[str, ...]:
     """What the readers of the sequences say, each kind once with the number of sequences."""
     told: dict[str, str] = {}
     counts: Counter[str] = Counter()
@@ -99,4 +99,4 @@ def _notes(root: Path, parts: Sequence[DataSet]) -> tuple[str, ...]:
         note if counts[kind] == 1 else f"{note} (so in {counts[kind]} of {len(parts)} sequences)"
         for kind, note in told.items()
     ]
-    return (f"{root}: {len(parts)} sequences, as {parts[0].root.relative_to(root)}", *notes)
+    return tuple(notes)
