@@ -1,5 +1,6 @@
 """The calibration of a folder of pictures: which files hold it, and what they say besides the camera."""
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -204,7 +205,7 @@ def _files(root: Path, left: Path, right: Path | None) -> Sequence[Path]:
     sensors = [] if right is None else [_sensor(left), _sensor(right)]
     if sensors and all(p is not None for p in sensors):
         return [p for p in sensors if p is not None]
-    found = [p for p in sorted(root.iterdir()) if _may_be(p)]
+    found = [p for p in _entries(root) if _may_be(p)]
     for first, second in (("left", "right"), ("intrinsic", "extrinsic")):
         halves = [[p for p in found if side in p.stem.lower()] for side in (first, second)]
         if len(found) == 2 and all(len(paths) == 1 for paths in halves):
@@ -220,6 +221,12 @@ def _files(root: Path, left: Path, right: Path | None) -> Sequence[Path]:
             f"{', '.join(p.name for p in found)}; name the right one calib.yaml and move the others"
         )
     return []
+
+
+def _entries(root: Path) -> list[Path]:
+    """What lies in a folder and ends as a form of calibrations; asked for each of perhaps many sequences."""
+    names = [p.name for p in root.iterdir()] if remote(root) is not None else os.listdir(root)
+    return [root / name for name in sorted(n for n in names if n.lower().endswith(tuple(FORMS)))]
 
 
 def _sensor(pictures: Path) -> Path | None:
@@ -243,7 +250,7 @@ def _is_calibration(path: Path) -> bool:
 
 def _unread(root: Path) -> tuple[str, ...]:
     """A line on files that bear the name of a calibration in a form that is not read."""
-    found = [p.name for p in sorted(root.iterdir()) if p.is_file() and _NAMED.match(p.stem)]
+    found = [p.name for p in sorted(root.iterdir()) if _NAMED.match(p.stem) and p.is_file()]
     if not found:
         return ()
     return (
