@@ -209,4 +209,9 @@ def _holds_both_sides(root: Path) -> bool:
 
 
 def _of_side(folder: Path, side: Side) -> list[Path]:
-    return [p for p in pictures_in(folder) if side_of(p.stem) is side and not OTHER.search(p.stem)]
+    found = [p for p in pictures_in(folder) if side_of(p.stem) is side and not OTHER.search(p.stem)]
+    if not found:
+        raise RescoreError(
+            f"{folder}: expected pictures called {' or '.join(side.value[:2])}, found none; check the folder"
+        )
+    return found

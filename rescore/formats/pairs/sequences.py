@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from recon.errors import RescoreError
 from recon.stores import remote
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.formats.kitti import is_kitti, read_kitti
@@ -16,7 +17,9 @@ from rescore.formats.pairs.plain import is_plain, read_plain
 MOST_DEEP = 4
 """Folders from that of the data set to a sequence (Virtual KITTI: scene, weather, frames, rgb)."""
 MOST_FOLDERS = 5000
-"""Folders that are looked at until the first sequence is found."""
+"""Folders without pictures of a known layout that are looked at."""
+OF_THEIR_OWN = ("annotations.json", "parts.json")
+"""What lies in data sets that name their pictures, and are read alone."""
 
 
 def has_sequences(root: Path) -> bool:
@@ -44,21 +47,32 @@ def _read(folder: Path, classes: ClassMap, top: Path) -> DataSet:
 
 
 def _sequences(root: Path) -> Iterator[Path]:
-    """The nearest folders of a known layout below a folder, level by level."""
+    """The nearest folders of a known layout below a folder, level by level.
+
+    Raises:
+        RescoreError: among more folders than are looked at.
+    """
     if remote(root) is not None:
         return
-    level, looked_at, found = [root], 0, False
+    level, n_other, found = [root], 0, False
     for _ in range(MOST_DEEP):
         deeper = []
         for folder in (p for above in level for p in folders_in(above) if not OTHER.search(p.name)):
-            looked_at += 1
-            if looked_at > MOST_FOLDERS and not found:
-                return
+            if any((folder / name).exists() for name in OF_THEIR_OWN):
+                continue
             if is_kitti(folder) or is_plain(folder):
                 found = True
                 yield folder
-            else:
-                deeper.append(folder)
+                continue
+            deeper.append(folder)
+            n_other += 1
+            if n_other > MOST_FOLDERS:
+                if not found:
+                    return
+                raise RescoreError(
+                    f"{root}: expected sequences in at most {MOST_FOLDERS} other folders, got more; give a "
+                    "folder nearer to the pictures"
+                )
         level = deeper
 
 

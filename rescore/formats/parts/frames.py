@@ -20,6 +20,7 @@ from recon.stores import beside, name_from
 from rescore.data.boxes3d import BOX_NAMES, Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
 from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.files import refuse_unsafe_name
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
 from rescore.formats.parts.candidates import CORNERS, arrays_of_table, refuse_kind
 from rescore.formats.parts.manifest import is_parts
@@ -253,6 +254,10 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
     def place(name: str) -> Path | None:
         return None if row[name] is None else beside(root, row[name])
 
+    # tables of earlier versions have no names
+    name = row.get("name") or ""
+    if name:
+        refuse_unsafe_name(root, f"a name of image {row['image_id']}", name)
     left = place("left_file")
     assert left is not None, "every frame has a left picture"
     measured = place("measured_file")
@@ -273,8 +278,7 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
         if measured is None
         else MeasuredFile(measured, Quantity(row["quantity"]), row["factor"]),
         disparity_offset_px=row["disparity_offset_px"] or 0.0,
-        # tables of earlier versions have no names
-        name=row.get("name") or "",
+        name=name,
     )
 
 

@@ -15,6 +15,7 @@ from rescore.data.frames import DataSet, frame_names, load_frame
 from rescore.formats.coco_write import write_dataset
 from rescore.formats.open import read_dataset, read_detections
 from rescore.formats.pairs import sequences
+from rescore.formats.parts.frames import write_frame_parts
 from tests.rescore import own_data as own
 
 PLAIN = json.dumps({"fx": own.FX, "fy": own.FX, "cx": 48, "cy": 32, "baseline_m": own.BASELINE_M})
@@ -238,6 +239,8 @@ def test_pairs_of_a_layout_are_read(tmp_path: Path, layout: str) -> None:
     # what is written refers to the same frames
     again = read_dataset(write_dataset(tmp_path / "out", data, copy=False))
     assert frame_names(again) == frame_names(data)
+    in_parts = read_dataset(write_frame_parts(tmp_path / "parts", data).root)
+    assert frame_names(in_parts) == frame_names(data)
 
 
 def color_and_depth(root: Path, camera: dict[str, object], name: str = "intrinsics.json") -> Path:
@@ -457,8 +460,26 @@ def test_a_search_for_sequences_ends(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (tmp_path / f"{i}").mkdir()
     own.pair_folder(tmp_path / "9")
     assert len(read_dataset(tmp_path).frames) == 2
-    monkeypatch.setattr(sequences, "MOST_FOLDERS", 5)
+    monkeypatch.setattr(sequences, "MOST_FOLDERS", 4)
     with pytest.raises(RescoreError, match="expected a data set"):
+        read_dataset(tmp_path)
+    (tmp_path / "9").rename(tmp_path / "0" / "9")
+    own.pair_folder(tmp_path / "1")
+    monkeypatch.setattr(sequences, "MOST_FOLDERS", 3)
+    with pytest.raises(RescoreError, match="expected sequences in at most 3 other folders, got more"):
+        read_dataset(tmp_path)
+
+
+def test_a_data_set_of_its_own_is_no_sequence(tmp_path: Path) -> None:
+    own.pair_folder(tmp_path / "a")
+    own.own_folder(tmp_path / "b")
+    assert [f.left_path.parent.parent.name for f in read_dataset(tmp_path).frames] == ["a", "a"]
+
+
+def test_a_folder_of_both_sides_has_pictures_of_both(tmp_path: Path) -> None:
+    own.write_png(tmp_path / "right.png", own.pair()[0])
+    (tmp_path / "left.png").mkdir()
+    with pytest.raises(RescoreError, match="expected pictures called left or l, found none"):
         read_dataset(tmp_path)
 
 
