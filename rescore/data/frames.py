@@ -20,6 +20,9 @@ from rescore.data.pictures import read_rgb
 SPLITS = ("train", "calibration", "validation", "test")
 """train: detectors and class model; calibration: Platt scaling; validation: w; test: the curves."""
 
+MAX_FRAME_NAME_BYTES = 240
+"""Longest name of a frame: that of a file with an end has 255 bytes at most."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrameRecord:

@@ -17,7 +17,7 @@ from recon.errors import RescoreError
 from recon.stores import beside
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
-from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
+from rescore.data.frames import MAX_FRAME_NAME_BYTES, SPLITS, DataSet, FrameRecord, Truth
 from rescore.files import refuse_unsafe_name
 from rescore.formats.checked_json import Box, Box3D, Number, Rows, read_checked
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, flat_note, has_size, refuse_other_truth
@@ -182,7 +182,7 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
 
     name = image.get("name") or ""
     if name:
-        refuse_unsafe_name(file, f"a name of image {number}", name)
+        refuse_unsafe_name(file, f"a name of image {number}", name, MAX_FRAME_NAME_BYTES)
 
     def place(name: str | None) -> Path | None:
         return beside(root, name) if name else None

@@ -19,7 +19,7 @@ from recon.errors import RescoreError
 from recon.stores import beside, name_from
 from rescore.data.boxes3d import BOX_NAMES, Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
-from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.data.frames import MAX_FRAME_NAME_BYTES, DataSet, FrameRecord, Truth
 from rescore.files import refuse_unsafe_name
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
 from rescore.formats.parts.candidates import CORNERS, arrays_of_table, refuse_kind
@@ -257,7 +257,7 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
     # tables of earlier versions have no names
     name = row.get("name") or ""
     if name:
-        refuse_unsafe_name(root, f"a name of image {row['image_id']}", name)
+        refuse_unsafe_name(root, f"a name of image {row['image_id']}", name, MAX_FRAME_NAME_BYTES)
     left = place("left_file")
     assert left is not None, "every frame has a left picture"
     measured = place("measured_file")
