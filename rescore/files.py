@@ -20,17 +20,17 @@ MAX_NAME_BYTES = 100
 """Longest name that is taken from a file's content: file systems have 255, and endings come behind it."""
 
 
-def refuse_unsafe_name(where: object, what: str, name: str) -> None:
+def refuse_unsafe_name(where: object, what: str, name: str, most_bytes: int = MAX_NAME_BYTES) -> None:
     """Raises RescoreError where a name that a file holds would be no plain name of a file, or no text.
 
     Results are written to files and folders of such names.
     """
     plain = name.isprintable() and not name.startswith(".") and not {"/", "\\"} & set(name)
-    if not (plain and 0 < len(name.encode(errors="replace")) <= MAX_NAME_BYTES):
+    if not (plain and 0 < len(name.encode(errors="replace")) <= most_bytes):
         told = ascii(name if len(name) <= 60 else name[:57] + "...")
         raise RescoreError(
             f"{where}: expected {what} of letters and digits that could name a file (no slash, no dot at its "
-            f"beginning, at most {MAX_NAME_BYTES} bytes), got {told}; rename it"
+            f"beginning, at most {most_bytes} bytes), got {told}; rename it"
         )
 
 

@@ -20,6 +20,9 @@ from rescore.data.pictures import read_rgb
 SPLITS = ("train", "calibration", "validation", "test")
 """train: detectors and class model; calibration: Platt scaling; validation: w; test: the curves."""
 
+MAX_FRAME_NAME_BYTES = 240
+"""Longest name of a frame: that of a file with an end has 255 bytes at most."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrameRecord:
@@ -45,6 +48,8 @@ class FrameRecord:
     disparity_offset_px: float = 0.0
     """cx of the right picture less cx of the left (Middlebury's doffs). Disparities, measured or matched, get
     it added as they are loaded, so that all that follows has depth = fx baseline / disparity."""
+    name: str = ""
+    """Name by which files of boxes know the frame, where it is not that of its left picture."""
 
     @property
     def measurement(self) -> MeasuredFile | None:
@@ -254,8 +259,9 @@ def _pair_disparity(
 
 
 def frame_names(data: DataSet) -> dict[int, str]:
-    """The name of each frame's file of boxes: that of its left picture, its number where names repeat."""
-    stems = [f.left_path.stem for f in data.frames]
-    if len(set(stems)) == len(stems):
-        return {f.image_id: f.left_path.stem for f in data.frames}
+    """The name of each frame's file of boxes: its own or that of its left picture, its number where names
+    repeat."""
+    names = {f.image_id: f.name or f.left_path.stem for f in data.frames}
+    if len(set(names.values())) == len(data.frames):
+        return names
     return {f.image_id: f"{f.image_id:06d}" for f in data.frames}

@@ -75,7 +75,7 @@ def refuse_other_size(where: Path, said: tuple[int | None, int | None], size_px:
 def read_calibration(
     path: Path,
     right: Path | None = None,
-    kitti_pair: tuple[str, str] = ("P2", "P3"),
+    kitti_pair: tuple[int, int] = (2, 3),
     size_px: tuple[int, int] | None = None,
 ) -> Calibration:
     """A calibration file of any of the forms.
@@ -92,7 +92,7 @@ def read_calibration(
     return calibration_of(path, calibration_values(path, right, size_px), kitti_pair)
 
 
-def calibration_of(path: Path, values: Values, kitti_pair: tuple[str, str] = ("P2", "P3")) -> Calibration:
+def calibration_of(path: Path, values: Values, kitti_pair: tuple[int, int] = (2, 3)) -> Calibration:
     """The calibration that the values of a file say; ``path`` names it.
 
     Raises:
@@ -115,12 +115,13 @@ def _ground_of(path: Path, values: Values) -> GroundPlane | None:
         raise RescoreError(f"{path}: {error}") from error
 
 
-def _cameras_of(path: Path, values: Values, kitti_pair: tuple[str, str]) -> Calibration:
+def _cameras_of(path: Path, values: Values, kitti_pair: tuple[int, int]) -> Calibration:
     if "cam0" in values:
         return _middlebury(path, values)
+    a, b = kitti_pair
     if path.suffix.lower() == ".txt" and "P0" in values:
-        return _of_projections(path, values, *kitti_pair)
-    for first, second in (("P1", "P2"), ("P2", "P3"), ("P_rect_02", "P_rect_03")):
+        return _of_projections(path, values, f"P{a}", f"P{b}")
+    for first, second in (("P1", "P2"), ("P2", "P3"), (f"P_rect_0{a}", f"P_rect_0{b}")):
         if first in values and second in values:
             return _of_projections(path, values, first, second)
     if "Q" in values:

@@ -316,7 +316,7 @@ def _check_detection(path: Path, number: int, d: Detection, *, known: bool) -> N
     if not known:
         raise RescoreError(
             f"{path}: detection {number}: expected an image of the data set, got image_id {d['image_id']}; "
-            "use the detections of this data set and split"
+            "`rescore import DATA --out NEW` writes the id of each picture to NEW/annotations.json"
         )
     if d.get("bbox3d_sd") is not None and d.get("bbox3d") is None:
         raise RescoreError(

@@ -17,7 +17,8 @@ from recon.errors import RescoreError
 from recon.stores import beside
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
-from rescore.data.frames import SPLITS, DataSet, FrameRecord, Truth
+from rescore.data.frames import MAX_FRAME_NAME_BYTES, SPLITS, DataSet, FrameRecord, Truth
+from rescore.files import refuse_unsafe_name
 from rescore.formats.checked_json import Box, Box3D, Number, Rows, read_checked
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, flat_note, has_size, refuse_other_truth
 
@@ -49,6 +50,7 @@ class _Image(TypedDict, total=False):
     """One of perhaps very many: a dictionary takes half the time and memory of a model."""
 
     id: Required[Number]
+    name: str | None
     file_name: Required[str]
     width: Required[PositiveInt]
     height: Required[PositiveInt]
@@ -178,6 +180,10 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
             f"{file}: image {number}: expected split {', '.join(SPLITS)}, got {split!r}; mend it"
         )
 
+    name = image.get("name") or ""
+    if name:
+        refuse_unsafe_name(file, f"a name of image {number}", name, MAX_FRAME_NAME_BYTES)
+
     def place(name: str | None) -> Path | None:
         return beside(root, name) if name else None
 
@@ -212,6 +218,7 @@ def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
         instance_kinds={i.id: i.kind for i in image.get("instances", ())},
         measured=MeasuredFile(beside(root, m.file_name), m.quantity, m.factor) if m else None,
         disparity_offset_px=given.disparity_offset_px if given else 0.0,
+        name=name,
     )
 
 

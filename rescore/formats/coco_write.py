@@ -72,6 +72,7 @@ def _image(frame: FrameRecord, place: Callable[[Path | None, str], str | None]) 
     }
     values = {
         "id": frame.image_id,
+        "name": frame.name or None,
         "file_name": place(frame.left_path, "left"),
         "width": frame.width_px,
         "height": frame.height_px,

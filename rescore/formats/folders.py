@@ -96,6 +96,7 @@ def _frame(image_id: int, pictures: Pictures, split: str) -> FrameRecord:
         ground=pictures.calibration.ground if pictures.calibration else None,
         measured=pictures.measured,
         disparity_offset_px=pictures.calibration.disparity_offset_px if pictures.calibration else 0.0,
+        name="" if pictures.stem == pictures.left.stem else pictures.stem,
     )
 
 

@@ -21,7 +21,8 @@ from rescore.formats.checked_json import first_difference
 from rescore.formats.folders import box_files_in, calibration_notes
 from rescore.formats.kitti import is_kitti, read_kitti, read_rows
 from rescore.formats.labels import ClassMap, LabelRow, with_size
-from rescore.formats.pair_folders import is_plain, read_plain
+from rescore.formats.pairs.plain import is_plain, read_plain
+from rescore.formats.pairs.sequences import has_sequences, read_sequences
 from rescore.formats.parts.manifest import is_parts
 
 
@@ -57,11 +58,12 @@ LAYOUTS: list[DataLayout] = [
     DataLayout("parts.json (`rescore import --parts`)", is_parts, _read_in_parts),
     DataLayout("image_2, image_3 and calib (KITTI)", is_kitti, read_kitti),
     DataLayout(
-        "left and right, image_0 and image_1; left or rgb with disparity or depth; or folders of scenes with "
-        "im0 and im1 (Middlebury)",
+        "folders or names of pictures that differ in left and right alone, image_0 and image_1; left, rgb or "
+        "color with disparity or depth; scenes with im0 and im1 (Middlebury)",
         is_plain,
         read_plain,
     ),
+    DataLayout("or folders of several of these", has_sequences, read_sequences),
 ]
 """The layouts of data sets; the first that a folder has is read. A new one is a reader and an entry here."""
 
@@ -86,8 +88,9 @@ def _read(path: Path, classes: ClassMap) -> DataSet:
     if not path.is_dir() and not is_bag(path):
         return _read_annotations(path, classes)
     # KITTI keeps its two halves in folders of these names, EuRoC its sensors
-    for root in (path, path / "training", path / "mav0"):
-        for layout in LAYOUTS if root.is_dir() else ():
+    roots = [root for root in (path, path / "training", path / "mav0") if root.is_dir()]
+    for layout in LAYOUTS:
+        for root in roots:
             if layout.is_in(root):
                 # what no reader of a single file has told
                 with reading(root, "a data set", "mend its files"):

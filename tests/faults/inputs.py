@@ -26,6 +26,7 @@ from rescore.evidence.model import load_models, save_models
 from rescore.experiment.config import run_preset, with_changes
 from rescore.experiment.stages import Stage, run_stage
 from rescore.files import write_json
+from rescore.formats.open import read_dataset
 from rescore.formats.uiuc import read_uiuc
 from rescore.library.bundles import default_bundle, read_bundle
 from rescore.results.run_folder import RunFolder, load_run
@@ -106,6 +107,29 @@ def _yolo_names(root: Path) -> None:
     _yolo(root)
     (root / "data.yaml").unlink()
     own.write_text(root / "labels" / "classes.txt", "person\ncar\n")
+
+
+def _layouts(root: Path) -> None:
+    from tests.rescore.formats import test_layouts as layouts  # noqa: PLC0415 (needs pytest)
+
+    layouts.cityscapes(root / "city")
+    for file in sorted(root.glob("city/camera/*/*/*.json")):
+        place = Path(*file.parts[-3:-1]) / file.name.replace("_camera", "_gtFine_polygons")
+        own.write_text(root / "city" / "gtFine" / place, layouts.polygons("car"))
+    layouts.virtual_kitti(root / "virtual")
+    layouts.argoverse(root / "argo")
+    both = [layouts.argoverse_camera("left", 0.25), layouts.argoverse_camera("right", -0.25)]
+    own.write_text(root / "argo/log1/vehicle_calibration_info.json", json.dumps({"camera_data_": both}))
+    layouts.color_and_depth(root / "open3d", {"intrinsic_matrix": layouts.COLUMNS}, "camera_intrinsic.json")
+
+
+LAYOUT_FILES = ("city/camera/val/*/*.json", "city/gtFine/val/*/*.json", "virtual/*/15-deg-left/*trinsic.txt")
+LAYOUT_FILES += ("argo/log1/vehicle_calibration_info.json", "open3d/camera_intrinsic.json")
+
+
+def _read_layouts(root: Path) -> None:
+    for folder in ("city", "virtual", "argo", "open3d"):
+        read_dataset(root / folder)
 
 
 def _depth(suffix: str) -> Read:
@@ -279,6 +303,7 @@ KINDS = (
     ),
     Kind("calib.yaml", own.pair_folder, ["calib.yaml"], doctor()),
     Kind("calib.txt, Middlebury", lambda r: own.middlebury(r, 2, 6), ["Adirondack/calib.txt"], doctor()),
+    Kind("calibrations, boxes of data sets", _layouts, LAYOUT_FILES, _read_layouts),
     Kind("VOC", _voc, ["Annotations/a.xml"], doctor()),
     Kind("YOLO", _yolo, ["labels/a.txt", "data.yaml"], doctor()),
     Kind("YOLO, classes.txt", _yolo_names, ["labels/classes.txt"], doctor()),

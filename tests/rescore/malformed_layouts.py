@@ -38,6 +38,10 @@ OWN: dict[str, tuple[Spoil, str]] = {
     "width negative": (first("images", width=-96), r"images\[0\].width: .*greater than 0"),
     "width half": (first("images", width=96.5), r"images\[0\].width: .*valid integer"),
     "height a word": (first("images", height="tall"), r"images\[0\].height: .*'tall'"),
+    "name out of the folder": (
+        first("images", name="../1"),
+        "expected a name of image 1 of letters .*got '../1'",
+    ),
     "split unknown": (first("images", split="dev"), "image 1: expected split .*got 'dev'"),
     "image twice": (twice("images"), "expected each image id once, got 1 twice"),
     "box twice": (twice("annotations"), "expected each annotation id once, got 1 twice"),

@@ -36,10 +36,23 @@ def named_values(path: Path) -> list[Named]:
 
 def _of_lines(path: Path, text: str) -> list[Named]:
     """Lines of ``name: numbers`` or ``name=numbers``; messages that ROS prints are YAML."""
+    if text.startswith(_TABLE):
+        return [_of_table(text)]
     if re.search(r"^(distortion_model|camera_matrix)\s*:", text, re.MULTILINE):
         return read_yaml(path, text)
     pairs = (re.split(r"[=:]", line, maxsplit=1) for line in text.splitlines())
     return [{p[0].strip(): p[1].strip(" []").replace(";", " ") for p in pairs if len(p) == 2}]
+
+
+_TABLE = "frame cameraID "
+"""How a table of Virtual KITTI begins."""
+
+
+def _of_table(text: str) -> Named:
+    """The columns of each camera in the first frame: ``camera0`` and ``camera1``."""
+    head, *lines = (line.split() for line in text.splitlines() if line.strip())
+    rows = [dict(zip(head, line, strict=False)) for line in lines]
+    return {f"camera{row.get('cameraID')}": row for row in rows if row["frame"] == rows[0]["frame"]}
 
 
 def _of_xml(path: Path, text: str) -> list[Named]:

@@ -15,7 +15,7 @@ from rescore.files import remove
 from rescore.formats.calibrations.raw_pair import RawPair, Rectified, RectifiedPair
 from rescore.formats.folders import calibration_notes
 from rescore.formats.labels import ClassMap
-from rescore.formats.pair_folders import read_as_taken
+from rescore.formats.pairs.plain import read_as_taken
 from rescore.locks import locked
 
 SIDES = ("left", "right")

@@ -227,3 +227,19 @@ def of_driving_stereo(path: Path, values: Values) -> Values:
 def _place(path: Path, values: Values, number: int) -> FloatArray:
     turn = matrix_of(path, values, f"R_{number}", 3, 3)
     return np.asarray(-turn.T @ matrix_of(path, values, f"T_{number}", 3, 1)[:, 0])
+
+
+def open3d_matrix(path: Path, values: Values) -> FloatArray:
+    """The matrix (3, 3) of a camera of Open3D, which lists it column by column.
+
+    Raises:
+        RescoreError: it is no such matrix.
+    """
+    matrix = matrix_of(path, values, "intrinsic_matrix", 3, 3)
+    bottom = np.array([0.0, 0.0, 1.0])
+    for found in (matrix.T, matrix):
+        if (found[2] == bottom).all():
+            return found
+    raise RescoreError(
+        f"{path}: intrinsic_matrix: expected fx, 0, 0, 0, fy, 0, cx, cy, 1, got other numbers; mend it"
+    )

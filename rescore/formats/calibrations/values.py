@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.errors import RescoreError
-from rescore.formats.calibrations import tools
+from rescore.formats.calibrations import data_sets, tools
 from rescore.formats.calibrations.file_forms import Named, named_values
 from rescore.formats.calibrations.numbers import Values, matrix_of, numbers_of, pinhole
 
@@ -21,8 +21,12 @@ ONE_CAMERA = (
     "P2",
 )
 """Names of the matrix of one camera, best first."""
-UNITS = ("depth_factor", "DepthMapFactor", "disparity_factor")
+UNITS = ("depth_factor", "DepthMapFactor", "depth_scale", "disparity_factor")
 """Names of the values that files of depth or disparity have for one metre or pixel."""
+USUAL_DEPTH = (("intrinsic_matrix", "Open3D", 1000.0), (data_sets.TABLE, "Virtual KITTI", 100.0))
+"""Forms of files by a name in them, and the value of one metre that each documents."""
+ZERO = "disparity_zero"
+"""Name of the value that files of disparity have for none."""
 GROUND = ("height_m", "pitch_rad", "roll_rad")
 """Names of the camera's height over the ground and of its angles."""
 _SAME = {
@@ -32,6 +36,8 @@ _SAME = {
     **{f"{side}.{k}": f"{k}{n}" for n, side in ((1, "LEFT"), (2, "RIGHT")) for k in "KDRP"},
     **{"LEFT.width": "width", "LEFT.height": "height", "Camera_Matrix": "cameraMatrix"},
     **{"image_Width": "image_width", "image_Height": "image_height"},
+    # RealSense
+    **{"ppx": "cx", "ppy": "cy", "coeffs": "D"},
 }
 """Names that mean what another one does."""
 _PAIR = [f"{k}{n}" for n in (1, 2) for k in "KDRP"]
@@ -42,8 +48,10 @@ _WANTED = frozenset(
         *_PAIR,
         *UNITS,
         *GROUND,
-        *("P0", "P3", "P_rect_02", "P_rect_03", "Q", "R", "T", "D", "cam0", "doffs", "rectification_matrix"),
-        *("baseline", "baseline_m", "fx", "fy", "cx", "cy", "T_BS", "intrinsics"),
+        *("P0", "P3", "Q", "R", "T", "D", "cam0", "doffs", "rectification_matrix"),
+        *(f"P_rect_0{n}" for n in range(4)),
+        *("baseline", "baseline_m", "fx", "fy", "cx", "cy", "ppx", "ppy", "T_BS", "intrinsics"),
+        *("intrinsic_matrix", "coeffs"),
         *("width", "height", "image_width", "image_height", "imageSize", "image_size", "resolution"),
         *(f"{k}_{n}" for k in ("P_rect", "S_rect", "R", "T") for n in (101, 103)),
         *("Camera.bf", "Camera.width", "Camera.height", "Stereo.b", "Stereo.T_c1_c2"),
@@ -78,13 +86,18 @@ def calibration_values(
     others = _of_file(right, size_px)
     if "T_BS" in values and "T_BS" in others:
         return tools.of_euroc(path, values, right, others)
-    if "K1" in values and "K1" not in others:
+    if "baseline_m" in others or ("K1" in values and "K1" not in others):
         return values | others
     return tools.of_ros(path, values, right, others)
 
 
 def _of_file(path: Path, size_px: tuple[int, int] | None) -> Values:
     found = _merged(path, named_values(path))
+    of_data_set = data_sets.of_data_set(path, found)
+    return _of_tool(path, found, size_px) if of_data_set is None else of_data_set
+
+
+def _of_tool(path: Path, found: Named, size_px: tuple[int, int] | None) -> Values:
     blocks = {k: block for k in ("cam0", "cam1") if isinstance(block := found.get(k), dict)}
     values = {
         k: numbers_of(path, k, v)
@@ -131,6 +144,8 @@ _ROS = {"k": "K", "p": "P", "d": "D", "r": "rectification_matrix", "R": "rectifi
 
 def _with_matrix(path: Path, values: Values) -> Values:
     """The values with K and the size where a file has fx, fy, cx and cy, one by one or in a list."""
+    if "intrinsic_matrix" in values:
+        values["K"] = tools.open3d_matrix(path, values)
     if "intrinsics" in values:
         values["K"] = pinhole(*matrix_of(path, values, "intrinsics", 1, 4)[0])
         values.setdefault("D", np.zeros(4))

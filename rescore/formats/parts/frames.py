@@ -19,7 +19,8 @@ from recon.errors import RescoreError
 from recon.stores import beside, name_from
 from rescore.data.boxes3d import BOX_NAMES, Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
-from rescore.data.frames import DataSet, FrameRecord, Truth
+from rescore.data.frames import MAX_FRAME_NAME_BYTES, DataSet, FrameRecord, Truth
+from rescore.files import refuse_unsafe_name
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
 from rescore.formats.parts.candidates import CORNERS, arrays_of_table, refuse_kind
 from rescore.formats.parts.manifest import is_parts
@@ -47,6 +48,7 @@ _CAMERA = ("fx", "fy", "cx", "cy", "baseline_m", "height_m", "pitch_rad", "roll_
 SCHEMA = pa.schema(
     {
         "image_id": pa.int64(),
+        "name": pa.string(),
         "split": pa.string(),
         "width_px": pa.int64(),
         "height_px": pa.int64(),
@@ -89,6 +91,7 @@ def _row(root: Path, f: FrameRecord, truth: Truth) -> dict[str, Any]:
     row: dict[str, Any] = {name: getattr(f, name) for name in ("image_id", "split", "width_px", "height_px")}
     row |= {name: _name(root, getattr(f, field)) for name, field in _FILES.items()}
     row |= {
+        "name": f.name or None,
         "instance_file": _name(root, f.instance_path),
         "disparity_offset_px": f.disparity_offset_px or None,
     }
@@ -251,6 +254,10 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
     def place(name: str) -> Path | None:
         return None if row[name] is None else beside(root, row[name])
 
+    # tables of earlier versions have no names
+    name = row.get("name") or ""
+    if name:
+        refuse_unsafe_name(root, f"a name of image {row['image_id']}", name, MAX_FRAME_NAME_BYTES)
     left = place("left_file")
     assert left is not None, "every frame has a left picture"
     measured = place("measured_file")
@@ -271,6 +278,7 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
         if measured is None
         else MeasuredFile(measured, Quantity(row["quantity"]), row["factor"]),
         disparity_offset_px=row["disparity_offset_px"] or 0.0,
+        name=name,
     )
 
 

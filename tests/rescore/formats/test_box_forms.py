@@ -112,7 +112,7 @@ def test_a_folder_without_boxes_names_every_place_for_them(tmp_path: Path) -> No
     own.pair_folder(tmp_path)
     own.write_text(tmp_path / "labels" / "train" / "a.txt", "0 0.25 0.5 0.25 0.25\n")
     (note,) = read_dataset(tmp_path).notes
-    places = "labels (YOLO), label_2 (KITTI) or Annotations (VOC)"
+    places = "labels (YOLO), label_2 (KITTI), Annotations (VOC) or gtFine (Cityscapes)"
     assert note == f"{tmp_path}: no boxes in {places}, so no frame has a car"
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from rescore.formats.name_pairs import Side, paired
 from rescore.formats.open import read_dataset
+from rescore.formats.pairs.names import Side, paired
 from tests.rescore import own_data as own
 
 

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from pathlib import Path
 
@@ -24,14 +24,53 @@ class Side(Enum):
         alone = rf"(?<![A-Za-z]){letter}(?![A-Za-z])|(?<![A-Za-z]){letter.upper()}(?![A-Za-z])"
         joined = rf"(?<=[A-Za-z]){letter.upper()}(?=\d|[_-]|$)"
         camera = rf"(?i:cam(?:era)?[_-]?){number}(?!\d)"
-        return re.compile(rf"(?i:{word})|{camera}|{alone}|{joined}")
+        # Cityscapes joins the kind of picture to the word
+        return re.compile(rf"(?i:{word}(?:img8bit)?)|{camera}|{alone}|{joined}")
+
+
+OTHER = re.compile(
+    r"depth|disp(?!l)|flow(?!er)|segmentation|(?<![a-z])seg(?![a-z])|semantic|instance|mask|normals|"
+    r"labels?(?![a-z])|annotations?(?![a-z])|gtfine|gtcoarse|gtbbox|lidar|velodyne|oxts",
+    re.IGNORECASE,
+)
+"""What names of files and folders have that hold no pictures of the cameras."""
+_KIND = re.compile(r"[_-](depth|disparity|disp)$|^(rgb|color|image|depth|disparity|disp)[_-]", re.IGNORECASE)
+"""What names of files have that tells pictures from what is measured for them."""
+
+
+def side_of(name: str) -> Side | None:
+    """The side that a name tells; None where it tells none, or both."""
+    left, right = (side.words.search(name) is not None for side in Side)
+    return None if left == right else Side.LEFT if left else Side.RIGHT
+
+
+def differ_in_side(names: Iterable[str]) -> list[tuple[str, str]]:
+    """The pairs of a left and a right name that differ in words for the side alone."""
+    listed = sorted(names)
+    rights: dict[str, list[str]] = {}
+    for name in listed:
+        for form in _without_side(name, Side.RIGHT):
+            rights.setdefault(form, []).append(name)
+    found = {
+        (name, other): None
+        for name in listed
+        for form in sorted(_without_side(name, Side.LEFT))
+        for other in rights.get(form, ())
+    }
+    return list(found)
+
+
+def _without_side(name: str, side: Side) -> set[str]:
+    """The name less one or all words for a side; nothing where it has none."""
+    return (_without_one(name, side) | _without_all(name, side)) - {name}
 
 
 def paired(lefts: Sequence[Path], others: Sequence[Path], side: Side) -> list[tuple[Path, Path]]:
     """Left pictures with the files that go with them, in the order of the left ones.
 
     A file of the same name goes first, then one whose name differs in one word for a side, then one that
-    differs in all such words; what is left is paired by times of nearly one moment, as in TUM.
+    differs in all such words, or in what it measures (``_depth``); what is left is paired by times of nearly
+    one moment, as in TUM.
 
     Args:
         lefts: The left pictures, no name twice.
@@ -43,7 +82,7 @@ def paired(lefts: Sequence[Path], others: Sequence[Path], side: Side) -> list[tu
     """
     found: dict[Path, Path] = {}
     taken: set[Path] = set()
-    for form in (_whole, _without_one, _without_all):
+    for form in (_whole, _without_one, _without_all, _without_kind):
         found |= _matched([p for p in lefts if p not in found], others, side, form, taken)
     found |= _by_time([p for p in lefts if p not in found], [p for p in others if p not in taken])
     return [(p, found[p]) for p in lefts if p in found]
@@ -97,6 +136,11 @@ def _without_one(stem: str, side: Side) -> set[str]:
 
 def _without_all(stem: str, side: Side) -> set[str]:
     return {_tidy(side.words.sub("", stem), "")}
+
+
+def _without_kind(stem: str, side: Side) -> set[str]:
+    plain = _KIND.sub("", stem)
+    return {name.rstrip("_- ") for name in {plain} | _without_one(plain, side)}
 
 
 def _tidy(before: str, after: str) -> str:

@@ -1,0 +1,1 @@
+"""Plain folders: the pictures, measured files and calibrations that belong together."""
