@@ -39,7 +39,19 @@ def read_sequences(root: Path, classes: ClassMap) -> DataSet:
     # a class to map may be one of some sequences alone
     several = replace(classes, of_several=True)
     found = sorted(_sequences(root))
-    return _joined(root, [_read(folder, several, root) for folder in found])
+    data = _joined(root, [_read(folder, several, root) for folder in found])
+    return replace(data, notes=(*_left_out(root), *data.notes))
+
+
+def _left_out(root: Path) -> tuple[str, ...]:
+    """What to say of data sets beside the sequences, which name pictures of their own."""
+    names = [folder.name for folder in folders_in(root) if _of_its_own(folder)]
+    told = f"{root}: left out {', '.join(names)}, data sets of their own; give each alone"
+    return (told,) if names else ()
+
+
+def _of_its_own(folder: Path) -> bool:
+    return any((folder / name).exists() for name in OF_THEIR_OWN)
 
 
 def _read(folder: Path, classes: ClassMap, top: Path) -> DataSet:
@@ -58,7 +70,7 @@ def _sequences(root: Path) -> Iterator[Path]:
     for _ in range(MOST_DEEP):
         deeper = []
         for folder in (p for above in level for p in folders_in(above) if not OTHER.search(p.name)):
-            if any((folder / name).exists() for name in OF_THEIR_OWN):
+            if _of_its_own(folder):
                 continue
             if is_kitti(folder) or is_plain(folder):
                 found = True

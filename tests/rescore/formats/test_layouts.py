@@ -473,7 +473,9 @@ def test_a_search_for_sequences_ends(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_a_data_set_of_its_own_is_no_sequence(tmp_path: Path) -> None:
     own.pair_folder(tmp_path / "a")
     own.own_folder(tmp_path / "b")
-    assert [f.left_path.parent.parent.name for f in read_dataset(tmp_path).frames] == ["a", "a"]
+    data = read_dataset(tmp_path)
+    assert [f.left_path.parent.parent.name for f in data.frames] == ["a", "a"]
+    assert data.notes[0] == f"{tmp_path}: left out b, data sets of their own; give each alone"
 
 
 def test_a_folder_of_both_sides_has_pictures_of_both(tmp_path: Path) -> None:
