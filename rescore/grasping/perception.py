@@ -5,14 +5,13 @@ import numpy as np
 from datasets_synth.photos.table_scene import SEEN_FROM
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import Failure
-from recon.localization.localize import localize_by_parts
 from recon.localization.single_plane import lower_edge, single_plane
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from rescore.grasping.choose import Estimate
 from rescore.parallel import one_thread
 from rescore.studies.localization.learned import TableClass
 from rescore.studies.localization.segment import empty_table, segment_table
-from rescore.studies.localization.trials import TrialConfig, fit_region
+from rescore.studies.localization.trials import TrialConfig, construct_region, fit_region
 
 METHODS = ("3dp", "3dp_report", "single_plane", "single_plane_narrow", "truth")
 METHOD_NAME = {
@@ -34,7 +33,7 @@ def perceive(rgb: UInt8Array, table_class: TableClass, config: TrialConfig) -> d
             return dict.fromkeys(METHODS[:-1], regions)
         region = regions[0]
         fit = fit_region(rgb, region, table_class, config)
-        parts = localize_by_parts(rgb, region.ring_px, table_class.model, SEEN_FROM, config.parts)
+        parts = construct_region(rgb, region, table_class, config, fit)
         sheet = _sheet(region.ring_px, region.mask)
     return {
         "3dp": fit if isinstance(fit, Failure) else Estimate(fit.box),

@@ -47,8 +47,8 @@ class TableClassConfig:
     view_px: int = 320
     """Length of the object in a labelled view."""
     class_model_cars: int = 1
-    """Training cars whose views of the first ring the class model is learned from, those nearest the mean size.
-    Parts of unlike cars do not fit together: a mean tail behind the longest boot makes no car."""
+    """Training cars whose views of the first ring the class model is learned from: those nearest the mean
+    size. Parts of unlike cars do not fit together: a mean tail behind the longest boot makes no car."""
     refine_rounds: int = 3
     """Rounds of refining the planes of the class model (see ``LearnConfig``)."""
     space: ShapeSpaceConfig = field(default_factory=ShapeSpaceConfig)
@@ -112,9 +112,11 @@ def learn_table_class(
 
 
 def _most_usual(cars: Sequence[CarModel]) -> list[int]:
-    """The cars by how near their lengths, widths and heights are to the means of the logarithms."""
+    """Places of the cars in their list, those of the most usual length, width and height first."""
     log_size = np.log([car.size_m for car in cars])
-    return [int(i) for i in np.argsort(np.linalg.norm(log_size - log_size.mean(axis=0), axis=1), kind="stable")]
+    return [
+        int(i) for i in np.argsort(np.linalg.norm(log_size - log_size.mean(axis=0), axis=1), kind="stable")
+    ]
 
 
 def _heading(
