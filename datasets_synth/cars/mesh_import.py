@@ -111,9 +111,9 @@ def _cars(directory: Path, paths: Sequence[Path], axes: MeshAxes) -> tuple[Impor
         except NoCarSizeError as error:
             others[path] = error
     first = {path.parent: path for path in reversed(cars)}
-    for path, error in others.items():
+    for path, refusal in others.items():
         if path.parent not in first:
-            raise error
+            raise refusal
         beside = first[path.parent]
         note = f"{path.as_posix()}: left out: it has no car's size and lies beside {beside.name}"
         cars[beside] = replace(cars[beside], notes=(*cars[beside].notes, note))
