@@ -30,6 +30,10 @@ _INSIDE = np.array(
 """Weights of a triangle's corners at the middles of its 16 parts, shape (16, 3)."""
 
 
+class NoCarSizeError(RescoreError):
+    """No unit makes a mesh as long as a car."""
+
+
 class Axis(StrEnum):
     """An axis of a file, or its reverse."""
 
@@ -89,7 +93,7 @@ def metres_a_unit(where: str, size: FloatArray) -> tuple[float, str]:
     """How many metres a unit of a file has, and its name, from length, width and height (3,) in the file.
 
     Raises:
-        RescoreError: no unit gives a car's length.
+        NoCarSizeError: no unit gives a car's length.
     """
     longest = float(size.max())
     if LENGTH_RANGE_M[0] <= longest <= LENGTH_RANGE_M[1]:
@@ -97,7 +101,7 @@ def metres_a_unit(where: str, size: FloatArray) -> tuple[float, str]:
     for scale, name in _UNITS:
         if _CAR_LENGTHS_M[0] <= longest * scale <= _CAR_LENGTHS_M[1]:
             return scale, name
-    raise RescoreError(
+    raise NoCarSizeError(
         f"{where}: expected a car {LENGTH_RANGE_M[0]:g} to {LENGTH_RANGE_M[1]:g} metres long (or in "
         f"millimetres, centimetres or inches), got length x width x height {_measures(size)}: scale the mesh "
         "to metres"

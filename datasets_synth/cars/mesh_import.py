@@ -9,7 +9,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -20,7 +20,7 @@ import trimesh
 from datasets_synth.cars.body_extent import body_extent
 from datasets_synth.cars.gltf_files import SUFFIXES as GLTF
 from datasets_synth.cars.gltf_files import plain_gltf
-from datasets_synth.cars.mesh_axes import MeshAxes, metres_a_unit, refuse_turned
+from datasets_synth.cars.mesh_axes import MeshAxes, NoCarSizeError, metres_a_unit, refuse_turned
 from datasets_synth.cars.parts import CAR_PARTS, PART_LABEL
 from datasets_synth.meshes.mesh import Material, Mesh
 from datasets_synth.meshes.mesh_build import smooth_normals
@@ -71,8 +71,8 @@ def load_meshes(directory: Path, axes: MeshAxes | None = None) -> tuple[Imported
     of an OBJ group (or glTF mesh) named after a part (`datasets_synth.cars.parts`) get its label, others 0.
 
     A mesh is called by the names of the folders it lies in and its own without the suffix, joined by "-"; a
-    folder's only mesh by those of the folders, as models of ShapeNet. Where two would share a name, both are
-    called by all of their paths.
+    folder's only car by those of the folders, as models of ShapeNet. Where two would share a name, both are
+    called by all of their paths. What lies beside a car and has no car's size is left out, with a note.
 
     Args:
         directory: The folder.
@@ -98,7 +98,27 @@ def load_meshes(directory: Path, axes: MeshAxes | None = None) -> tuple[Imported
             f"expected OBJ, GLB, glTF, PLY, STL or OFF files in {str(directory)!r}, found none: put car "
             "meshes into it"
         )
-    return tuple(_load(directory, path, name, axes) for path, name in zip(paths, _names(paths), strict=True))
+    return _cars(directory, paths, axes)
+
+
+def _cars(directory: Path, paths: Sequence[Path], axes: MeshAxes) -> tuple[ImportedCar, ...]:
+    """The cars of files, less what lies beside a car and has no car's size, as wheels in their own files."""
+    cars: dict[Path, ImportedCar] = {}
+    others: dict[Path, NoCarSizeError] = {}
+    for path in paths:
+        try:
+            cars[path] = _load(directory, path, axes)
+        except NoCarSizeError as error:
+            others[path] = error
+    first = {path.parent: path for path in reversed(cars)}
+    for path, refusal in others.items():
+        if path.parent not in first:
+            raise refusal
+        beside = first[path.parent]
+        note = f"{path.as_posix()}: left out: it has no car's size and lies beside {beside.name}"
+        cars[beside] = replace(cars[beside], notes=(*cars[beside].notes, note))
+    names = _names(list(cars))
+    return tuple(replace(car, shape_id=name) for car, name in zip(cars.values(), names, strict=True))
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -121,8 +141,8 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def _load(directory: Path, path: Path, shape_id: str, axes: MeshAxes) -> ImportedCar:
-    """The car of a file; the path is relative to the folder."""
+def _load(directory: Path, path: Path, axes: MeshAxes) -> ImportedCar:
+    """The car of a file, called by its path, which is relative to the folder."""
     where = path.as_posix()
     geometries, missing = _geometries(directory, path)
     with reading(where, "a mesh whose faces name its own vertices", "export it again"):
@@ -139,7 +159,7 @@ def _load(directory: Path, path: Path, shape_id: str, axes: MeshAxes) -> Importe
     notes = [f"{where}: {name!r} is not there, so that what it colours is plain" for name in missing]
     if scale != 1:
         notes.insert(0, f"{where}: taken as {unit}: {length:.2f} m long")
-    return ImportedCar(shape_id, _as_mesh(corners, pieces), (length, width, height), tuple(notes))
+    return ImportedCar(where, _as_mesh(corners, pieces), (length, width, height), tuple(notes))
 
 
 class _Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]

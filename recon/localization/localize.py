@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.arrays import Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
@@ -100,6 +101,7 @@ def localize_by_parts(
     model: ClassModel,
     seen_from: GroundedCamera,
     config: PartsConfig,
+    nose_rad: float | None = None,
 ) -> PartsLocalization | Failure:
     """The report's construction from the likeliest view bins; the instance that fits the outline best.
 
@@ -112,6 +114,8 @@ def localize_by_parts(
         model: the class model.
         seen_from: the camera M and the ground plane Q_g.
         config: settings.
+        nose_rad: where the nose points in the ground frame, to within 90 degrees: in the report a detector
+            says the view bin. None where nothing says it, so that the outline and the borders must tell.
     """
     xyxy = np.concatenate([ring_px.min(axis=0), ring_px.max(axis=0) + 1.0])
     choice = best_view_bin(rgb, xyxy, model, config.view, ring_px)
@@ -121,7 +125,7 @@ def localize_by_parts(
     found: list[PartsLocalization] = []
     failures: list[Failure] = []
     bins_left = config.tried_bins
-    for view_bin in choice.order.tolist():
+    for view_bin in _facing(choice.order, xyxy, model.bins, seen_from, nose_rad):
         good, bad = trial.from_bin(view_bin, float(choice.cost[view_bin]), config.turns_deg)
         found, failures, bins_left = found + good, failures + bad, bins_left - bool(good)
         if not bins_left:
@@ -133,6 +137,27 @@ def localize_by_parts(
     view_bin = best.instance.view_bin
     found += trial.from_bin(view_bin, float(choice.cost[view_bin]), near)[0]
     return min(found, key=lambda t: t.cost)
+
+
+def _facing(
+    order: NDArray[np.intp],
+    xyxy_px: FloatArray,
+    bins: ViewBins,
+    seen_from: GroundedCamera,
+    nose_rad: float | None,
+) -> list[int]:
+    """The bins of an order in which an object in a box has its nose within 90 degrees of a direction; all
+    where there are none."""
+    every: list[int] = order.tolist()
+    if nose_rad is None:
+        return every
+    away = seen_from.level_direction((xyxy_px[:2] + xyxy_px[2:]) / 2 - 0.5)
+    x, y, _ = -away @ cam_from_ground(seen_from.ground)[:3, :3]
+    to_camera = float(np.arctan2(y, x))
+    near = [
+        b for b in order.tolist() if angle_between(to_camera - bins.azimuth_rad(b), nose_rad) <= np.pi / 2
+    ]
+    return near or order.tolist()
 
 
 @dataclass(frozen=True, eq=False)

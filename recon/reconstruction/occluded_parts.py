@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial import ConvexHull
 
 from recon.arrays import FloatArray
 from recon.camera import GroundedCamera, PinholeCamera
+from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.learning.primitives import lift
 from recon.reconstruction.part_registration import PreparedView
@@ -33,8 +36,12 @@ class TransformConfig:
     calibrated_ground: bool = False
     """Whether the camera and the ground plane are measured, as on a table: then the outline moves the object
     too, and all three scales; where they are a guess, it only sets the size."""
-    outline_error: float = 0.01
-    """Expected error of each side of the outline's box, as a share of its diagonal."""
+    outline_error: float = 0.02
+    """Expected error of how far the outline reaches in each direction, as a share of its box's diagonal."""
+    outline_directions: int = 24
+    """Directions in the picture in which the outline is compared."""
+    outline_outlier: float = 1.0
+    """Errors of the outline beyond this many expected ones count little more: mirrors, aerials, wings."""
     class_stretch: float = 0.15
     """Expected spread of the logarithms of the three scales about their mean: members of a class differ."""
     parts_stretch: float = 0.3
@@ -181,14 +188,15 @@ def _as_seen_on_ground(
     """
     camera, height_m = seen_from.camera, seen_from.ground.height_m
     outline, size = found.outline_px, np.array([camera.width_px, camera.height_px])
-    points = np.concatenate([p.outline for p in view.model.parts])
+    points = model_hull(view.model)
     low, high = points.min(axis=0), points.max(axis=0)
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     nearest = float(((points * scale + shift) @ found.cam_from_object.T)[:, 2].min())
     if (outline < 1).any() or (outline > size - 2).any() or nearest <= 0:
         return scale, shift
-    box = np.concatenate([outline.min(axis=0), outline.max(axis=0)])
-    tolerance_px = config.outline_error * float(np.linalg.norm(box[2:] - box[:2]))
+    directions = _directions(config.outline_directions)
+    reach = (outline @ directions).max(axis=0)
+    tolerance_px = config.outline_error * float(np.linalg.norm(np.ptp(outline, axis=0)))
     start = np.append(np.log(scale), (foot * scale + shift)[:2])
     reach_m = config.parts_shift * float(scale.mean())
 
@@ -200,11 +208,11 @@ def _as_seen_on_ground(
         new, by = moved(unknown)
         cam = (points * new + by) @ found.cam_from_object.T
         uv = camera.project(np.insert(cam[:, :2], 2, np.maximum(cam[:, 2], nearest / 10), axis=1))
-        off = np.concatenate([uv.min(axis=0), uv.max(axis=0)]) - box
+        off = ((uv @ directions).max(axis=0) - reach) / tolerance_px
         away = unknown - start
         return np.concatenate(
             [
-                off / tolerance_px,
+                _bounded(off, config.outline_outlier),
                 (unknown[:3] - unknown[:3].mean()) / config.class_stretch,
                 away[:3] / config.parts_stretch,
                 away[3:] / reach_m,
@@ -212,6 +220,25 @@ def _as_seen_on_ground(
         )
 
     return moved(least_squares(residual, start, max_nfev=15).x)
+
+
+@lru_cache(maxsize=8)
+def model_hull(model: ClassModel) -> FloatArray:
+    """Corners (m, 3) of the convex hull of all part outlines."""
+    points = np.concatenate([p.outline for p in model.parts])
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+@lru_cache(maxsize=8)
+def _directions(count: int) -> FloatArray:
+    """Unit vectors all around, shape (2, count)."""
+    angle = np.arange(count) * (2 * np.pi / count)
+    return np.stack([np.cos(angle), np.sin(angle)])
+
+
+def _bounded(error: FloatArray, limit: float) -> FloatArray:
+    """Errors whose square grows with its logarithm beyond a limit."""
+    return np.asarray(np.sign(error) * limit * np.sqrt(np.log1p((error / limit) ** 2)))
 
 
 def part_correspondences(

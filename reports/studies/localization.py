@@ -53,8 +53,11 @@ box. Placements that a method loses are counted and have no error.
   marked as outside what was learned. This goes beyond the report.
 - *3DP, the report's construction*: parts are registered to the outline for the likeliest view bins,
   their planes are placed from the ground line up (section 4.3), and the class model is carried onto them
-  (section 4.4), sized to the outline and standing on the table. Overlap with the outline and borders of
-  parts choose among the view bins and a few turns within each, with how usual the proportions of the box are.
+  (section 4.4), sized to the outline on all sides and standing on the table. Overlap with the outline and
+  borders of parts choose among the view bins and a few turns within each, with how usual the proportions of
+  the box are. The report has its view bin from a detector; here the nose of the joint fit says, to within 90
+  degrees, which end is the front, and nothing more of the joint fit is used. The class model is that of the
+  training car whose size is the most usual.
 - *Single plane*: one upright plane on the ground line, as in the report's comparison.
 
 What is known before: the camera and the table plane; twelve labelled views at each of three elevations

@@ -7,14 +7,13 @@ import numpy as np
 from datasets_synth.photos.table_scene import SEEN_FROM
 from recon.arrays import BoolArray, FloatArray, UInt8Array
 from recon.errors import Failure
-from recon.localization.localize import FitLocalization, PartsLocalization, localize_by_parts
 from recon.localization.single_plane import lower_edge, single_plane
 from recon.localization.standing_box import StandingBox, cam_from_ground
 from rescore.grasping.choose import Estimate
 from rescore.parallel import one_thread
 from rescore.studies.localization.learned import TableClass
 from rescore.studies.localization.segment import TableRegion, empty_table, segment_table
-from rescore.studies.localization.trials import TrialConfig, fit_region
+from rescore.studies.localization.trials import TrialConfig, construct_region, fit_region
 
 JOINT_FIT, TRUE_BOX = "3dp", "truth"
 METHODS = (JOINT_FIT, "3dp_report", "single_plane", "single_plane_narrow", TRUE_BOX)
@@ -38,23 +37,24 @@ def perceive(
         regions = segment_table(rgb, empty_table(config.segment))
         if isinstance(regions, Failure):
             return dict.fromkeys(methods, regions)
-        return {m: _estimate(m, rgb, regions[0], table_class, config) for m in methods}
+        found = _localised(methods, rgb, regions[0], table_class, config)
+    return {
+        m: box if isinstance(box, Failure) else Estimate(box, width_known=m != "single_plane")
+        for m, box in found.items()
+    }
 
 
-def _estimate(
-    method: str, rgb: UInt8Array, region: TableRegion, table_class: TableClass, config: TrialConfig
-) -> Estimate | Failure:
-    found: StandingBox | FitLocalization | PartsLocalization | Failure
-    if method == JOINT_FIT:
-        found = fit_region(rgb, region, table_class, config)
-    elif method == "3dp_report":
-        found = localize_by_parts(rgb, region.ring_px, table_class.model, SEEN_FROM, config.parts)
-    else:
-        found = _sheet(region.ring_px, region.mask)
-    if isinstance(found, Failure):
-        return found
-    box = found if isinstance(found, StandingBox) else found.box
-    return Estimate(box, width_known=method != "single_plane")
+def _localised(
+    methods: Sequence[str], rgb: UInt8Array, region: TableRegion, table_class: TableClass, config: TrialConfig
+) -> dict[str, StandingBox | Failure]:
+    fit = fit_region(rgb, region, table_class, config)
+    found: dict[str, StandingBox | Failure] = {JOINT_FIT: fit if isinstance(fit, Failure) else fit.box}
+    if "3dp_report" in methods:
+        parts = construct_region(rgb, region, table_class, config, fit)
+        found["3dp_report"] = parts if isinstance(parts, Failure) else parts.box
+    sheet = _sheet(region.ring_px, region.mask)
+    # both single planes are one surface
+    return {m: found.get(m, sheet) for m in methods}
 
 
 def _sheet(ring_px: FloatArray, mask: BoolArray) -> StandingBox | Failure:

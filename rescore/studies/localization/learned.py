@@ -46,8 +46,9 @@ class TableClassConfig:
     those from its far and its near edge."""
     view_px: int = 320
     """Length of the object in a labelled view."""
-    class_model_cars: int = 6
-    """Training cars whose views of the first ring the class model is learned from, a sedan first."""
+    class_model_cars: int = 1
+    """Training cars whose views of the first ring the class model is learned from: those nearest the mean
+    size. Parts of unlike cars do not fit together: a mean tail behind the longest boot makes no car."""
     refine_rounds: int = 3
     """Rounds of refining the planes of the class model (see ``LearnConfig``)."""
     space: ShapeSpaceConfig = field(default_factory=ShapeSpaceConfig)
@@ -98,9 +99,7 @@ def learn_table_class(
         library = library or learn_primitives(bins, jobs=executor_of(jobs).jobs)
     learning = map_frames(_learn_one, cars, (config, library), jobs)
     learned = list(track(learning, "learn shapes", len(cars)))
-    first = sorted(range(len(cars)), key=lambda i: "sedan" not in cars[i].shape_id)[0]
-    step = max(1, len(cars) // config.class_model_cars)
-    chosen = [first, *(i for i in range(0, len(cars), step) if i != first)][: config.class_model_cars]
+    chosen = _most_usual(cars)[: config.class_model_cars]
     # sums over several threads differ in the last digits, and the fits with them
     with one_thread():
         space = principal_shapes([one.shape for one in learned], config.space)
@@ -110,6 +109,14 @@ def learn_table_class(
         )
     heading = _heading(cars, others, space, config, jobs) if config.heading_pictures else None
     return TableClass(model, space, heading)
+
+
+def _most_usual(cars: Sequence[CarModel]) -> list[int]:
+    """Places of the cars in their list, those of the most usual length, width and height first."""
+    log_size = np.log([car.size_m for car in cars])
+    return [
+        int(i) for i in np.argsort(np.linalg.norm(log_size - log_size.mean(axis=0), axis=1), kind="stable")
+    ]
 
 
 def _heading(

@@ -315,6 +315,21 @@ def test_models_that_would_share_a_name_are_called_by_their_paths(tmp_path: Path
     assert [car.shape_id for car in load_meshes(tmp_path)] == ["a-b-c.ply", "a-b-e.ply", "d"]
 
 
+def test_a_wheel_in_a_file_of_its_own_is_left_out_and_told(tmp_path: Path) -> None:
+    (tmp_path / "lada").mkdir()
+    wedge(4.2, 1.8, 1.6).export(tmp_path / "lada" / "vehicle.ply")
+    wheel = trimesh.creation.box(extents=(0.25, 0.6, 0.6))
+    wheel.export(tmp_path / "lada" / "tire.ply")
+    (car,) = load_meshes(tmp_path)
+    assert car.shape_id == "lada"
+    assert car.notes == ("lada/tire.ply: left out: it has no car's size and lies beside vehicle.ply",)
+    # alone it may be a car in a unit that is not known
+    (tmp_path / "alone").mkdir()
+    wheel.export(tmp_path / "alone" / "tire.ply")
+    with pytest.raises(RescoreError, match=r"^alone/tire\.ply: expected a car 1\.5 to 20 metres long"):
+        load_meshes(tmp_path)
+
+
 def test_an_error_names_the_folder_of_the_model(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "model.glb").write_bytes(b"no mesh")

@@ -17,6 +17,7 @@ from recon.reconstruction.occluded_parts import (
     _labelled_image_in_units,
     _on_class_plane,
     class_to_instance,
+    model_hull,
     part_correspondences,
 )
 from recon.reconstruction.part_registration import PreparedView, RegistrationConfig, prepare_view
@@ -128,27 +129,27 @@ def test_a_whole_outline_sets_the_size(model: ClassModel, view: PreparedView) ->
 
 
 def test_on_a_calibrated_ground_the_model_fills_the_outline(model: ClassModel, view: PreparedView) -> None:
-    scale = np.full(3, 4.5)
-    found, _ = placed(model, view, scale=scale)
-    points = ClassToInstance(TURN, scale, placed(model, view, scale=scale)[1], 0.0, {}).points(
-        np.concatenate([p.outline for p in model.parts])
+    found, _ = placed(model, view, scale=np.full(3, 4.5))
+    # the same outline as of a longer, narrower, lower car
+    true = np.array([4.8, 4.3, 4.2])
+    outline = CAMERA.project(
+        ClassToInstance(TURN, true, placed(model, view, scale=true)[1], 0.0, {}).points(model_hull(model))
     )
-    uv = CAMERA.project(points)
-    low, high = uv.min(axis=0), uv.max(axis=0)
-    # an outline nine tenths as wide as the model carried over, and as high
-    outline = np.array([[low[0], low[1]], [low[0] + 0.9 * (high - low)[0], high[1]], [low[0], high[1]]])
     table = TransformConfig(calibrated_ground=True)
     moved = class_to_instance(replace(found, outline_px=outline), view, SEEN_FROM, table)
     assert isinstance(moved, ClassToInstance)
-    np.testing.assert_allclose(moved.scale[[0, 2]], [0.9 * 4.5, 4.5], rtol=0.03)
-    # the width, nearly along the line of sight, is drawn to the mean of both
-    assert 0.9 * 4.5 < moved.scale[1] < 4.5
-    # the model as carried over fills the outline's box and stands on the ground
+    np.testing.assert_allclose(moved.scale, true, rtol=0.05)
     carried = moved.points(np.concatenate([p.outline for p in model.parts]))
-    uv = CAMERA.project(carried)
-    np.testing.assert_allclose(uv.min(axis=0), outline.min(axis=0), atol=2)
-    np.testing.assert_allclose(uv.max(axis=0), outline.max(axis=0), atol=2)
     assert carried[:, 1].max() == pytest.approx(1.6)
+    uv = CAMERA.project(carried)
+    np.testing.assert_allclose(uv.min(axis=0), outline.min(axis=0), atol=3)
+    np.testing.assert_allclose(uv.max(axis=0), outline.max(axis=0), atol=3)
+    # an aerial makes it higher by less than half of what it stands out
+    top = outline[np.argmin(outline[:, 1])] - [0, 0.25 * np.ptp(outline[:, 1])]
+    aerial = replace(found, outline_px=np.vstack([outline, top]))
+    higher = class_to_instance(aerial, view, SEEN_FROM, table)
+    assert isinstance(higher, ClassToInstance)
+    assert higher.scale[2] < 1.1 * moved.scale[2]
 
 
 def test_one_bad_part_does_not_carry_the_others_away(model: ClassModel, view: PreparedView) -> None:

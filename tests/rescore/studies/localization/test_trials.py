@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from datasets_synth.cars.models import cars_of_splits
+from datasets_synth.meshes.mesh import Mesh
 from datasets_synth.photos.table_scene import (
     CAMERA,
     GROUND,
+    SEEN_FROM,
     TABLE_M,
     TABLE_MIDDLE_M,
     Placement,
@@ -23,14 +25,14 @@ from datasets_synth.photos.table_scene import (
 from recon.errors import Failure, Reason, RescoreError
 from recon.localization.heading import CUES
 from recon.localization.learn_shapes import ShapeSpaceConfig
-from recon.localization.localize import FitLocalization
-from recon.localization.standing_box import cam_from_ground
+from recon.localization.localize import FitLocalization, PartsConfig, localize_by_parts
+from recon.localization.standing_box import angle_between, cam_from_ground
 from recon.view_bins import ViewBins
 from reports.studies.localization_sheets import write_localization
 from rescore.studies.localization import kept_class
 from rescore.studies.localization import study as study_module
 from rescore.studies.localization.kept_class import kept_table_class
-from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
+from rescore.studies.localization.learned import TableClass, TableClassConfig, _most_usual, learn_table_class
 from rescore.studies.localization.result_file import read_localization
 from rescore.studies.localization.scores import METHODS, Score, markdown_table, summary
 from rescore.studies.localization.segment import empty_table, segment_table
@@ -55,6 +57,19 @@ def small_class() -> TableClass:
     sedans = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))]
     library = exact_library(ViewBins(12, SMALL.elevations_rad[0]))
     return learn_table_class(sedans[:4], SMALL, 1, library, others=[sedan().car])
+
+
+@dataclass(frozen=True)
+class SizedCar:
+    length_m: float
+    shape_id: str = "car"
+
+    @property
+    def size_m(self) -> tuple[float, float, float]:
+        return (self.length_m, 1.8, 1.5)
+
+    def build(self, rng: np.random.Generator) -> Mesh:
+        raise AssertionError("its size is enough")
 
 
 def sedan() -> Placement:
@@ -95,6 +110,18 @@ def test_a_car_of_another_shape_is_localised() -> None:
     assert surface.centroid_mm > 2 * own.centroid_mm
     assert isinstance(trial.fit, FitLocalization)
     assert trial.fit.box.size_m == pytest.approx(placement.box.size_m, rel=0.15)
+    # the construction faces as it is told, whatever the picture says
+    assert trial.ring_px is not None
+    told = (rgb, trial.ring_px, small_class().model, SEEN_FROM, PartsConfig(), placement.yaw_rad + np.pi)
+    back = localize_by_parts(*told)
+    assert not isinstance(back, Failure)
+    assert angle_between(back.box.yaw_rad, placement.yaw_rad) > np.pi / 2
+
+
+def test_the_class_model_is_of_the_most_usual_car() -> None:
+    # 4.2 m is nearest the mean of the logarithms, between the shortest and the longest
+    cars = [SizedCar(length) for length in (2.5, 6.0, 4.2, 4.9)]
+    assert _most_usual(cars) == [2, 3, 1, 0]
 
 
 def test_the_mask_is_where_the_car_is_drawn() -> None:
