@@ -18,7 +18,6 @@ from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
 
-
 _PATIENCE_S = 20
 """Seconds that the head has to take a connection."""
 _LOOK_S = 2.0

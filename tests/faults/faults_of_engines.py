@@ -12,7 +12,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,7 +20,7 @@ from pathlib import Path
 from rescore.engines.executor import Executor
 from rescore.engines.map_frames import Failed, map_frames
 from tests.conftest import ROOT
-from tests.faults.processes import alive, descendants
+from tests.faults.processes import alive, descendants, until
 
 PACKAGES = {"joblib": "joblib", "dask": "distributed", "ray": "ray"}
 FRAME_S = 0.05
@@ -150,24 +150,15 @@ def caller_killed(engine: str, frames: int, seed: int) -> Resumed:
         command = [sys.executable, "-m", "tests.faults.faults_of_engines", "--run", engine, str(frames), name]
         first = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         wanted = rng.randint(frames // 10, frames // 2)
-        _until(lambda: len(list(folder.glob("frame_*"))) >= wanted, 180)
+        until(lambda: len(list(folder.glob("frame_*"))) >= wanted, 180)
         workers = descendants(first.pid)
         first.kill()
         first.wait()
-        start_s = time.monotonic()
-        _until(lambda: not any(map(alive, workers)), 240)
-        gone_s = time.monotonic() - start_s
+        gone_s = until(lambda: not any(map(alive, workers)), 240)
         before = len(list(folder.glob("frame_*")))
         subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         after, begun = len(list(folder.glob("frame_*"))), len(list((folder / "begun").glob("[0-9]*")))
     return Resumed(engine, frames, before, len(workers), gone_s, after, begun - frames)
-
-
-def _until(condition: Callable[[], bool], limit_s: float) -> None:
-    until = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < until, f"not in {limit_s} s"
-        time.sleep(0.05)
 
 
 def main() -> None:

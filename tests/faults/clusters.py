@@ -1,0 +1,71 @@
+"""Clusters on the loopback address that are started by their own commands, to be killed."""
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.faults.processes import alive, descendants, until
+
+
+def free_port() -> int:
+    """A port that nothing listens to."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+@contextmanager
+def started(command: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    """Inside, a command of the environment runs; with all that it started it ends then."""
+    program = str(Path(sys.executable).parent / command[0])
+    with log.open("ab") as file:
+        process = subprocess.Popen([program, *command[1:]], stdout=file, stderr=file, env=_environment())
+    try:
+        yield process
+    finally:
+        end([process.pid])
+        process.wait()
+
+
+def end(processes: list[int]) -> None:
+    """Kill processes and what they started."""
+    every = [pid for first in processes for pid in (first, *descendants(first))]
+    for pid in filter(alive, every):
+        os.kill(pid, 9)
+
+
+@contextmanager
+def dask_scheduler(port: int, log: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    """Inside, a scheduler of Dask has two workers."""
+    where = ["--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    workers = ["--nworkers", "2", "--nthreads", "1", "--no-dashboard"]
+    with started(["dask", "scheduler", *where], log) as scheduler:
+        until(lambda: answers(port), 60)
+        with started(["dask", "worker", f"tcp://127.0.0.1:{port}", *workers], log):
+            yield scheduler
+
+
+@contextmanager
+def ray_head(port: int, log: Path) -> Iterator[list[int]]:
+    """Inside, a head of Ray has two workers; its processes."""
+    words = ["--head", "--port", str(port), "--num-cpus", "2", "--include-dashboard", "false", "--block"]
+    with started(["ray", "start", *words, "--disable-usage-stats"], log) as process:
+        until(lambda: "Ray runtime started" in log.read_text(), 120)
+        yield descendants(process.pid)
+
+
+def answers(port: int) -> bool:
+    """Whether something listens to a port."""
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=1).close()
+    except OSError:
+        return False
+    return True
+
+
+def _environment() -> dict[str, str]:
+    return os.environ | {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
