@@ -14,7 +14,6 @@ import tempfile
 import time
 from pathlib import Path
 
-
 from rescore.detectors.modelled import ModelledConfig, ModelledDetector
 from rescore.detectors.platt import PlattScaling, save_scaling
 from tests.conftest import ROOT
@@ -25,7 +24,7 @@ SHELL = """set -euo pipefail
 ip link set lo up
 export RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER=0
 """
-"""What comes before the commands: name spaces have no loopback address, and Ray is told what the page says."""
+"""What comes before the commands: name spaces have no loopback address, Ray is told what the page says."""
 
 
 def blocks() -> list[str]:

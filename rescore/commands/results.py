@@ -72,7 +72,9 @@ def evaluate(
         stereo = with_stereo_for(RescoreConfig(), cameras, disparities).stereo
         for run in (out, out / SAMPLE) if large else (out,):
             data = run / "data" if run != out else dataset
-            write_run_config(RunFolder(run).config, "evaluate", settings, None, stereo=stereo, data=data)
+            own = {"sample_of_images": metrics.n_images} if run != out else {}
+            file = RunFolder(run).config
+            write_run_config(file, "evaluate", settings | own, None, stereo=stereo, data=data)
             _keep_evidence_models(run, detector_of)
         page = _report_of(out / SAMPLE if large else out) if report else None
     shown = {"report": page} if page else {"figures": RunFolder(out).metrics}
