@@ -23,7 +23,7 @@ def started(command: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"
     """Inside, a command of the environment runs; with all that it started it ends then."""
     program = str(Path(sys.executable).parent / command[0])
     with log.open("ab") as file:
-        process = subprocess.Popen([program, *command[1:]], stdout=file, stderr=file, env=_environment())
+        process = subprocess.Popen([program, *command[1:]], stdout=file, stderr=file)
     try:
         yield process
     finally:
@@ -49,15 +49,6 @@ def dask_scheduler(port: int, log: Path) -> Iterator["subprocess.Popen[bytes]"]:
             yield scheduler
 
 
-@contextmanager
-def ray_head(port: int, log: Path) -> Iterator[list[int]]:
-    """Inside, a head of Ray has two workers; its processes."""
-    words = ["--head", "--port", str(port), "--num-cpus", "2", "--include-dashboard", "false", "--block"]
-    with started(["ray", "start", *words, "--disable-usage-stats"], log) as process:
-        until(lambda: "Ray runtime started" in log.read_text(), 120)
-        yield descendants(process.pid)
-
-
 def answers(port: int) -> bool:
     """Whether something listens to a port."""
     try:
@@ -65,7 +56,3 @@ def answers(port: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def _environment() -> dict[str, str]:
-    return os.environ | {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
