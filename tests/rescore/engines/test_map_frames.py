@@ -6,8 +6,6 @@ All that works on their clusters is in this file, since a cluster takes seconds 
 import json
 import os
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -176,24 +174,6 @@ def test_what_cannot_be_sent_is_an_error_of_its_record() -> None:
 def test_unknown_engines_are_refused(engine: str, address: str | None, told: str) -> None:
     with pytest.raises(RescoreError, match=told):
         Executor.of(engine, 2, address)
-
-
-@pytest.mark.parametrize(("engine", "module"), [("dask", "distributed"), ("ray", "ray")])
-def test_a_missing_extra_is_told_in_one_line(
-    engine: str, module: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("rescore.engines.clusters.find_spec", lambda name: None if name == module else 1)
-    with pytest.raises(RescoreError, match=rf'pip install "rescore\[{engine}\]"$'):
-        list(map_frames(light_work.doubled, range(3), 0, Executor.of(engine, 2, None)))
-
-
-def test_nothing_of_the_extras_is_imported_without_them() -> None:
-    script = (
-        "import sys; from rescore.engines.map_frames import map_frames\n"
-        "assert list(map_frames(lambda n, s: n, range(2), None, 1)) == [0, 1]\n"
-        "assert not {'distributed', 'dask', 'ray'} & set(sys.modules)\n"
-    )
-    subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT)
 
 
 @dataclass(frozen=True)
