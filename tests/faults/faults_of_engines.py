@@ -193,6 +193,12 @@ class StoppedRun:
 STOPPED_HEAD = """| what | the command ended after | processes left | parts kept | the same command goes on |
 |---|---:|---:|---:|---|"""
 FRAMES = 60
+ENDS = {
+    128 + signal.SIGINT: "rescore: detect stopped (SIGINT); parts of a table are kept",
+    -signal.SIGKILL: "",
+    1: "; start it and run the command again",
+}
+"""What the command says by its exit code."""
 
 
 def stopped_runs(engine: str) -> Iterator[StoppedRun]:
@@ -236,7 +242,9 @@ def _stopped(
     stop(process, helpers)
     told = process.communicate()[1]
     ended_s = time.monotonic() - start_s
-    assert process.returncode == -signal.SIGKILL or told.count("rescore: ") == 1, told
+    line = ENDS[process.returncode]
+    assert told.count("rescore: ") == bool(line), told
+    assert line in told, told
     left = [pid for pid in helpers if alive(pid)]
     gone_s = until(lambda: not any(map(alive, left)), 240)
     kept = len(small_parts.parts_in(out))

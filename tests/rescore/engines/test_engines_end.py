@@ -1,4 +1,7 @@
-"""Runs in parts on clusters that are stopped, or whose scheduler or head dies: what is done stays."""
+"""Runs in parts on clusters that are stopped, or whose scheduler or head dies: what is done stays.
+
+`python -m tests.faults.faults_of_engines` goes on with a second cluster, which takes minutes.
+"""
 
 import os
 import signal
@@ -15,7 +18,7 @@ from tests.faults.processes import alive, descendants, name_of, until
 from tests.faults.small_parts import FRAMES_A_PART, detect, parts_in, start, write_street
 from tests.rescore.conftest import Run
 
-FRAMES = 60
+FRAMES = 40
 PARTS = FRAMES // FRAMES_A_PART
 needs_dask = pytest.mark.skipif(find_spec("distributed") is None, reason="no dask; pip install rescore[dask]")
 needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="no ray; pip install rescore[ray]")
@@ -37,7 +40,7 @@ def parts_of(out: Path) -> dict[str, bytes]:
 
 
 def goes_on(run: Run, street: Path, out: Path, whole: dict[str, bytes], *who: object) -> None:
-    """The same command keeps what is there, and ends with the bytes of a run that nothing stopped."""
+    """The command keeps what is there, and ends with the bytes of a run that nothing stopped."""
     if not whole:
         assert run(*detect(street, out.parent / "whole", "--jobs", 1))[0] == 0
         whole |= parts_of(out.parent / "whole")
@@ -93,8 +96,7 @@ def test_ctrl_c_and_the_death_of_dasks_scheduler(
     assert code == 1
     told = "expected the scheduler to answer, got nothing; start it and run the command again"
     assert err.split("\n") == [f"rescore: --engine dask: {told}", ""]
-    with dask_scheduler(port, tmp_path / "log"):
-        goes_on(run, street, out, whole, *address)
+    goes_on(run, street, out, whole, "--jobs", 1)
 
 
 @needs_ray
