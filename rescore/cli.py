@@ -142,6 +142,8 @@ def _before_the_command(
 _KEPT = {
     "reproduce": "finished stages and rendered frames are kept; run the command again to go on",
     "synth": "finished frames are kept; run the command again to go on",
+    "apply": "parts of a table are kept; run the command again to go on",
+    "detect": "parts of a table are kept; run the command again to go on",
     "grasp": "finished trials are kept; run the command again to go on",
     "study-weight": "candidates under --keep are kept; run the command again to go on",
 }

@@ -281,7 +281,7 @@ def _told(error: Exception) -> str:
 def _filesystem(scheme: str) -> Any:
     missing = StoreError(
         f"{scheme}://: expected the package's extra {EXTRAS[scheme]!r}, which is not installed; "
-        f"pip install 'rescore[{EXTRAS[scheme]}]'"
+        f'pip install "rescore[{EXTRAS[scheme]}]"'
     )
     try:
         import fsspec  # noqa: PLC0415 (whoever works on this machine alone needs none)

@@ -48,6 +48,16 @@ def headline(metrics: Metrics) -> str:
     return f"At {LEVEL_TEXT} of the {metrics.n_cars} annotated cars found, {_joined(clauses)}."
 
 
+def of_sample(metrics: Metrics, images: int | None) -> str | None:
+    """A warning that the figures are those of a sample of so many images; None where they are of all."""
+    if images is None:
+        return None
+    return (
+        f"The figures are those of a sample: {metrics.n_images} of {images} frames, chosen to be looked at. "
+        "Those of the run are in metrics.json of the folder above."
+    )
+
+
 def few_images(metrics: Metrics) -> str | None:
     """A warning where the images are so few that the figures prove little; else None."""
     n = metrics.n_images

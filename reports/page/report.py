@@ -11,7 +11,7 @@ from recon.files import atomic_path
 from reports.charts import ChartGroup
 from reports.page.figures import curve_group, reliability_group, runs_group, sweep_group, weight_group
 from reports.page.gallery import MAX_CARDS, Gallery, build_gallery
-from reports.page.headline import Tile, few_images, headline, tiles
+from reports.page.headline import Tile, few_images, headline, of_sample, tiles
 from reports.page.paired_runs import Evaluated, compare_runs, side_by_side
 from reports.page.run_facts import differing_settings, id_table, made_from
 from reports.palette import OUTCOME_COLOUR, OUTCOME_NAME, OUTCOMES, SERIES, detector_name, mode_name
@@ -126,6 +126,11 @@ def render_report(runs: Sequence[Evaluated]) -> str:
     )
 
 
+def _warnings(run: Run) -> tuple[str | None, ...]:
+    sample = of_sample(run.metrics, run.config.config.sample_of_images)
+    return sample, few_images(run.metrics), *missing_evidence(run)
+
+
 def _section(one: Evaluated, key: str, max_cards: int) -> Section:
     run = one.run
     mode = run.modes[-1]
@@ -137,7 +142,7 @@ def _section(one: Evaluated, key: str, max_cards: int) -> Section:
         key=key,
         metrics=run.metrics,
         headline=headline(run.metrics),
-        warning=" ".join(filter(None, (few_images(run.metrics), *missing_evidence(run)))),
+        warning=" ".join(filter(None, _warnings(run))),
         tiles=tiles(run.metrics),
         curves=curve_group(f"{key}-curves", curve_sets(run), run.metrics, bands),
         band_note=band_note,

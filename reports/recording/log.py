@@ -36,7 +36,9 @@ from reports.run.curves import CARS
 from reports.run.frame_view import CandidateView, FrameReader, FrameView
 from reports.run.tables import short_table
 from reports.templating import render
-from rescore.parallel import track
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
+from rescore.parallel import one_thread, track
 from rescore.results.run_folder import Run, load_run, missing_evidence
 from rescore.speech import say
 
@@ -62,8 +64,12 @@ def write_recording(
     max_frames: int | None = None,
     mode: str | None = None,
     show: bool = True,
+    jobs: Workers = 1,
 ) -> Path:
     """Write the recording of a run; frames are streamed, so memory does not grow with their number.
+
+    Frames are read and measured by ``jobs``, and recorded here one after another, since a recording is one
+    stream.
 
     Args:
         run_dir: the run folder.
@@ -72,6 +78,7 @@ def write_recording(
         max_frames: at most so many of them; None for all.
         mode: the way of scoring that is explained; None for the last of metrics.json.
         show: whether to show a progress bar.
+        jobs: who reads the frames; the recording is the same for any.
 
     Returns:
         The path written.
@@ -93,7 +100,7 @@ def write_recording(
         rr.set_log_time_enabled(False, recording=rec)
         with _told_where_it_cannot_write(out):
             try:
-                _Writer(rec, story).write(beside, chosen, show)
+                _Writer(rec, story).write(beside, chosen, show, jobs)
                 _flush(rec, beside)
             finally:
                 # one that is still connected to a full disk may keep the process from ending
@@ -157,7 +164,7 @@ class _Writer:
         """Steps of the candidates' timeline from one frame to the next: a power of ten, so that the last
         digits are the place and the others the frame."""
 
-    def write(self, path: Path, chosen: IntArray, show: bool) -> None:
+    def write(self, path: Path, chosen: IntArray, show: bool, jobs: Workers) -> None:
         """Log everything."""
         rec, story = self.rec, self.story
         records = {f.image_id: f for f in story.data.frames}
@@ -177,9 +184,9 @@ class _Writer:
         others = [m for m in story.run.modes if m != story.mode]
         reader = FrameReader(story.run, story.data, story.mode, others)
         model = _class_model(story.run)
-        for i, image_id in enumerate(track(chosen.tolist(), "recording", len(chosen), show)):
-            view = reader.read(image_id)
-            self._set_frame(i, image_id)
+        views = map_frames(_read, chosen.tolist(), reader, jobs)
+        for i, view in enumerate(track(views, "recording", len(chosen), show)):
+            self._set_frame(i, view.image_id)
             if i == 0:
                 first = view
                 # what the threshold's timeline shows of all that does not depend on it
@@ -227,6 +234,12 @@ class _Writer:
         rec.log(
             "results", text(short_table(story.run.metrics, ("0.5", "0.7", "0.8")).markdown()), static=True
         )
+
+
+def _read(image_id: int, reader: FrameReader) -> FrameView:
+    """A frame of the run, with its pictures and measured depth."""
+    with one_thread():
+        return reader.read(image_id)
 
 
 def _most_candidates(run: Run, detector: str) -> int:

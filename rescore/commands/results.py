@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rescore.commands.base import (
+    ALL_PROCESSORS,
     DETECTION_FORMS,
+    Address,
     AsJson,
     Dataset,
+    Engine,
+    Jobs,
     Maps,
     Report,
     Split,
@@ -19,6 +23,7 @@ from rescore.commands.base import (
     file_target,
     folder_target,
     print_json,
+    workers_of,
 )
 from rescore.commands.depth_source import predictions_behind
 from rescore.commands.parts.evaluating import SAMPLE, Evaluating, run_to_show
@@ -72,7 +77,9 @@ def evaluate(
         stereo = with_stereo_for(RescoreConfig(), cameras, disparities).stereo
         for run in (out, out / SAMPLE) if large else (out,):
             data = run / "data" if run != out else dataset
-            write_run_config(RunFolder(run).config, "evaluate", settings, None, stereo=stereo, data=data)
+            own = {"sample_of_images": metrics.n_images} if run != out else {}
+            file = RunFolder(run).config
+            write_run_config(file, "evaluate", settings | own, None, stereo=stereo, data=data)
             _keep_evidence_models(run, detector_of)
         page = _report_of(out / SAMPLE if large else out) if report else None
     shown = {"report": page} if page else {"figures": RunFolder(out).metrics}
@@ -158,6 +165,9 @@ def log(
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="At most so many frames; of all, evenly spread ones.")
     ] = None,
+    jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Write a recording for the Rerun viewer: candidates and why they moved, depth, 3D, curves.
 
@@ -166,10 +176,9 @@ def log(
     from reports.recording.log import write_recording
     from reports.recording.story import Frames
 
-    run = run_to_show(run)
-    file = write_recording(
-        run, out or run / "recording.rrd", frames=Frames.named(frames), max_frames=max_frames
-    )
+    workers, run = workers_of(engine, address, jobs), run_to_show(run)
+    shown, file = Frames.named(frames), out or run / "recording.rrd"
+    file = write_recording(run, file, frames=shown, max_frames=max_frames, jobs=workers)
     say(f"recording: {file} (open it with: rerun {file})")
 
 

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import AsJson, app, folder_target, print_json
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Address,
+    AsJson,
+    Engine,
+    Jobs,
+    app,
+    folder_target,
+    print_json,
+    workers_of,
+)
 from rescore.speech import say
 
 
@@ -26,6 +36,9 @@ def study_stereo(
     nearest: Annotated[
         float, typer.Option(min=0.1, help="Depth in metres from which calibrated pairs are measured.")
     ] = 2.0,
+    jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
     as_json: AsJson = False,
 ) -> None:
     """How good measured disparity is: against the truth, OpenCV called directly, and public figures.
@@ -40,7 +53,7 @@ def study_stereo(
     from rescore.studies.stereo import study_folders
     from rescore.studies.stereo_file import stereo_result
 
-    study = study_folders(folders, nearest)
+    study = study_folders(folders, nearest, workers_of(engine, address, jobs))
     command = f"rescore study-stereo {' '.join(map(str, folders))} --out {out} --nearest {nearest:g}"
     result = stereo_result(study, command, nearest)
     page = write_stereo_study(study, result, out)

@@ -1,8 +1,10 @@
 """Workers of a Dask cluster, one that runs or one of this machine."""
 
 import atexit
+import logging
 import pickle
 import queue
+import signal
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -133,6 +135,14 @@ class _Shared(WorkerPlugin):  # type: ignore[misc] # which has no types
         _shared_here.pop(self.name, None)
 
 
+class _LeavesCtrlC(WorkerPlugin):  # type: ignore[misc] # which has no types
+    """Workers of a terminal get its Ctrl-C too; the command is to end them, without a word of theirs."""
+
+    def setup(self, worker: Any) -> None:
+        """Ignore it."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 _shared_here: dict[str, bytes] = {}
 """In a worker: what it was given, by name."""
 
@@ -150,6 +160,8 @@ class _Cluster:
         self._executor = executor
         self._own = None if executor.address is not None else _local(executor.jobs)
         self.client = _connected(executor.address or self._own)
+        if self._own is not None:
+            self.client.register_plugin(_LeavesCtrlC())
         atexit.register(self.end)
 
     @staticmethod
@@ -199,6 +211,8 @@ def _local(jobs: int) -> LocalCluster:
 
 
 def _connected(where: Any) -> Client:
+    # of a scheduler that is gone, one line is told here
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
     try:
         client = Client(where, timeout=_PATIENCE_S, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE_S)

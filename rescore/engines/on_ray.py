@@ -1,8 +1,12 @@
 """Workers of a Ray cluster, one that runs or one of this machine."""
 
 import pickle
+import signal
+import socket
+import threading
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import ray
@@ -14,6 +18,11 @@ from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
 
+_PATIENCE_S = 20
+"""Seconds that the head has to take a connection."""
+_LOOK_S = 2.0
+"""Seconds without a result after which it is asked whether the head still lives."""
+
 
 class OnRay:
     """The engine of Ray, which runs the task of a dead worker again by itself.
@@ -23,11 +32,12 @@ class OnRay:
 
     def __init__(self, function: Callable[[Any, Any], Any], shared: Any, executor: Executor) -> None:
         if not ray.is_initialized():
-            _connect(executor)
+            with _same_handlers():
+                _connect(executor)
         self._name = uuid.uuid4().hex
         self._shared = ray.put(pickled((function, shared)))
         self._run = ray.remote(_run)
-        self._crew = Crew(lambda: int(ray.cluster_resources().get("CPU", 0)))
+        self._crew = Crew(_processors)
         self._given: dict[Any, int] = {}
 
     @property
@@ -47,22 +57,79 @@ class OnRay:
 
     def take(self) -> Ended:
         """What became of a task."""
-        (done,), _ = ray.wait(list(self._given), num_returns=1)
-        task = self._given.pop(done)
+        with _signals_pass():
+            ended: list[Any] = []
+            while not ended:
+                ended, _ = ray.wait(list(self._given), num_returns=1, timeout=_LOOK_S)
+                if not ended:
+                    _refuse_dead_head()
+            return self._result(ended[0])
+
+    def _result(self, ended: Any) -> Ended:
         try:
-            ended: Ended = pickle.loads(ray.get(done))
+            result: Ended = pickle.loads(ray.get(ended))
         except RayError:
-            return Ended(task, None)
-        return ended
+            # where the head is gone, no task is to blame
+            _refuse_dead_head()
+            result = Ended(self._given[ended], None)
+        del self._given[ended]
+        return result
 
     def close(self) -> None:
         """Cancel what is left, and end what runs."""
-        for done in self._given:
+        for done in self._given if _head_error() is None else ():
             ray.cancel(done, force=True)
 
 
 def _run(name: str, shared: list[Any], task: int, records: bytes) -> bytes:
     return run_with(name, lambda: ray.get(shared[0]), task, records)
+
+
+@contextmanager
+def _same_handlers() -> Iterator[None]:
+    """Inside, Ray may set handlers of signals: its own aborts where the command is to end with one line."""
+    main = threading.current_thread() is threading.main_thread()
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)} if main else {}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _signals_pass() -> Iterator[None]:
+    """Inside, what a handler of signals raises comes out as it is; Ray makes an error of its own of it."""
+    try:
+        yield
+    except SystemError as error:
+        raise error.__cause__ or error from None
+
+
+def _processors() -> int:
+    """Processors of the cluster."""
+    # of a head that is gone Ray asks for a minute, and then ends this process without a word
+    _refuse_dead_head()
+    return int(ray.cluster_resources().get("CPU", 0))
+
+
+def _head_error() -> OSError | None:
+    """What comes of a connection to the head; None where it answers."""
+    host, _, port = ray.get_runtime_context().gcs_address.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE_S).close()
+    except OSError as error:
+        return error
+    return None
+
+
+def _refuse_dead_head() -> None:
+    """Raises RescoreError where the head does not answer."""
+    error = _head_error()
+    if error is not None:
+        raise RescoreError(
+            f"--engine ray: expected the head to answer, got {error}; start it and run the command again"
+        ) from error
 
 
 def _connect(executor: Executor) -> None:

@@ -1,6 +1,5 @@
 """Stereo pairs with true disparity: KITTI stereo 2015, and folders of Middlebury scenes."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,10 +91,6 @@ class TrueScenes:
     kitti: bool
     """Whether the scenes are of KITTI stereo 2015; else they are Middlebury scenes."""
     scenes: tuple[TrueScene, ...]
-
-    def __iter__(self) -> Iterator[TruePair]:
-        """The pairs of all scenes, each read from its files when asked for."""
-        return (scene.load() for scene in self.scenes)
 
 
 def find_true_scenes(root: Path) -> TrueScenes | None:

@@ -13,7 +13,7 @@ from rescore.detectors.detect import detect_frame_of, with_likelihoods
 from rescore.detectors.platt import PlattScaling
 from rescore.evidence.candidates import CandidateTable
 from rescore.experiment.source_digest import source_digest
-from rescore.large.inputs import Frames, data_sets
+from rescore.large.inputs import Frames, data_sets, record_digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class DetectTask:
         return self.record.image_id
 
     def digest(self, root: Path) -> bytes:
-        """The record, wherever the data set lies."""
-        return hashlib.sha256(repr(self.record).replace(str(root), "").encode()).digest()
+        """The record and the state of its files, wherever the data set lies."""
+        return record_digest(self.record, root)
 
 
 @dataclass(frozen=True, eq=False)

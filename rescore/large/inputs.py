@@ -1,11 +1,13 @@
 """What a run in parts works on: frames in memory or in parts, one after another."""
 
+import hashlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from recon.errors import RescoreError
+from recon.stores import remote
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
@@ -83,6 +85,26 @@ def evaluated_frames(frames: Frames, split: str) -> EvaluatedFrames:
     if isinstance(frames, DataSet):
         return EvaluatedFrames.of_data(frames)
     return EvaluatedFrames.of_parts(frames, split)
+
+
+def record_digest(record: FrameRecord, root: Path, *more: Path) -> bytes:
+    """Digest of a record, wherever its data set lies, with the state of its files and of ``more``.
+
+    The state is size and time of change on this machine. Of a store it would take a request a file, so
+    there a file that is replaced under its name is not noticed.
+    """
+    measured = None if record.measured is None else record.measured.path
+    own = (record.left_path, record.right_path, record.disparity_path, record.instance_path, measured)
+    states = [_state(path) for path in (*own, *more) if path is not None and remote(path) is None]
+    return hashlib.sha256(repr((record, states)).replace(str(root), "").encode()).digest()
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:  # told where it is read
+        return None
+    return found.st_size, found.st_mtime_ns
 
 
 def statuses(table: PartTable) -> Counter[str]:

@@ -60,8 +60,8 @@ def query(run: Path, sql: str) -> Answer:
         import duckdb  # noqa: PLC0415 (an extra, for queries alone)
     except ImportError:
         raise RescoreError(
-            "query: expected the package's extra 'query', which is not installed; pip install "
-            "'rescore[query]'"
+            "query: expected the package's extra 'query', which is not installed; "
+            'pip install "rescore[query]"'
         ) from None
     sources, views = _tables(run)
     connection = duckdb.connect(":memory:")

@@ -20,7 +20,7 @@ from rescore.formats.parts.table import Part, PartTable
 from rescore.fusion import rescore_frames
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.rescore_frames import FrameShared, rescore_record
-from rescore.large.inputs import Frames, data_sets
+from rescore.large.inputs import Frames, data_sets, record_digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +28,11 @@ class RescoreTask(rescore_frames.FrameTask):
     """What one frame is rescored from, as a task of a run in parts."""
 
     def digest(self, root: Path) -> bytes:
-        """The record, wherever the data set lies, and all of the candidates."""
-        c = self.candidates
-        total = hashlib.sha256(repr((self.record, self.predicted)).replace(str(root), "").encode())
+        """The record and the state of its files, wherever the data set lies, and all of the candidates."""
+        c, predicted = self.candidates, self.predicted
+        files = () if predicted is None else filter(None, (predicted.path, predicted.mask_path))
+        total = hashlib.sha256(record_digest(self.record, root, *files))
+        total.update(repr(predicted).replace(str(root), "").encode())
         solid = (
             None if c.boxes3d is None else np.column_stack([c.boxes3d.values, c.boxes3d.deviations_or_nan])
         )

@@ -61,6 +61,8 @@ class RunSettings(BaseModel):
     """The detectors of `rescore reproduce`."""
     registrations: tuple[str, ...] = ()
     """The modes that `rescore reproduce` compared."""
+    sample_of_images: int | None = None
+    """Frames of the run whose sample this is (``rescore.large.sample``); None for a run of its own."""
     predicted: dict[str, Any] = {}
     """Depth that another system predicted and that led to scores of the run, by file of detections."""
     rescored: dict[str, dict[str, dict[str, Any]]] = {}

@@ -17,11 +17,13 @@ from recon.errors import RescoreError
 from recon.stereo.accuracy import BAD_1, BAD_2, D1, DisparityError, WrongRule, disparity_error, fill_holes
 from recon.stereo.features import match_pair
 from recon.stereo.sgbm import KITTI_SGBM, SgbmConfig, compute_disparity, disparities_beyond
-from rescore.data.frames import DataSet
+from rescore.data.frames import DataSet, FrameRecord
 from rescore.data.pictures import read_rgb
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.evidence.settings import automatic_stereo, stereo_for
 from rescore.formats.open import read_dataset
-from rescore.formats.stereo_truth import TruePair, TrueScenes, find_true_scenes
+from rescore.formats.stereo_truth import TruePair, TrueScene, TrueScenes, find_true_scenes
 from rescore.speech import say
 
 RULES: Mapping[str, WrongRule] = {"D1": D1, "bad_2": BAD_2, "bad_1": BAD_1}
@@ -160,10 +162,14 @@ def accuracy(pair: TruePair, config: SgbmConfig) -> Accuracy:
     )
 
 
-def accuracies(scenes: TrueScenes, nearest_m: float) -> Iterator[Accuracy]:
+def accuracies(scenes: TrueScenes, nearest_m: float, jobs: Workers) -> Iterator[Accuracy]:
     """The errors on every pair of a folder, one after the other, each with the settings for it."""
-    for pair in scenes:
-        yield accuracy(pair, matcher_of(pair, scenes.kitti, nearest_m))
+    return map_frames(_accuracy_of, scenes.scenes, (scenes.kitti, nearest_m), jobs)
+
+
+def _accuracy_of(scene: TrueScene, settings: tuple[bool, float]) -> Accuracy:
+    pair = scene.load()
+    return accuracy(pair, matcher_of(pair, *settings))
 
 
 def added(name: str, several: Iterable[Accuracy]) -> Accuracy:
@@ -234,17 +240,19 @@ def _against_features(
     return disparity_error(disparity_px, truth, np.ones(truth.shape, bool))
 
 
-def consistency_of(data: DataSet, nearest_m: float) -> Iterator[Consistency]:
+def consistency_of(data: DataSet, nearest_m: float, jobs: Workers) -> Iterator[Consistency]:
     """The consistency of every pair of a data set, one after the other, with the settings of the commands."""
-    config = automatic_stereo(data, nearest_m)
-    for frame in data.frames:
-        if frame.right_path is None:
-            continue
-        left, right = (
-            read_rgb(path, frame.width_px, frame.height_px) for path in (frame.left_path, frame.right_path)
-        )
-        name = f"{data.root.resolve().name} {frame.left_path.stem}"
-        yield consistency(name, left, right, config)
+    shared = data.root.resolve().name, automatic_stereo(data, nearest_m)
+    return map_frames(_consistency_of, (f for f in data.frames if f.right_path is not None), shared, jobs)
+
+
+def _consistency_of(frame: FrameRecord, shared: tuple[str, SgbmConfig]) -> Consistency:
+    folder, config = shared
+    assert frame.right_path is not None, "pairs alone are given"
+    left, right = (
+        read_rgb(path, frame.width_px, frame.height_px) for path in (frame.left_path, frame.right_path)
+    )
+    return consistency(f"{folder} {frame.left_path.stem}", left, right, config)
 
 
 @dataclass(frozen=True)
@@ -263,7 +271,7 @@ class StereoStudy:
         return (*self.scenes, *([self.kitti] if self.kitti else []))
 
 
-def study_folders(folders: Sequence[Path], nearest_m: float) -> StereoStudy:
+def study_folders(folders: Sequence[Path], nearest_m: float, jobs: Workers) -> StereoStudy:
     """Measure every folder of pairs.
 
     Raises:
@@ -273,13 +281,13 @@ def study_folders(folders: Sequence[Path], nearest_m: float) -> StereoStudy:
     for folder in folders:
         found = find_true_scenes(folder)
         if found is None:
-            more = tuple(consistency_of(_pairs_of(folder), nearest_m))
+            more = tuple(consistency_of(_pairs_of(folder), nearest_m, jobs))
             study = replace(study, without_truth=study.without_truth + more)
         elif not found.kitti:
-            study = replace(study, scenes=study.scenes + tuple(accuracies(found, nearest_m)))
+            study = replace(study, scenes=study.scenes + tuple(accuracies(found, nearest_m, jobs)))
         elif study.kitti is None:
             say(f"{folder}: KITTI stereo 2015, {len(found.scenes)} pairs")
-            study = replace(study, kitti=added("KITTI 2015", accuracies(found, nearest_m)))
+            study = replace(study, kitti=added("KITTI 2015", accuracies(found, nearest_m, jobs)))
         else:
             raise RescoreError(f"{folder}: expected one folder of KITTI stereo 2015, got a second; give one")
     return study

@@ -87,7 +87,7 @@ def _calls(root: Path) -> list[tuple[str, list[Path | str]]]:
     return [
         ("apply", [data, data / "detections.json", "--out", rescored, "--evidence", evidence, "--jobs", "1"]),
         ("evaluate", [data, rescored, "--out", run, "--no-report"]),
-        ("log", [run]),
+        ("log", [run, "--jobs", "1"]),
         ("report", [run]),
     ]
 

@@ -1,11 +1,15 @@
-"""Kills workers of each engine at random moments, and the caller: `python -m tests.faults.faults_of_engines`.
+"""Kills workers of each engine at random moments, the caller, and what gives the tasks out:
+`python -m tests.faults.faults_of_engines`.
 
-Prints a table: nothing may be lost, nothing may come twice. Engines that are not installed are left out.
+Prints a table of killed workers: nothing may be lost, nothing may come twice. Then one of runs in parts that
+are stopped: the same command must go on, and end with the bytes of a run that nothing stopped. Engines that
+are not installed are left out.
 """
 
 import argparse
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,14 +17,17 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 from rescore.engines.executor import Executor
 from rescore.engines.map_frames import Failed, map_frames
 from tests.conftest import ROOT
-from tests.faults.processes import alive, descendants
+from tests.faults import small_parts
+from tests.faults.clusters import dask_scheduler, free_port
+from tests.faults.processes import alive, descendants, name_of, until
 
 PACKAGES = {"joblib": "joblib", "dask": "distributed", "ray": "ray"}
 FRAME_S = 0.05
@@ -150,30 +157,135 @@ def caller_killed(engine: str, frames: int, seed: int) -> Resumed:
         command = [sys.executable, "-m", "tests.faults.faults_of_engines", "--run", engine, str(frames), name]
         first = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         wanted = rng.randint(frames // 10, frames // 2)
-        _until(lambda: len(list(folder.glob("frame_*"))) >= wanted, 180)
+        until(lambda: len(list(folder.glob("frame_*"))) >= wanted, 180)
         workers = descendants(first.pid)
         first.kill()
         first.wait()
-        start_s = time.monotonic()
-        _until(lambda: not any(map(alive, workers)), 240)
-        gone_s = time.monotonic() - start_s
+        gone_s = until(lambda: not any(map(alive, workers)), 240)
         before = len(list(folder.glob("frame_*")))
         subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         after, begun = len(list(folder.glob("frame_*"))), len(list((folder / "begun").glob("[0-9]*")))
     return Resumed(engine, frames, before, len(workers), gone_s, after, begun - frames)
 
 
-def _until(condition: Callable[[], bool], limit_s: float) -> None:
-    until = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < until, f"not in {limit_s} s"
-        time.sleep(0.05)
+@dataclass(frozen=True)
+class StoppedRun:
+    """What became of a run in parts that was stopped, and of the same command after it."""
+
+    what: str
+    ended_s: float
+    """Time until the command had ended, with one line of its own."""
+    left: int
+    """Processes that it had started and that were there still."""
+    gone_s: float
+    """Time until they were gone."""
+    kept: int
+    parts: int
+    same: bool
+    """Whether the same command then kept these parts and ended with the bytes of an undisturbed run."""
+
+    def __str__(self) -> str:
+        left = f"{self.left}, gone after {self.gone_s:.0f} s" if self.left else "0"
+        same = "yes" if self.same else "NO"
+        return f"| {self.what} | {self.ended_s:.0f} s | {left} | {self.kept} of {self.parts} | {same} |"
+
+
+STOPPED_HEAD = """| what | the command ended after | processes left | parts kept | the same command goes on |
+|---|---:|---:|---:|---|"""
+FRAMES = 60
+ENDS = {
+    128 + signal.SIGINT: "rescore: detect stopped (SIGINT); parts of a table are kept",
+    -signal.SIGKILL: "",
+    1: "; start it and run the command again",
+}
+"""What the command says by its exit code."""
+
+
+def stopped_runs(engine: str) -> Iterator[StoppedRun]:
+    """What Ctrl-C, a kill of the command, and the death of what gives its tasks out do to a run in parts."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        street, _ = small_parts.write_street(folder / "street", FRAMES)
+        whole = folder / "whole"
+        _done(small_parts.detect(street, whole, "--jobs", 1))
+        own = small_parts.detect(street, folder / "out", "--engine", engine, "--jobs", 2)
+        yield _stopped(f"{engine}: Ctrl-C", own, folder / "out", whole, _ctrl_c)
+        yield _stopped(f"{engine}: the command is killed", own, folder / "out", whole, _kill)
+        if engine == "dask":
+            port = free_port()
+            address = ["--engine", "dask", "--address", f"tcp://127.0.0.1:{port}"]
+            command = small_parts.detect(street, folder / "out", *address)
+            with dask_scheduler(port, folder / "log") as scheduler:
+                kill = partial(_kill_all, lambda _: [scheduler.pid])
+                found = _stopped("dask: the scheduler dies", command, folder / "out", None, kill)
+            with dask_scheduler(port, folder / "log"):
+                yield replace(found, same=_goes_on(command, folder / "out", whole))
+        elif engine == "ray":
+            kill = partial(
+                _kill_all, lambda all_: [p for p in all_ if name_of(p) in ("gcs_server", "raylet")]
+            )
+            yield _stopped("ray: the head dies", own, folder / "out", whole, kill)
+
+
+def _stopped(
+    what: str,
+    command: list[str],
+    out: Path,
+    whole: Path | None,
+    stop: Callable[["subprocess.Popen[str]", list[int]], None],
+) -> StoppedRun:
+    shutil.rmtree(out, ignore_errors=True)
+    process = small_parts.start(command)
+    until(lambda: len(small_parts.parts_in(out)) >= 2 or process.poll() is not None, 300)
+    helpers = descendants(process.pid)
+    start_s = time.monotonic()
+    stop(process, helpers)
+    told = process.communicate()[1]
+    ended_s = time.monotonic() - start_s
+    line = ENDS[process.returncode]
+    assert told.count("rescore: ") == bool(line), told
+    assert line in told, told
+    left = [pid for pid in helpers if alive(pid)]
+    gone_s = until(lambda: not any(map(alive, left)), 240)
+    kept = len(small_parts.parts_in(out))
+    same = whole is not None and _goes_on(command, out, whole)
+    return StoppedRun(what, ended_s, len(left), gone_s, kept, FRAMES // small_parts.FRAMES_A_PART, same)
+
+
+def _goes_on(command: list[str], out: Path, whole: Path) -> bool:
+    there = {p.name: p.stat().st_mtime_ns for p in small_parts.parts_in(out)}
+    _done(command)
+    now = small_parts.parts_in(out)
+    kept = there.items() <= {p.name: p.stat().st_mtime_ns for p in now}.items()
+    made = {p.name: p.read_bytes() for p in now}
+    return kept and made == {p.name: p.read_bytes() for p in small_parts.parts_in(whole)}
+
+
+def _done(command: list[str]) -> None:
+    process = small_parts.start(command)
+    told = process.communicate()[1]
+    assert process.returncode == 0, told
+
+
+def _ctrl_c(process: "subprocess.Popen[str]", _helpers: list[int]) -> None:
+    os.killpg(process.pid, signal.SIGINT)
+
+
+def _kill(process: "subprocess.Popen[str]", _helpers: list[int]) -> None:
+    process.kill()
+
+
+def _kill_all(
+    chosen: Callable[[list[int]], list[int]], _process: "subprocess.Popen[str]", helpers: list[int]
+) -> None:
+    for pid in chosen(helpers):
+        os.kill(pid, signal.SIGKILL)
 
 
 def main() -> None:
-    """Print the table, then a line for each engine whose caller was killed."""
+    """Print the tables, and between them a line for each engine whose caller was killed."""
     options = argparse.ArgumentParser(prog="python -m tests.faults.faults_of_engines", description=__doc__)
-    options.add_argument("--kills", type=int, default=20)
+    options.add_argument("--kills", type=int, default=20, help="0 for the second table alone")
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--engines", nargs="*", default=list(PACKAGES))
     options.add_argument("--run", nargs=3, metavar=("ENGINE", "FRAMES", "FOLDER"), help="what is killed")
@@ -183,11 +295,16 @@ def main() -> None:
         list(map_frames(kept_frame, range(int(frames)), Path(folder), Executor.of(engine, 2, None)))
         return
     present = [e for e in chosen.engines if find_spec(PACKAGES[e])]
-    print(HEAD)
+    if chosen.kills:
+        print(HEAD)
+        for engine in present:
+            print(random_kills(engine, chosen.kills, chosen.seed), flush=True)
+        for engine in present:
+            print(caller_killed(engine, 100, chosen.seed), flush=True)
+    print(STOPPED_HEAD)
     for engine in present:
-        print(random_kills(engine, chosen.kills, chosen.seed), flush=True)
-    for engine in present:
-        print(caller_killed(engine, 100, chosen.seed), flush=True)
+        for stopped in stopped_runs(engine):
+            print(stopped, flush=True)
 
 
 if __name__ == "__main__":

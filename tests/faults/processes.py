@@ -1,5 +1,7 @@
 """Processes that a process started, and whether they run, as Linux tells."""
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -22,3 +24,20 @@ def alive(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+def name_of(process: int) -> str:
+    """The program that a process runs; "" where it is gone."""
+    try:
+        return Path(f"/proc/{process}/comm").read_text().strip()
+    except OSError:
+        return ""
+
+
+def until(condition: Callable[[], bool], limit_s: float) -> float:
+    """Wait for a condition; returns the seconds it took."""
+    start_s = time.monotonic()
+    while not condition():
+        assert time.monotonic() < start_s + limit_s, f"not in {limit_s} s"
+        time.sleep(0.05)
+    return time.monotonic() - start_s

@@ -1,9 +1,6 @@
 """Objects of a store as paths, against moto's server with faults."""
 
-import json
 import pickle
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -127,13 +124,3 @@ def test_the_cache_has_a_bound(store: Store, monkeypatch: pytest.MonkeyPatch, tm
     at("large").write_bytes(bytes(200_000))
     at("large").read_bytes()
     assert len(list(cache.cache_folder().iterdir())) == len(kept)
-
-
-def test_paths_of_this_machine_import_no_store() -> None:
-    code = (
-        "import json, sys; from recon.files import atomic_path; from recon.stores import located; "
-        "import rescore.cli; located('x'); print(json.dumps([m for m in ('fsspec', 's3fs', 'duckdb') "
-        "if m in sys.modules]))"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert json.loads(found.stdout) == []

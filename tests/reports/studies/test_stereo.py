@@ -105,7 +105,7 @@ def test_shipped_pairs_are_laid_out_as_scenes(tmp_path: Path):
     lay_out_motorcycle(wheel, out)
     scenes = find_true_scenes(out)
     assert scenes is not None
-    assert [p.name for p in scenes] == ["aloe", "motorcycle"]
-    for pair in scenes:
+    assert [s.name for s in scenes.scenes] == ["aloe", "motorcycle"]
+    for pair in (s.load() for s in scenes.scenes):
         assert np.isnan(pair.truth_px[0]).all()
         assert (pair.truth_px[1:] == 12).all()

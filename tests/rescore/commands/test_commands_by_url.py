@@ -57,7 +57,10 @@ def test_a_frame_that_fails_is_a_row(street: tuple[Path, Path], tmp_path: Path, 
     code, _, err = run("evaluate", data, out, "--out", made, "--no-report")
     assert code == 0, err
     assert json.loads((made / "metrics.json").read_text())["n_images"] == 2
-    # the sample is a run of its own, which all that shows runs takes
+    # the sample is a run of its own, which all that shows runs takes; its page says what its figures are
+    assert run("report", made)[0] == 0
+    page = (made / "sample" / "report.html").read_text()
+    assert "The figures are those of a sample: 1 of 2 frames, chosen" in page
     code, text, err = run("inspect", made, "--frame", 1)
     assert "is a run in parts" in err
     assert text.count("\n") == 5

@@ -1,16 +1,20 @@
-"""One interface over frames, by real engines on the loopback address: the same results, and nothing lost."""
+"""One interface over frames, by real engines on the loopback address: the same results, and nothing lost.
 
+All that works on their clusters is in this file, since a cluster takes seconds to start.
+"""
+
+import json
 import os
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -18,12 +22,11 @@ from recon.errors import RescoreError
 from rescore.engines.engine import TRIES
 from rescore.engines.executor import Executor
 from rescore.engines.map_frames import Failed, map_frames
+from rescore.large import run as run_module
 from tests.conftest import ROOT
-from tests.faults.faults_of_engines import caller_killed
+from tests.faults.small_parts import DAMAGED, write_street
+from tests.rescore.conftest import Run
 from tests.rescore.engines import light_work
-
-# clusters take seconds to start, so one process has them
-pytestmark = pytest.mark.xdist_group("engines")
 
 
 def missing(module: str, extra: str) -> pytest.MarkDecorator:
@@ -161,16 +164,6 @@ def test_what_cannot_be_sent_is_an_error_of_its_record() -> None:
     assert all("cannot be sent" in f.reason for f in found)
 
 
-@pytest.mark.parametrize("executor", [JOBLIB, DASK])
-def test_a_caller_that_is_killed_leaves_nothing_and_its_run_goes_on(executor: Executor) -> None:
-    found = caller_killed(executor.engine, 30, seed=1)
-    assert 3 <= found.before < 30
-    assert found.processes >= 2
-    assert found.after == 30
-    # what the two workers were at when it was killed
-    assert found.begun_twice <= 2
-
-
 @pytest.mark.parametrize(
     ("engine", "address", "told"),
     [
@@ -183,19 +176,99 @@ def test_unknown_engines_are_refused(engine: str, address: str | None, told: str
         Executor.of(engine, 2, address)
 
 
-@pytest.mark.parametrize(("engine", "module"), [("dask", "distributed"), ("ray", "ray")])
-def test_a_missing_extra_is_told_in_one_line(
-    engine: str, module: str, monkeypatch: pytest.MonkeyPatch
+@dataclass(frozen=True)
+class Streets:
+    """What the commands work on, and what one process makes of it."""
+
+    toy: Path
+    """Small pictures with a detector, one of them damaged."""
+    real: Path
+    """Real pairs and a damaged one, with detections of all."""
+    by_one: dict[str, bytes]
+
+
+@pytest.fixture
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_module, "FRAMES_A_PART", 2)
+
+
+def half_size(street: Path, out: Path) -> Path:
+    """The real pairs and their detections at half their size, which takes a quarter of the time."""
+    for picture in street.glob("*/*.jpg"):
+        (out / picture.parent.name).mkdir(parents=True, exist_ok=True)
+        half = cv2.resize(cv2.imread(str(picture)), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(out / picture.parent.name / f"{picture.stem}.png"), half)
+    calibration = (street / "calib.yaml").read_text()
+    for whole, of_half in {
+        "1280": "640",
+        "720": "360",
+        "700.": "350.",
+        "639.5": "319.5",
+        "359.5": "179.5",
+        "-84.": "-42.",
+    }.items():
+        calibration = calibration.replace(f" {whole}", f" {of_half}")
+    (out / "calib.yaml").write_text(calibration)
+    rows = json.loads((street / "detections.json").read_text())
+    found = [row | {"bbox": [v / 2 for v in row["bbox"]]} for row in rows]
+    (out / "detections.json").write_text(json.dumps(found))
+    return out
+
+
+@pytest.fixture(scope="module")
+def streets(tmp_path_factory: pytest.TempPathFactory) -> Streets:
+    root = tmp_path_factory.mktemp("streets")
+    toy, _ = write_street(root / "toy", 7)
+    real = half_size(ROOT / "examples" / "real_street", root / "real")
+    for side in ("left", "right"):
+        first = min((real / side).iterdir())
+        (real / side / "damaged.png").write_bytes(first.read_bytes()[:-40])
+    # the best one of each frame: what is compared is the way there and back, not the method
+    best: dict[int, dict[str, Any]] = {}
+    for one in json.loads((real / "detections.json").read_text()):
+        best[one["image_id"]] = max(one, best.get(one["image_id"], one), key=lambda d: float(d["score"]))
+    whole = list(best.values())
+    (real / "detections.json").write_text(json.dumps(whole))
+    (real / "and_damaged.json").write_text(json.dumps([*whole, whole[0] | {"image_id": len(whole) + 1}]))
+    return Streets(toy, real, {})
+
+
+def commands(run: Run, streets: Streets, out: Path, *who: object) -> dict[str, bytes]:
+    """What `detect` into parts and `apply` into a file and into parts write, by name."""
+    toy, real = streets.toy, streets.real
+    given = {
+        "found": ("detect", toy, "--detector", toy / "hog.npz", "--split", "train"),
+        "rescored.json": ("apply", real, real / "detections.json", "--evidence", out / "of_file"),
+        "rescored": ("apply", real, real / "and_damaged.json", "--evidence", out / "of_parts"),
+    }
+    for name, arguments in given.items():
+        code, _, err = run(*arguments, "--out", out / name, *who)
+        assert code == 0, err
+        assert ("1 frames failed" in err) == (name != "rescored.json"), err
+    files = (p for p in out.rglob("*") if p.is_file())
+    return {p.relative_to(out).as_posix(): p.read_bytes() for p in files}
+
+
+@pytest.mark.usefixtures("small_parts")
+@engines_with_workers
+def test_commands_write_the_same_bytes_and_a_row_for_a_damaged_picture(
+    executor: Executor, run: Run, tmp_path: Path, streets: Streets
 ) -> None:
-    monkeypatch.setattr("rescore.engines.clusters.find_spec", lambda name: None if name == module else 1)
-    with pytest.raises(RescoreError, match=rf'pip install "rescore\[{engine}\]"$'):
-        list(map_frames(light_work.doubled, range(3), 0, Executor.of(engine, 2, None)))
+    if not streets.by_one:
+        streets.by_one.update(commands(run, streets, tmp_path / "one", "--jobs", 1))
+        assert sum(name.endswith(".parquet") for name in streets.by_one) == 4 + 2
+        assert sum(name.endswith(".npz") for name in streets.by_one) == 4 + 3
+    out = tmp_path / "other"
+    found = commands(run, streets, out, "--engine", executor.engine, "--jobs", executor.jobs)
+    assert found == streets.by_one
+    for table, image, picture in (("found", DAMAGED, f"{DAMAGED:03d}.png"), ("rescored", 4, "damaged.png")):
+        code, told, _ = run("inspect", out / table, "--failed")
+        assert (code, told.split("\t")[0], told.count("\n")) == (0, str(image), 1)
+        assert f"{picture}: expected a picture" in told
 
 
-def test_nothing_of_the_extras_is_imported_without_them() -> None:
-    script = (
-        "import sys; from rescore.engines.map_frames import map_frames\n"
-        "assert list(map_frames(lambda n, s: n, range(2), None, 1)) == [0, 1]\n"
-        "assert not {'distributed', 'dask', 'ray'} & set(sys.modules)\n"
-    )
-    subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT)
+def test_a_damaged_picture_ends_a_run_into_one_file(run: Run, tmp_path: Path, streets: Streets) -> None:
+    real = streets.real
+    code, _, err = run("apply", real, real / "and_damaged.json", "--out", tmp_path / "a.json", "--jobs", 1)
+    assert (code, err.count("rescore: ")) == (1, 1)
+    assert "damaged.png: expected a picture" in err

@@ -12,7 +12,7 @@ def test_kitti_2015_is_read_with_its_objects_and_calibrations(tmp_path: Path):
     found = find_true_scenes(kitti_2015(tmp_path))
     assert found is not None
     assert found.kitti
-    first, second = found
+    first, second = (s.load() for s in found.scenes)
     assert (first.name, second.name) == ("000000_10", "000001_10")
     assert first.foreground is not None
     assert first.foreground.sum() == 32 * WIDTH
@@ -29,7 +29,7 @@ def test_a_middlebury_scene_is_read_with_or_without_its_mask(tmp_path: Path, mas
     found = find_true_scenes(tmp_path)
     assert found is not None
     assert not found.kitti
-    (pair,) = found
+    (pair,) = (s.load() for s in found.scenes)
     assert pair.name == "wall"
     assert np.isnan(pair.truth_px[:4]).all()
     assert (pair.truth_px[4:] == SHIFT).all()
@@ -37,7 +37,9 @@ def test_a_middlebury_scene_is_read_with_or_without_its_mask(tmp_path: Path, mas
     assert not pair.seen_twice[:, :hidden].any()
     assert pair.seen_twice[4:, hidden:].all()
     assert pair.seen_twice.sum() == (HEIGHT - 4) * (WIDTH - hidden)
-    assert [p.name for p in find_true_scenes(tmp_path / "wall") or ()] == ["wall"]
+    itself = find_true_scenes(tmp_path / "wall")
+    assert itself is not None
+    assert [s.name for s in itself.scenes] == ["wall"]
 
 
 def test_a_folder_without_truth_holds_no_scenes(tmp_path: Path):
@@ -56,8 +58,10 @@ def test_a_missing_file_of_kitti_is_named(tmp_path: Path, missing: str):
 def test_a_mask_of_another_size_is_refused(tmp_path: Path):
     scene(tmp_path, mask=True)
     (tmp_path / "mask0nocc.png").write_bytes(b"none")
+    found = find_true_scenes(tmp_path)
+    assert found is not None
     with pytest.raises(RescoreError, match="expected a grey picture of 160 x 64 pixels, got no whole"):
-        list(find_true_scenes(tmp_path) or ())
+        found.scenes[0].load()
 
 
 def test_what_a_near_surface_hides_is_seen_once():

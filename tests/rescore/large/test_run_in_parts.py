@@ -4,20 +4,21 @@ import hashlib
 import os
 import signal
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from recon.errors import RescoreError
-from recon.stores import StoreError
+from recon.stores import StoreError, located
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.engines import map_frames
 from rescore.evidence.candidates import Candidates, CandidateTable
 from rescore.formats.parts.candidates import DETECTIONS, arrays_of_table, read_part_detections
 from rescore.formats.parts.table import PARTS, Part, PartTable
 from rescore.large import run as run_module
+from rescore.large.detected import DetectTask
 from rescore.large.run import RunParts
 
 N_FRAMES = 25
@@ -150,3 +151,28 @@ def test_as_detections_of_a_data_set(tmp_path: Path) -> None:
     fewer = DataSet(tmp_path, 1, "car", frames[1:], dict.fromkeys(ids[1:], none))
     with pytest.raises(RescoreError, match="got image_id 24"):
         read_part_detections(tmp_path, fewer, 15)
+
+
+def test_a_picture_that_is_replaced_makes_its_part_anew(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{i}.png" for i in range(2)]
+    for path in paths:
+        path.write_bytes(b"first")
+    none = Truth(np.zeros(0, int), np.zeros((0, 4)), np.zeros(0, bool), np.zeros(0), ())
+    records = [FrameRecord(i, p, None, None, "test", 9, 9, None, None) for i, p in enumerate(paths)]
+    tasks = [DetectTask(record, none) for record in records]
+    before = [t.digest(tmp_path) for t in tasks]
+    assert [t.digest(tmp_path) for t in tasks] == before
+    # as large as the one before
+    paths[1].write_bytes(b"other")
+    os.utime(paths[1], ns=(0, 0))
+    after = [t.digest(tmp_path) for t in tasks]
+    assert (after[0], after[1] == before[1]) == (before[0], False)
+    # a data set that is moved as a whole is the same
+    moved = tmp_path.with_name("moved")
+    tmp_path.rename(moved)
+    there = [replace(t, record=replace(t.record, left_path=moved / t.record.left_path.name)) for t in tasks]
+    assert [t.digest(moved) for t in there] == after
+    moved.rename(tmp_path)
+    # of a store no request is made
+    away = replace(records[0], left_path=located("s3://fleet/0.png"))
+    assert DetectTask(away, none).digest(tmp_path) == DetectTask(away, none).digest(tmp_path)

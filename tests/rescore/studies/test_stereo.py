@@ -89,7 +89,7 @@ def test_kitti_is_counted_as_its_benchmark_does(tmp_path: Path, monkeypatch: pyt
         monkeypatch.setitem(METHODS, method, measure)
     scenes = find_true_scenes(kitti_2015(tmp_path))
     assert scenes is not None
-    total = added("made", accuracies(scenes, 2.0))
+    total = added("made", accuracies(scenes, 2.0, 1))
     assert total.num_disparities == (32, 32)  # 48 px m / 2 m = 24
     assert total.n_pixels == 2 * HEIGHT * WIDTH
 
@@ -113,7 +113,7 @@ def test_kitti_is_counted_as_its_benchmark_does(tmp_path: Path, monkeypatch: pyt
 def test_a_wall_of_noise_is_measured_right(tmp_path: Path):
     scenes = find_true_scenes(scene(tmp_path))
     assert scenes is not None
-    (found,) = accuracies(scenes, 2.0)
+    (found,) = accuracies(scenes, 2.0, 1)
     assert found.num_disparities == (16,)  # 0 to 15 hold 12
     assert found.n_unlike == 0
     error = found.errors[Method.OURS, "seen twice", "bad_1"]
@@ -131,7 +131,7 @@ def test_kitti_without_calibrations_gets_the_preset(tmp_path: Path):
     assert matcher_of(pair, kitti=True, nearest_m=2.0) is KITTI_SGBM
     scenes = find_true_scenes(kitti_2015(tmp_path, 1))
     assert scenes is not None
-    assert [matcher_of(p, True, 1.0).num_disparities for p in scenes] == [64]  # 48 px at 1 m
+    assert [matcher_of(s.load(), True, 1.0).num_disparities for s in scenes.scenes] == [64]  # 48 px at 1 m
 
 
 def test_two_maps_are_unlike_where_one_measures_or_they_differ():
@@ -143,7 +143,7 @@ def test_two_maps_are_unlike_where_one_measures_or_they_differ():
 
 def test_pairs_without_truth_agree_with_their_features(tmp_path: Path):
     data = read_dataset(untrue(tmp_path / "mine"))
-    found = list(consistency_of(data, 2.0))  # 48 px m / 2 m = 24 px
+    found = list(consistency_of(data, 2.0, 1))  # 48 px m / 2 m = 24 px
     assert [c.name for c in found] == ["mine 000000", "mine 000001"]
     for one in found:
         assert one.num_disparities == 32
