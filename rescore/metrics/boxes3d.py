@@ -6,6 +6,7 @@ lies in the plane of x and z, its height along y. Errors are those of nuScenes' 
 2020).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,10 +21,17 @@ _CORNERS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
 
 def box_overlaps(a: Boxes3D, b: Boxes3D) -> tuple[FloatArray, FloatArray]:
     """Intersection over union of each a with the b of its row, from above and in space, shapes (n,)."""
-    both = a.known & b.known
     from_above, in_space = np.zeros(len(a)), np.zeros(len(a))
-    from_above[both], in_space[both] = _known_overlaps(a[both], b[both])
+    near = _may_overlap(a, b)
+    from_above[near], in_space[near] = _known_overlaps(a[near], b[near])
     return from_above, in_space
+
+
+def _may_overlap(a: Boxes3D, b: Boxes3D) -> BoolArray:
+    """Mask of the rows (n,) whose footprints lie within circles that meet; never where a box is missing."""
+    reach = [np.hypot(x.size_m[:, 0], x.size_m[:, 1]) / 2 for x in (a, b)]
+    apart = a.centre_cam_m[:, ::2] - b.centre_cam_m[:, ::2]
+    return np.asarray(np.hypot(apart[:, 0], apart[:, 1]) <= reach[0] + reach[1])
 
 
 def _known_overlaps(a: Boxes3D, b: Boxes3D) -> tuple[FloatArray, FloatArray]:
@@ -98,6 +106,12 @@ class BoxErrors:
     def __getitem__(self, rows: BoolArray | IntArray) -> "BoxErrors":
         """The rows of a mask or an index."""
         return BoxErrors(self.translation_m[rows], self.scale[rows], self.orientation_rad[rows])
+
+    @staticmethod
+    def joined(parts: "Sequence[BoxErrors]") -> "BoxErrors":
+        """The errors of one part below those of the other."""
+        names = ("translation_m", "scale", "orientation_rad")
+        return BoxErrors(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
 def box_errors(found: Boxes3D, true: Boxes3D) -> BoxErrors:
