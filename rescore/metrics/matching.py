@@ -237,7 +237,8 @@ class Overlaps:
         """Outcome and car of each candidate as match tables have them, each of shape (n,).
 
         Args:
-            keys: what they are ranked by, (n,) each, larger is better: the first, then the next where it ties.
+            keys: what they are ranked by, (n,) each, larger is better: the first, then the next where it
+                ties.
         """
         outcome, annotation = self.unranked.copy(), self.annotation_id.copy()
         taken = take_cars(

@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -153,6 +153,18 @@ _STAND_INS = {
 else NaN, or no status."""
 
 
+class Outcomes(Protocol):
+    """What became of candidates: match tables, and what has no more of them."""
+
+    @property
+    def outcome(self) -> NDArray[np.int8]:
+        """Index into ``OUTCOMES``, shape (n,)."""
+
+    @property
+    def annotation_id(self) -> IntArray:
+        """As in match tables, shape (n,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Given:
     """The candidates of one detector in one mode as they come to an evaluation."""
@@ -173,16 +185,16 @@ class Given:
 
 def detector_columns(
     own: Sequence[Given],
-    alone: MatchTable,
-    matched: Mapping[Registration, MatchTable],
+    alone: Outcomes,
+    matched: Mapping[Registration, Outcomes],
     kind: NDArray[np.object_],
 ) -> dict[str, Any]:
     """The columns of one detector with all its modes, a row a candidate.
 
     Args:
         own: its candidates as they come, those of eq. 6 first; the same ones in each mode.
-        alone: the match table of the raw scores.
-        matched: the match table of each mode.
+        alone: what became of them by the raw scores.
+        matched: what became of them in each mode.
         kind: what fills most of the box of each candidate, shape (n,).
     """
     rows, n = own[0].rows, len(kind)
@@ -205,7 +217,7 @@ def detector_columns(
         # D of another mode is in a column of its own
         columns["depth_difference"] = constant(np.nan, (n,))
     for other in own:
-        if other.mode in matched and other.mode is not Registration.PAPER:
+        if other.mode is not None and other.mode is not Registration.PAPER:
             columns |= _mode_columns(other, matched[other.mode])
     return columns | _of_first(own, _BOX_COLUMNS) | _of_first(own, tuple(_VIEW_COLUMNS)) | {"kind": kind}
 
@@ -239,7 +251,7 @@ def _filled(column: Any) -> bool:
     return bool(column.null_count < len(column))
 
 
-def _mode_columns(given: Given, match: MatchTable) -> dict[str, Any]:
+def _mode_columns(given: Given, match: Outcomes) -> dict[str, Any]:
     assert given.mode is not None
     mode = given.mode.value
     return {
@@ -252,7 +264,7 @@ def _mode_columns(given: Given, match: MatchTable) -> dict[str, Any]:
     }
 
 
-def _names(match: MatchTable) -> NDArray[np.object_]:
+def _names(match: Outcomes) -> NDArray[np.object_]:
     return np.array([o.value for o in OUTCOMES], dtype=object)[match.outcome]
 
 

@@ -156,7 +156,7 @@ def boxes3d_rows(
     detections = Detections3D(first.image, table.xyxy_px, table.boxes3d, table.azimuth_deg)
     decided = {m: Decided((t.ranking,), t.outcome, t.annotation_id) for m, t in matched.items()}
     found.add(np.arange(cars.table.n_images), detections, decided)
-    return found.rows(files[0].detector, {mode: match.ranking for mode, match in matched.items()})
+    return found.rows(files[0].detector, ((mode, match.ranking) for mode, match in matched.items()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,12 +250,12 @@ class Found3D:
             self._hits[mode].append(_hits(found, one, truth, solid, cars.whole[rows]))
         self._n += n
 
-    def rows(self, detector: str, rankings: Mapping[str, FloatArray]) -> list[Boxes3DRow]:
+    def rows(self, detector: str, rankings: Iterable[tuple[str, FloatArray]]) -> list[Boxes3DRow]:
         """The figures by mode.
 
         Args:
             detector: its name.
-            rankings: what all detections are ranked by in each mode, larger is better, (n,) each.
+            rankings: each mode, and what all detections are ranked by in it, larger is better, (n,).
         """
         flags = {name: np.concatenate(masks) for name, masks in self._flags.items()}
         pairs = {name: Touching.joined(parts).by_car() for name, parts in self._pairs.items()}
@@ -271,12 +271,12 @@ class Found3D:
                 errors=self._error_figures(mode),
                 poses=_poses(_Hits.joined(self._hits[mode])),
             )
-            for mode, ranking in rankings.items()
+            for mode, ranking in rankings
         ]
 
     def _error_figures(self, mode: str) -> BoxErrorFigures:
-        """Errors of the detections that are taken, best first, by the nearest free car within 2 m, as nuScenes
-        does."""
+        """Errors of the detections that are taken, best first, by the nearest free car within 2 m: nuScenes'
+        rule."""
         cars, errors = self._cars, BoxErrors.joined(self._errors[mode])
         return BoxErrorFigures(
             within_m=FOUND_WITHIN_M,

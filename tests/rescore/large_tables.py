@@ -27,7 +27,10 @@ CANDIDATES_A_FRAME = 15
 CARS_A_FRAME = 3
 LOW, HIGH = np.array([0.0, 0, 40, 40]), np.array([560.0, 400, 80, 80])
 """Limits of left, top, width and height of a box."""
-LOW_3D, HIGH_3D = np.array([-8.0, 0.8, 5, 3.5, 1.5, 1.3, -np.pi]), np.array([8.0, 1.2, 40, 4.8, 2, 1.8, np.pi])
+LOW_3D, HIGH_3D = (
+    np.array([-8.0, 0.8, 5, 3.5, 1.5, 1.3, -np.pi]),
+    np.array([8.0, 1.2, 40, 4.8, 2, 1.8, np.pi]),
+)
 """Limits of the numbers of a 3D box."""
 SPREAD_3D = np.array([0.2, 0.05, 0.4, 0.2, 0.08, 0.08, 0.15])
 """By how much the 3D box of a candidate on a car is off."""

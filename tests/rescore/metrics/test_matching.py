@@ -5,7 +5,15 @@ from hypothesis import strategies as st
 
 from recon.boxes import iou_matrix
 from rescore.metrics import matching
-from rescore.metrics.matching import DUPLICATE, HIT, OUTCOMES, TruthTable, greedy_match, ranked_order, ranking_of
+from rescore.metrics.matching import (
+    DUPLICATE,
+    HIT,
+    OUTCOMES,
+    TruthTable,
+    greedy_match,
+    ranked_order,
+    ranking_of,
+)
 
 CAR = [0.0, 0.0, 10.0, 10.0]
 

@@ -1,0 +1,98 @@
+"""Compiled loops of ``rescore.metrics.kitti_precision``.
+
+Pairs of a detection and a car come by car, those of one car by detection.
+"""
+
+import numpy as np
+
+from recon.arrays import BoolArray, FloatArray, IntArray
+from recon.compiled import exact
+
+
+@exact
+def hits_of_all(
+    car: IntArray, detection: IntArray, ranking: FloatArray, left_out: BoolArray, car_left_out: BoolArray
+) -> BoolArray:
+    """Mask of the detections (n,) that find a car when all are accepted: each car takes the best-ranked free
+    one that touches it. A hit on a car that is left out, or by a detection that is, does not count."""
+    used, counts = np.zeros(len(ranking), np.bool_), np.zeros(len(ranking), np.bool_)
+    first = 0
+    while first < len(car):
+        end, best = first, -1
+        while end < len(car) and car[end] == car[first]:
+            d = detection[end]
+            if not used[d] and (best < 0 or ranking[d] > ranking[best]):
+                best = d
+            end += 1
+        if best >= 0:
+            used[best] = True
+            counts[best] = not (car_left_out[car[first]] or left_out[best])
+        first = end
+    return counts
+
+
+@exact
+def passed_recalls(n_hits: int, n_cars: int, n_recalls: int) -> IntArray:
+    """The hits, counted from 0 as the best, whose recall comes closest to each of 0, 1/n, ... 1."""
+    kept = np.zeros(n_recalls + 2, np.int64)
+    n_kept, wanted = 0, 0.0
+    for i in range(n_hits):
+        here, following = (i + 1) / n_cars, (i + 2) / n_cars
+        if i < n_hits - 1 and following - wanted < wanted - here:
+            continue
+        if n_kept < len(kept):
+            kept[n_kept] = i
+            n_kept += 1
+        wanted += 1 / n_recalls
+    return kept[:n_kept]
+
+
+@exact
+def counts_at(
+    threshold: FloatArray,
+    car: IntArray,
+    detection: IntArray,
+    overlap: FloatArray,
+    similarity: FloatArray,
+    ranking: FloatArray,
+    left_out: BoolArray,
+    excused: BoolArray,
+    car_left_out: BoolArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Hits, their orientation similarity and false positives at each threshold (t,), falling: each (t,).
+
+    Each car takes the accepted free detection that overlaps it most, or the first one that is left out where
+    there is no other.
+    """
+    n = len(threshold)
+    hits, similar, false = np.zeros(n), np.zeros(n), np.zeros(n)
+    rising = -threshold
+    for d in range(len(ranking)):
+        if not (left_out[d] or excused[d]):
+            at = np.searchsorted(rising, -ranking[d])
+            if at < n:
+                false[at] += 1
+    for t in range(1, n):
+        false[t] += false[t - 1]
+    used_at = np.full(len(ranking), -1, np.int16)
+    for t in range(n):
+        first = 0
+        while first < len(car):
+            end, best, closest = first, -1, 0.0
+            while end < len(car) and car[end] == car[first]:
+                d = detection[end]
+                if ranking[d] >= threshold[t] and used_at[d] != t:
+                    close = 1 / (end - first + 2) if left_out[d] else 1 + overlap[end]
+                    if close > closest:
+                        best, closest = end, close
+                end += 1
+            if best >= 0:
+                d = detection[best]
+                used_at[d] = t
+                if not (left_out[d] or excused[d]):
+                    false[t] -= 1
+                if not (car_left_out[car[first]] or left_out[d]):
+                    hits[t] += 1
+                    similar[t] += similarity[best]
+            first = end
+    return hits, similar, false
