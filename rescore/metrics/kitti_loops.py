@@ -48,6 +48,18 @@ def passed_recalls(n_hits: int, n_cars: int, n_recalls: int) -> IntArray:
 
 
 @exact
+def _accepted(rising: FloatArray, ranking: FloatArray, but: BoolArray) -> FloatArray:
+    """Detections (n,) at or above each threshold, whose negatives (t,) rise, but for some."""
+    found = np.zeros(len(rising))
+    for d in range(len(ranking)):
+        if not but[d]:
+            at = np.searchsorted(rising, -ranking[d])
+            if at < len(found):
+                found[at] += 1
+    return np.cumsum(found)
+
+
+@exact
 def counts_at(
     threshold: FloatArray,
     car: IntArray,
@@ -59,40 +71,37 @@ def counts_at(
     excused: BoolArray,
     car_left_out: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Hits, their orientation similarity and false positives at each threshold (t,), falling: each (t,).
+    """Hits, their orientation similarity and false positives at each threshold (t,), falling: each (t,). There
+    are 64 thresholds at most.
 
     Each car takes the accepted free detection that overlaps it most, or the first one that is left out where
     there is no other.
     """
-    n = len(threshold)
-    hits, similar, false = np.zeros(n), np.zeros(n), np.zeros(n)
-    rising = -threshold
-    for d in range(len(ranking)):
-        if not (left_out[d] or excused[d]):
-            at = np.searchsorted(rising, -ranking[d])
-            if at < n:
-                false[at] += 1
-    for t in range(1, n):
-        false[t] += false[t - 1]
-    used_at = np.full(len(ranking), -1, np.int16)
-    for t in range(n):
-        first = 0
-        while first < len(car):
-            end, best, closest = first, -1, 0.0
-            while end < len(car) and car[end] == car[first]:
-                d = detection[end]
-                if ranking[d] >= threshold[t] and used_at[d] != t:
-                    close = 1 / (end - first + 2) if left_out[d] else 1 + overlap[end]
+    n, rising = len(threshold), -threshold
+    hits, similar = np.zeros(n), np.zeros(n)
+    false = _accepted(rising, ranking, left_out | excused)
+    used = np.zeros(len(ranking), np.uint64)
+    first = 0
+    while first < len(car):
+        end, lowest = first, n
+        while end < len(car) and car[end] == car[first]:
+            lowest = min(lowest, np.searchsorted(rising, -ranking[detection[end]]))
+            end += 1
+        for t in range(lowest, n):
+            bit, best, closest = np.uint64(1) << np.uint64(t), -1, 0.0
+            for k in range(first, end):
+                d = detection[k]
+                if ranking[d] >= threshold[t] and not used[d] & bit:
+                    close = 1 / (k - first + 2) if left_out[d] else 1 + overlap[k]
                     if close > closest:
-                        best, closest = end, close
-                end += 1
+                        best, closest = k, close
             if best >= 0:
                 d = detection[best]
-                used_at[d] = t
+                used[d] |= bit
                 if not (left_out[d] or excused[d]):
                     false[t] -= 1
                 if not (car_left_out[car[first]] or left_out[d]):
                     hits[t] += 1
                     similar[t] += similarity[best]
-            first = end
+        first = end
     return hits, similar, false

@@ -266,9 +266,12 @@ def take_cars(
     """The car each candidate takes, -1 where none; a round for each place in the ranking by some keys, images
     together."""
     taken_by = np.full(len(image), -1, np.int64)
-    # who has no pair takes nothing, and stands in nobody's way
+    # where a candidate and a car have only each other, nobody is in the way
+    alone = (np.bincount(candidate, minlength=len(image))[candidate] == 1) & (np.bincount(car)[car] == 1)
+    taken_by[candidate[alone]] = car[alone]
+    candidate, car, overlap = candidate[~alone], car[~alone], overlap[~alone]
     rows, own = np.unique(candidate, return_inverse=True)
-    place = places_in_image(image[rows], *(key[rows] for key in keys))[own]
+    place = places_in_image(image[rows], *(np.asarray(key)[rows] for key in keys))[own]
     free = np.ones(n_cars, bool)
     for p in range(int(place.max(initial=-1)) + 1):
         now = np.flatnonzero(place == p)

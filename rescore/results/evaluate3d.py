@@ -210,7 +210,11 @@ class Found3D:
         truth, solid = cars.table.take(images), cars.boxes3d[rows]
         detection, car = pairs_of_image(found.image, truth.car_image)
         in_picture, of_own_area = paired_overlap(found.xyxy_px[detection], truth.xyxy_px[car])
-        from_above, in_space = box_overlaps(found.boxes3d[detection], solid[car])
+        apart = np.hypot(*(found.boxes3d.centre_cam_m[detection, ::2] - solid.centre_cam_m[car, ::2]).T)
+        from_above, in_space = np.zeros(len(car)), np.zeros(len(car))
+        # what lies farther apart than two circles about the footprints does not overlap
+        close = np.flatnonzero(apart <= _reach_m(found.boxes3d)[detection] + _reach_m(solid)[car])
+        from_above[close], in_space[close] = box_overlaps(found.boxes3d[detection[close]], solid[car[close]])
         alpha, true_alpha = found.alpha_rad, cars.alpha_rad[rows]
         for name, overlap in zip(_OVERLAPS, (in_picture, from_above, in_space), strict=True):
             at = np.flatnonzero(overlap > min(MIN_IOUS))
@@ -233,7 +237,6 @@ class Found3D:
         }
         for name, mask in flags.items():
             self._flags.setdefault(name, []).append(mask)
-        apart = np.hypot(*(found.boxes3d.centre_cam_m[detection] - solid.centre_cam_m[car]).T[::2])
         near = np.flatnonzero(apart < FOUND_WITHIN_M)
         for mode, one in decided.items():
             taken = take_cars(
@@ -368,6 +371,11 @@ def _pose(errors: BoxErrors, whole: bool, distance_m: tuple[float, float | None]
         median_translation_m=_mean_median(errors.translation_m[correct]).median,
         median_orientation_rad=_mean_median(errors.orientation_rad[correct]).median,
     )
+
+
+def _reach_m(boxes3d: Boxes3D) -> FloatArray:
+    """Radius of a circle about each footprint (n,)."""
+    return np.asarray(np.hypot(boxes3d.size_m[:, 0], boxes3d.size_m[:, 1]) / 2)
 
 
 def _mean_median(values: FloatArray) -> MeanMedian:

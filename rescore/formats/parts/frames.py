@@ -173,14 +173,38 @@ def data_of(table: PartTable, frames: Sequence[FrameRecord], truth: dict[int, Tr
     )
 
 
-def data_parts(table: PartTable) -> Iterator[DataSet]:
-    """The frames of each part as a data set, one after another."""
+def data_parts(table: PartTable, image_id: IntArray | None = None) -> Iterator[DataSet]:
+    """The frames of each part as a data set, one after another.
+
+    Args:
+        table: of the data set.
+        image_id: the frames that are wanted, shape (k,); parts without one are left out. None for all.
+    """
     for part in table.parts:
+        if image_id is not None:
+            wanted = np.isin(table.columns(part, ["image_id"])["image_id"].to_numpy(), image_id)
+            if not wanted.any():
+                continue
         rows = table.columns(part)
+        rows = rows if image_id is None else rows.filter(pa.array(wanted))
         records = [_record(table.root, row) for row in rows.drop_columns(["objects"]).to_pylist()]
         truths = _truths(rows["objects"].combine_chunks())
         found = {f.image_id: t for f, t in zip(records, truths, strict=True)}
         yield data_of(table, records, found)
+
+
+def frame_of_each_camera(table: PartTable, split: str) -> IntArray:
+    """Image id of the first frame of each camera in a split ("all" for every frame), shape (k,)."""
+    first: dict[tuple[Any, ...], int] = {}
+    names = ["width_px", "height_px", *_CAMERA, "disparity_offset_px"]
+    for part in table.parts:
+        rows = table.columns(part, ["image_id", "split", *names])
+        if split != "all":
+            rows = rows.filter(pc.equal(rows["split"], split))
+        kinds = rows.group_by(names, use_threads=False).aggregate([("image_id", "first")])
+        for row in kinds.to_pylist():
+            first.setdefault(tuple(row[name] for name in names), row["image_id_first"])
+    return np.array(list(first.values()), np.int64)
 
 
 @dataclass(frozen=True, eq=False)
