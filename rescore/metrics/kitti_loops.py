@@ -71,11 +71,10 @@ def counts_at(
     excused: BoolArray,
     car_left_out: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Hits, their orientation similarity and false positives at each threshold (t,), falling: each (t,). There
-    are 64 thresholds at most.
+    """Hits, their orientation similarity and false positives at each threshold (t,), falling, each (t,).
 
     Each car takes the accepted free detection that overlaps it most, or the first one that is left out where
-    there is no other.
+    there is no other. There are 64 thresholds at most.
     """
     n, rising = len(threshold), -threshold
     hits, similar = np.zeros(n), np.zeros(n)

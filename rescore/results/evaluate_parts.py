@@ -475,7 +475,7 @@ def _read_together(own: Sequence[PartTable]) -> Iterator[tuple[list[pa.Table], l
 def _rows(table: PartTable, parts: Sequence[Part], first: bool) -> pa.Table:
     """The candidates of some parts: all columns of the first mode, of others what may differ."""
     names = SCHEMA.names if first else _OF_A_MODE
-    rows = pa.concat_tables([table.columns(part, names) for part in parts]).combine_chunks()
+    rows = pa.concat_tables([table.columns(part, names) for part in parts])
     texts = [f.name for f in rows.schema if pa.types.is_string(f.type) and rows[f.name].null_count]
     for name in texts:
         rows = rows.set_column(rows.schema.get_field_index(name), name, rows[name].fill_null(""))

@@ -126,7 +126,7 @@ def _texts(column: pa.ChunkedArray) -> NDArray[np.object_]:
     if isinstance(coded, pa.ChunkedArray):
         return np.zeros(0, object)
     words: NDArray[np.object_] = np.array(coded.dictionary.to_pylist(), object)
-    return words[coded.indices.to_numpy()]
+    return np.asarray(words[coded.indices.to_numpy()])
 
 
 def read_rows(table: PartTable, part: Part) -> tuple[CandidateTable, FloatArray | None]:
