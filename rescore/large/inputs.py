@@ -7,10 +7,16 @@ from pathlib import Path
 
 from recon.arrays import IntArray
 from recon.errors import RescoreError
-from rescore.data.frames import SPLITS, DataSet
+from rescore.data.frames import SPLITS, DataSet, FrameRecord
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
-from rescore.formats.parts.frames import data_of, data_parts, frame_of_each_camera, frame_table
+from rescore.formats.parts.frames import (
+    data_of,
+    data_parts,
+    frame_of_each_camera,
+    frame_table,
+    records_of_part,
+)
 from rescore.formats.parts.manifest import is_parts
 from rescore.formats.parts.table import PartTable
 from rescore.results.evaluate_parts import EvaluatedFrames
@@ -56,6 +62,15 @@ def data_sets(frames: Frames, split: str) -> Iterator[DataSet]:
         return
     for part in data_parts(frames):
         yield part if split == "all" else part.split(split)
+
+
+def records(frames: Frames, split: str) -> Iterator[FrameRecord]:
+    """The records of a split ("all" for every frame), one after another; what is annotated is not read."""
+    if isinstance(frames, DataSet):
+        yield from frames.frames
+        return
+    for part in frames.parts:
+        yield from (r for r in records_of_part(frames, part) if split in {r.split, "all"})
 
 
 def in_memory(frames: Frames, split: str) -> DataSet:

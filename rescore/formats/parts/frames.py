@@ -193,6 +193,12 @@ def data_parts(table: PartTable, image_id: IntArray | None = None) -> Iterator[D
         yield data_of(table, records, found)
 
 
+def records_of_part(table: PartTable, part: Part) -> list[FrameRecord]:
+    """The records of the frames of a part, read without their objects."""
+    names = [name for name in table.schema.names if name != "objects"]
+    return [_record(table.root, row) for row in table.columns(part, names).to_pylist()]
+
+
 def frame_of_each_camera(table: PartTable, split: str) -> IntArray:
     """Image id of the first frame of each camera in a split ("all" for every frame), shape (k,)."""
     first: dict[tuple[Any, ...], int] = {}
