@@ -22,12 +22,9 @@ from recon.stores import StoreError
 from rescore.engines.executor import Workers
 from rescore.engines.map_frames import Failed, map_frames
 from rescore.evidence.candidates import CandidateTable
-from rescore.formats.parts.candidates import PartRows
+from rescore.formats.parts.candidates import FRAMES_A_PART, PartRows
 from rescore.formats.parts.table import Part, counted_part, names_there, write_counted_part
 from rescore.parallel import track
-
-FRAMES_A_PART = 250
-"""Frames of a part: at a tenth of a second each, half a minute's work, and some hundred kilobytes."""
 
 
 class FrameTask(Protocol):

@@ -8,8 +8,9 @@ from recon.compiled import exact
 
 @exact
 def areas_within(corners: FloatArray, half: FloatArray) -> FloatArray:
-    """Area (n,) of convex polygons (n, k, 2), counter-clockwise, within rectangles about the origin with half
-    sides (n, 2): cut by one side after the other.
+    """Area (n,) that convex polygons (n, k, 2) share with rectangles about the origin, half sides (n, 2).
+
+    Corners go counter-clockwise, and one side after the other cuts.
 
     After I. E. Sutherland and G. W. Hodgman, "Reentrant polygon clipping", Comm. ACM 17(1), 1974.
     """

@@ -129,8 +129,9 @@ def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
 
 
 def ranked_order(*keys: FloatArray) -> tuple[IntArray, BoolArray]:
-    """The rows (n,), best first: by the first key, larger is better, then by the next where it ties, then in
-    the order given, NaN last; and whether each differs in a key from the one before it, shape (n,).
+    """The rows (n,), best first, and whether each differs in a key from the one before it, shape (n,).
+
+    The best is the largest by the first key, then by the next where it ties, then as given; NaN comes last.
 
     Quicker than a sort of rows: the first key and the row share an integer, and integers alone are sorted.
     What the integer has no room for is put right where it matters.

@@ -174,7 +174,7 @@ class Given:
     """None where nothing was rescored."""
     w: float | None
     rows: Mapping[str, Any]
-    """Their columns, named as in parts of detections: arrays, or columns of Arrow."""
+    """Columns named as in parts of detections: arrays, or columns of Arrow."""
 
     @staticmethod
     def of(file: DetectionFile) -> "Given":

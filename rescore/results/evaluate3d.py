@@ -184,7 +184,9 @@ class Decided:
     keys: tuple[FloatArray, ...]
     """What they are ranked by, (n,) each: the first, then the next where it ties."""
     outcome: NDArray[np.int8]
+    """Index into ``rescore.metrics.matching.OUTCOMES``, shape (n,)."""
     annotation_id: IntArray
+    """The car hit, as in match tables, shape (n,)."""
 
 
 class Found3D:
@@ -200,7 +202,7 @@ class Found3D:
         """Masks of the detections by what they tell, some at a time."""
         self._pairs: dict[str, list[Touching]] = {name: [] for name in _OVERLAPS}
         self._errors: dict[str, list[BoxErrors]] = {m: [] for m in modes}
-        """Of the detections that nuScenes pairs with a car."""
+        """Errors of the detections that nuScenes pairs with a car, by mode."""
         self._hits: dict[str, list[_Hits]] = {m: [] for m in modes}
 
     def add(self, images: IntArray, found: Detections3D, decided: Mapping[str, Decided]) -> None:

@@ -490,7 +490,7 @@ _OF_A_MODE = [
 
 
 def _one_ahead(items: Iterator[T]) -> Iterator[T]:
-    """The same items, the next of which is made while one is used."""
+    """Items as they come, the next of which is made while one is used."""
     with ThreadPoolExecutor(max_workers=1) as maker:
         waiting = maker.submit(next, items, None)
         while (item := waiting.result()) is not None:

@@ -19,7 +19,7 @@ from reports.publishing.scaling.recorded import Recorded, read_recorded
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table
 from rescore.engines.clusters import seconds_of_a_task
-from rescore.large.run import FRAMES_A_PART
+from rescore.formats.parts.candidates import FRAMES_A_PART
 
 WORKERS = (1, 2, 4, 16, 64, 256, 1024, 4096)
 FRAMES = 1_000_000

@@ -21,6 +21,8 @@ from rescore.formats.parts.table import Columns, Part, PartTable
 
 DETECTIONS = "detections"
 RESCORED = "rescored"
+FRAMES_A_PART = 250
+"""Frames of a part: at a tenth of a second each, half a minute's work, and some hundred kilobytes."""
 CORNERS = ("x0", "y0", "x1", "y1")
 OK = "ok"
 

@@ -219,9 +219,13 @@ class ObjectColumns:
     ``Truth``."""
 
     visibility: FloatArray
+    """Shape (m,), as the next three."""
     azimuth_deg: FloatArray
+    """Azimuth from which each is seen."""
     truncated: FloatArray
+    """Share outside the picture."""
     occluded: IntArray
+    """KITTI's level, 3 where unknown."""
     boxes3d: Boxes3D
 
 
