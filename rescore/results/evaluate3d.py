@@ -256,14 +256,14 @@ class Found3D:
         self._n += n
 
     def rows(self, detector: str, rankings: Iterable[tuple[str, FloatArray]]) -> list[Boxes3DRow]:
-        """The figures by mode.
+        """The figures by mode; to be asked for once, since what was kept is given away.
 
         Args:
             detector: its name.
             rankings: each mode, and what all detections are ranked by in it, larger is better, (n,).
         """
-        flags = {name: np.concatenate(masks) for name, masks in self._flags.items()}
-        pairs = {name: Touching.joined(parts).by_car() for name, parts in self._pairs.items()}
+        flags = {name: np.concatenate(self._flags.pop(name)) for name in list(self._flags)}
+        pairs = {name: Touching.joined(self._pairs.pop(name)).by_car() for name in _OVERLAPS}
         return [
             Boxes3DRow(
                 detector=detector,
@@ -274,7 +274,7 @@ class Found3D:
                     for level in self._cars.levels
                 ),
                 errors=self._error_figures(mode),
-                poses=_poses(_Hits.joined(self._hits[mode])),
+                poses=_poses(_Hits.joined(self._hits.pop(mode))),
             )
             for mode, ranking in rankings
         ]
@@ -282,7 +282,7 @@ class Found3D:
     def _error_figures(self, mode: str) -> BoxErrorFigures:
         """Errors of the detections that are taken, best first, by the nearest free car within 2 m: nuScenes'
         rule."""
-        cars, errors = self._cars, BoxErrors.joined(self._errors[mode])
+        cars, errors = self._cars, BoxErrors.joined(self._errors.pop(mode))
         return BoxErrorFigures(
             within_m=FOUND_WITHIN_M,
             n_cars=int((cars.boxes3d.known & ~cars.table.ignore).sum()),

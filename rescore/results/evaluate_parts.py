@@ -184,8 +184,10 @@ def evaluate_parts(
         usual = min_iou == MIN_IOU and frames.judged and not frames.hidden.any()
         one = _Detector.empty(own, frames, tunings, hard=not usual)
         written += _written(run_dir / CANDIDATES, one.matched(min_iou), schema, len(written))
-        found.add(one, seed, drawn)
+        # what was read goes back before, and 3D boxes after their figures: the others take most memory
+        pa.default_memory_pool().release_unused()
         found.boxes3d.extend(one.boxes3d_rows())
+        found.add(one, seed, drawn)
     metrics = Metrics(
         n_images=frames.truth.n_images,
         n_cars=frames.truth.n_cars,
