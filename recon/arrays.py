@@ -48,7 +48,7 @@ def rows_by_value(column: IntArray) -> dict[int, IntArray]:
 
 def rows_of(column: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
     """The rows of a mask or an index; of an array of ``constant`` again such a one."""
-    if not _is_constant(column):
+    if not is_constant(column):
         return np.asarray(column[rows])
     n = len(np.empty(len(column), np.bool_)[rows])
     return np.broadcast_to(column[0], (n, *column.shape[1:]))
@@ -59,12 +59,13 @@ def stacked(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
     filled = [c for c in columns if len(c)]
     if len(filled) == 1:
         return filled[0]
-    if filled and all(_is_constant(c) and _same(c[0], filled[0][0]) for c in filled):
+    if filled and all(is_constant(c) and _same(c[0], filled[0][0]) for c in filled):
         return np.broadcast_to(filled[0][0], (sum(map(len, filled)), *filled[0].shape[1:]))
     return np.concatenate(columns)
 
 
-def _is_constant(column: NDArray[Any]) -> bool:
+def is_constant(column: NDArray[Any]) -> bool:
+    """Whether an array has its rows in the memory of one, as those of ``constant``."""
     return len(column) > 0 and all(stride == 0 for stride in column.strides)
 
 

@@ -65,7 +65,9 @@ class Boxes3D:
     def __getitem__(self, rows: NDArray[Any] | Sequence[int] | slice) -> "Boxes3D":
         """The rows of a mask, an index or a slice."""
         deviations = None if self.deviations is None else self.deviations[rows]
-        return Boxes3D.of_values(self.values[rows], deviations)
+        if deviations is not None and np.isnan(deviations).all():
+            deviations = None
+        return Boxes3D(self.centre_cam_m[rows], self.size_m[rows], self.rotation_y_rad[rows], deviations)
 
     @property
     def known(self) -> BoolArray:

@@ -6,12 +6,19 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from recon.arrays import IntArray
 from recon.errors import RescoreError
 from recon.stores import remote
 from rescore.data.frames import SPLITS, DataSet, FrameRecord
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
-from rescore.formats.parts.frames import data_parts, frame_table
+from rescore.formats.parts.frames import (
+    data_of,
+    data_parts,
+    frame_of_each_camera,
+    frame_table,
+    records_of_part,
+)
 from rescore.formats.parts.manifest import is_parts
 from rescore.formats.parts.table import PartTable
 from rescore.results.evaluate_parts import EvaluatedFrames
@@ -59,6 +66,15 @@ def data_sets(frames: Frames, split: str) -> Iterator[DataSet]:
         yield part if split == "all" else part.split(split)
 
 
+def records(frames: Frames, split: str) -> Iterator[FrameRecord]:
+    """The records of a split ("all" for every frame), one after another; what is annotated is not read."""
+    if isinstance(frames, DataSet):
+        yield from frames.frames
+        return
+    for part in frames.parts:
+        yield from (r for r in records_of_part(frames, part) if split in {r.split, "all"})
+
+
 def in_memory(frames: Frames, split: str) -> DataSet:
     """The frames of a split as one data set."""
     if isinstance(frames, DataSet):
@@ -72,12 +88,18 @@ def cameras_of(frames: Frames, split: str) -> DataSet:
     """A data set with one frame of each camera: what the search for disparities is set by."""
     if isinstance(frames, DataSet):
         return frames
-    first: dict[object, FrameRecord] = {}
-    for part in data_sets(frames, split):
-        for f in part.frames:
-            first.setdefault((f.width_px, f.height_px, f.camera, f.disparity_offset_px), f)
-    whole = next(data_sets(frames, "all"))
-    return replace(whole, frames=tuple(first.values()), truth={})
+    return replace(chosen_frames(frames, frame_of_each_camera(frames, split)), truth={})
+
+
+def chosen_frames(frames: Frames, image_id: IntArray) -> DataSet:
+    """Some frames as a data set, in the order of all."""
+    if isinstance(frames, PartTable):
+        parts = list(data_parts(frames, image_id))
+        truth = {i: t for p in parts for i, t in p.truth.items()}
+        return data_of(frames, [f for p in parts for f in p.frames], truth)
+    wanted = set(image_id.tolist())
+    own = tuple(f for f in frames.frames if f.image_id in wanted)
+    return replace(frames, frames=own, truth={f.image_id: frames.truth[f.image_id] for f in own})
 
 
 def evaluated_frames(frames: Frames, split: str) -> EvaluatedFrames:

@@ -20,7 +20,7 @@ from rescore.formats.parts.table import Part, PartTable
 from rescore.fusion import rescore_frames
 from rescore.fusion.rescore_frame import Rescoring
 from rescore.fusion.rescore_frames import FrameShared, rescore_record
-from rescore.large.inputs import Frames, data_sets, record_digest
+from rescore.large.inputs import Frames, record_digest, records
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,9 @@ def rescore_tasks(
     predicted: Mapping[int, PredictedFile],
 ) -> Iterator[RescoreTask]:
     """A task for each frame of a split ("all" for every frame), with its candidates, one after another."""
-    for data in data_sets(frames, split):
-        for record in data.frames:
-            candidates = found.get(record.image_id, Candidates.none(record.image_id))
-            yield RescoreTask(record, candidates, predicted.get(record.image_id))
+    for record in records(frames, split):
+        candidates = found.get(record.image_id, Candidates.none(record.image_id))
+        yield RescoreTask(record, candidates, predicted.get(record.image_id))
 
 
 class PartsByImage:
@@ -112,6 +111,14 @@ class PartsByImage:
     def rows(self, image_id: int) -> tuple[CandidateTable, FloatArray | None] | None:
         """The candidates of an image, and their posteriors where they were rescored; None where it has
         none."""
+        found = self._of(image_id)
+        if found is None:
+            return None
+        table, posterior, own = found
+        return table.take(own), None if posterior is None else posterior[own]
+
+    def _of(self, image_id: int) -> tuple[CandidateTable, FloatArray | None, IntArray] | None:
+        """The candidates and posteriors of the part of an image, and its own rows of these."""
         at = int(np.searchsorted(self._image_id, image_id))
         if at == len(self._image_id) or self._image_id[at] != image_id:
             return None
@@ -123,13 +130,12 @@ class PartsByImage:
             found = read_rows(self._table, self._table.parts[number])
             self._held[number] = (*found, rows_by_value(found[0].image_id))
         table, posterior, rows = self._held[number]
-        own = rows.get(image_id, np.zeros(0, np.int64))
-        return table.take(own), None if posterior is None else posterior[own]
+        return table, posterior, rows.get(image_id, np.zeros(0, np.int64))
 
     def get(self, image_id: int, none: Candidates) -> Candidates:
         """The candidates of an image; ``none`` where it has none."""
-        found = self.rows(image_id)
-        return none if found is None else found[0].candidates(image_id, np.arange(len(found[0])))
+        found = self._of(image_id)
+        return none if found is None else found[0].candidates(image_id, found[2])
 
 
 def write_rescored_table(root: Path, detector: str, work: RescoreWork, parts: tuple[Part, ...]) -> PartTable:

@@ -22,12 +22,9 @@ from recon.stores import StoreError
 from rescore.engines.executor import Workers
 from rescore.engines.map_frames import Failed, map_frames
 from rescore.evidence.candidates import CandidateTable
-from rescore.formats.parts.candidates import PartRows
+from rescore.formats.parts.candidates import FRAMES_A_PART, PartRows
 from rescore.formats.parts.table import Part, counted_part, names_there, write_counted_part
 from rescore.parallel import track
-
-FRAMES_A_PART = 250
-"""Frames of a part: at a tenth of a second each, half a minute's work, and some hundred kilobytes."""
 
 
 class FrameTask(Protocol):
@@ -55,7 +52,7 @@ class Work(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _PartTask:
+class PartTask:
     """The frames of one part."""
 
     number: int
@@ -66,6 +63,7 @@ class _PartTask:
 
     @property
     def image_id(self) -> int:
+        """The first frame, by which it is named."""
         return int(self.tasks[0].image_id)
 
 
@@ -98,14 +96,14 @@ class RunParts:
             RescoreError: all frames of the first part fail, or an error of the store.
         """
         done: dict[int, Part] = {}
-        aside: list[_PartTask] = []
-        todo = self._todo(tasks, done)
+        aside: list[PartTask] = []
+        todo = self.todo(tasks, done)
         shared = _Shared(self.root, self.work)
         n_parts = -(-total // FRAMES_A_PART)
         made = map_frames(_part, todo, shared, self.workers, failed=_set_aside, ordered=False)
         # those that are there already count as they are passed
         for found in track(made, progress, n_parts):
-            if isinstance(found, _PartTask):
+            if isinstance(found, PartTask):
                 aside.append(found)
             else:
                 done[found[0]] = found[1]
@@ -113,7 +111,7 @@ class RunParts:
             done[part.number] = self._one_by_one(part)
         return tuple(done[number] for number in sorted(done))
 
-    def _todo(self, tasks: Iterable[FrameTask], done: dict[int, Part]) -> Iterator[_PartTask]:
+    def todo(self, tasks: Iterable[FrameTask], done: dict[int, Part]) -> Iterator[PartTask]:
         """The parts that are to be made; those that are there go to ``done``."""
         there = {p.name.partition("-")[0]: p for p in map(counted_part, names_there(self.root)) if p}
         first = True
@@ -123,7 +121,7 @@ class RunParts:
                 done[number] = there[digest]
                 self.reused.append(number)
             else:
-                yield _PartTask(number, digest, own, first and not done)
+                yield PartTask(number, digest, own, first and not done)
                 first = False
 
     def _digest(self, tasks: Sequence[FrameTask]) -> str:
@@ -132,7 +130,7 @@ class RunParts:
             total.update(task.digest(self.data_root))
         return total.hexdigest()[:24]
 
-    def _one_by_one(self, part: _PartTask) -> Part:
+    def _one_by_one(self, part: PartTask) -> Part:
         """A part whose task ended its workers, its frames each a task of its own."""
 
         def set_aside(failure: Failed) -> tuple[Any, str]:
@@ -154,7 +152,7 @@ def _chunks(tasks: Iterable[FrameTask]) -> Iterator[list[FrameTask]]:
         yield own
 
 
-def _part(part: _PartTask, shared: _Shared) -> tuple[int, Part]:
+def _part(part: PartTask, shared: _Shared) -> tuple[int, Part]:
     """A part, made and written."""
     results = [_tried(task, shared.work) for task in part.tasks]
     reasons = [reason for _, reason in results if reason]
@@ -176,7 +174,7 @@ def _tried(task: FrameTask, work: Work) -> tuple[Any, str]:
         return work.failed(task, reason), reason
 
 
-def _written(root: Path, part: _PartTask, work: Work, results: Sequence[tuple[Any, str]]) -> Part:
+def _written(root: Path, part: PartTask, work: Work, results: Sequence[tuple[Any, str]]) -> Part:
     ids = np.array([t.image_id for t in part.tasks], np.int64)
     failed = {i: reason for i, (_, reason) in zip(ids.tolist(), results, strict=True) if reason}
     table, posterior = work.rows([result for result, _ in results])

@@ -7,7 +7,7 @@ seen beside a common one. Figures of the sample are those of chosen frames: the 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from rescore.formats.coco_write import overwrite_dataset
 from rescore.formats.parts.candidates import RESCORED, arrays_of_table
 from rescore.formats.parts.table import PartTable
 from rescore.fusion.tune import Tuning
-from rescore.large.inputs import Frames, data_sets
+from rescore.large.inputs import Frames, chosen_frames
 from rescore.large.rescored import PartsByImage
 from rescore.metrics.curves import RECALL_LEVELS
 from rescore.results.candidate_file import ALONE, score_column
@@ -41,29 +41,18 @@ def write_sample(
     run_dir: Path,
     metrics: Metrics,
     frames: Frames,
-    split: str,
     tables: Sequence[PartTable],
     tunings: Mapping[tuple[str, Registration], Tuning],
     min_iou: float,
 ) -> DataSet:
     """Write the sample of a run as a run folder ``sample``, its data set beside it; returns that data set."""
     candidates = PartTable.read(run_dir / "candidates")
-    chosen = set(chosen_frames(candidates, metrics).tolist())
-    data = _data_of(frames, split, chosen)
+    data = chosen_frames(frames, frames_to_look_at(candidates, metrics))
     folder = run_dir / "sample"
     overwrite_dataset(folder / "data", data, copy=False)
     files = [_file(table, data) for table in tables]
     evaluate(data, files, folder, tunings=tunings, min_iou=min_iou)
     return data
-
-
-def _data_of(frames: Frames, split: str, chosen: set[int]) -> DataSet:
-    parts = []
-    for data in data_sets(frames, split):
-        own = tuple(f for f in data.frames if f.image_id in chosen)
-        parts.append(replace(data, frames=own, truth={f.image_id: data.truth[f.image_id] for f in own}))
-    truth = {i: t for p in parts for i, t in p.truth.items()}
-    return replace(parts[0], frames=tuple(f for p in parts for f in p.frames), truth=truth)
 
 
 def _file(table: PartTable, data: DataSet) -> DetectionFile:
@@ -112,7 +101,7 @@ class _Change:
         )
 
 
-def chosen_frames(candidates: PartTable, metrics: Metrics) -> IntArray:
+def frames_to_look_at(candidates: PartTable, metrics: Metrics) -> IntArray:
     """Ids of the frames of the sample of a run, shape (k,); without rescoring, frames evenly spread."""
     keys = [(row.detector, row.mode) for row in metrics.rows]
     least = {key: _threshold(candidates, *key, metrics) for key in keys}

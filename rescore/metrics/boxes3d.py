@@ -6,6 +6,7 @@ lies in the plane of x and z, its height along y. Errors are those of nuScenes' 
 2020).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,42 +47,18 @@ def footprint_shares(a: Boxes3D, b: Boxes3D) -> FloatArray:
 
 def _shared_footprint(a: Boxes3D, b: Boxes3D) -> FloatArray:
     """Area that two footprints share (n,): that of a, cut by the four sides of b in the frame of b."""
+    from rescore.metrics.box_loops import areas_within  # noqa: PLC0415 (compiles a loop)
+
     relative = _turned(a.centre_cam_m[:, ::2] - b.centre_cam_m[:, ::2], b.rotation_y_rad)
     corners = _CORNERS * a.size_m[:, None, :2]
     polygon = _turned(corners, (b.rotation_y_rad - a.rotation_y_rad)[:, None]) + relative[:, None, :]
-    half = b.size_m[:, None, :2] / 2
-    for axis in (0, 1):
-        for sign in (1, -1):
-            polygon = _cut(polygon, half[..., axis] - sign * polygon[..., axis])
-    x, y = np.moveaxis(polygon - polygon[:, :1], -1, 0)
-    twice = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
-    return np.asarray(np.clip(twice / 2, 0, None))
+    return np.asarray(areas_within(polygon, b.size_m[:, :2] / 2))
 
 
 def _turned(xz: FloatArray, angle_rad: FloatArray) -> FloatArray:
     """Vectors (..., 2) of the plane of x and z turned by angles (...), counter-clockwise from x to z."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.stack([c * xz[..., 0] - s * xz[..., 1], s * xz[..., 0] + c * xz[..., 1]], axis=-1)
-
-
-def _cut(polygon: FloatArray, inside: FloatArray) -> FloatArray:
-    """The parts of convex polygons (n, k, 2) where linear functions with these values (n, k) are at least 0.
-
-    The result has k + 1 corners; spare ones repeat the first, which changes no area. After I. E. Sutherland
-    and G. W. Hodgman, "Reentrant polygon clipping", Comm. ACM 17(1), 1974.
-    """
-    n, k, _ = polygon.shape
-    after, inside_after = np.roll(polygon, -1, axis=1), np.roll(inside, -1, axis=1)
-    keeps, crosses = inside >= 0, (inside >= 0) != (inside_after >= 0)
-    share = np.divide(inside, inside - inside_after, out=np.zeros((n, k)), where=crosses)
-    crossing = polygon + share[..., None] * (after - polygon)
-    points = np.stack([polygon, crossing], axis=2).reshape(n, 2 * k, 2)
-    used = np.stack([keeps, crosses], axis=2).reshape(n, 2 * k)
-    # a line cuts a convex polygon of k corners to one of at most k + 1
-    order = np.argsort(~used, axis=1, kind="stable")[:, : k + 1]
-    points = np.take_along_axis(points, order[..., None], axis=1)
-    used = np.take_along_axis(used, order, axis=1)
-    return np.where(used[..., None], points, points[:, :1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +75,12 @@ class BoxErrors:
     def __getitem__(self, rows: BoolArray | IntArray) -> "BoxErrors":
         """The rows of a mask or an index."""
         return BoxErrors(self.translation_m[rows], self.scale[rows], self.orientation_rad[rows])
+
+    @staticmethod
+    def joined(parts: "Sequence[BoxErrors]") -> "BoxErrors":
+        """The errors of one part below those of the other."""
+        names = ("translation_m", "scale", "orientation_rad")
+        return BoxErrors(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
 
 def box_errors(found: Boxes3D, true: Boxes3D) -> BoxErrors:

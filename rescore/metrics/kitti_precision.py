@@ -5,7 +5,7 @@ place of 11, without that of 0, after Simonelli et al. 2019). Cars and detection
 car that is left out, or by a detection that is, counts neither for nor against.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,11 +48,23 @@ class Touching:
     similarity: FloatArray
     """Orientation similarity of the two in [0, 1], shape (p,); 0 where the detection says nothing of it."""
 
-    def by_car(self) -> Iterator[tuple[int, IntArray]]:
-        """Each car that has a pair, in order, with its pairs by detection."""
-        order = np.lexsort((self.detection, self.car))
-        cars, first = np.unique(self.car[order], return_index=True)
-        yield from zip(cars.tolist(), np.split(order, first[1:]), strict=False)
+    def by_car(self) -> "Touching":
+        """The pairs by car, those of one car by detection."""
+        before, after = slice(None, -1), slice(1, None)
+        falls = (self.car[after] < self.car[before]) | (
+            (self.car[after] == self.car[before]) & (self.detection[after] < self.detection[before])
+        )
+        return self[np.lexsort((self.detection, self.car))] if falls.any() else self
+
+    @staticmethod
+    def joined(parts: "Sequence[Touching]") -> "Touching":
+        """The pairs of one part below those of the other."""
+        names = ("detection", "car", "overlap", "similarity")
+        return Touching(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+    def __getitem__(self, pairs: BoolArray | IntArray) -> "Touching":
+        """The pairs of a mask or an index."""
+        return Touching(self.detection[pairs], self.car[pairs], self.overlap[pairs], self.similarity[pairs])
 
 
 @dataclass(frozen=True)
@@ -72,72 +84,27 @@ def orientation_similarity(a_rad: FloatArray, b_rad: FloatArray) -> FloatArray:
 
 def kitti_precision(judged: Judged, pairs: Touching) -> KittiPrecision:
     """Average precision and orientation similarity of detections against cars."""
+    from rescore.metrics.kitti_loops import counts_at, hits_of_all, passed_recalls  # noqa: PLC0415 (compiles)
+
     if not judged.n_cars:
         return KittiPrecision(np.nan, np.nan)
-    thresholds = _thresholds(_rankings_of_hits(judged, pairs), judged.n_cars)
-    hits, similarity, false = _counts(judged, pairs, thresholds)
+    pairs = pairs.by_car()
+    found = hits_of_all(pairs.car, pairs.detection, judged.ranking, judged.left_out, judged.car_left_out)
+    best_first = np.sort(judged.ranking[found])[::-1]
+    thresholds = best_first[passed_recalls(len(best_first), judged.n_cars, N_RECALLS)]
+    hits, similarity, false = counts_at(
+        thresholds,
+        pairs.car,
+        pairs.detection,
+        pairs.overlap,
+        pairs.similarity,
+        judged.ranking,
+        judged.left_out,
+        judged.excused,
+        judged.car_left_out,
+    )
     accepted = np.maximum(hits + false, 1)
     return KittiPrecision(_mean_beyond(hits / accepted), _mean_beyond(similarity / accepted))
-
-
-def _rankings_of_hits(judged: Judged, pairs: Touching) -> FloatArray:
-    """Rankings of the detections that find a car when all are accepted, best first.
-
-    Each car takes the best-ranked free detection that touches it.
-    """
-    free = np.ones(len(judged.ranking), bool)
-    found: list[float] = []
-    for car, rows in pairs.by_car():
-        near = pairs.detection[rows]
-        near = near[free[near]]
-        if not len(near):
-            continue
-        best = near[np.argmax(judged.ranking[near])]
-        free[best] = False
-        if not (judged.car_left_out[car] or judged.left_out[best]):
-            found.append(float(judged.ranking[best]))
-    return np.sort(np.array(found))[::-1]
-
-
-def _thresholds(rankings: FloatArray, n_cars: int) -> FloatArray:
-    """The rankings at which the recall comes closest to each of 0, 1/40, ... 1, as far as it goes."""
-    kept: list[float] = []
-    wanted, last = 0.0, len(rankings) - 1
-    for i, ranking in enumerate(rankings):
-        here, following = (i + 1) / n_cars, (i + 2) / n_cars
-        if i < last and following - wanted < wanted - here:
-            continue
-        kept.append(ranking)
-        wanted += 1 / N_RECALLS
-    return np.array(kept)
-
-
-def _counts(
-    judged: Judged, pairs: Touching, thresholds: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Hits, their orientation similarity and false positives at each threshold, shapes (t,).
-
-    Each car takes the accepted free detection that overlaps it most, or the first one that is left out where
-    there is no other.
-    """
-    accepted = judged.ranking >= thresholds[:, None]
-    used = np.zeros_like(accepted)
-    hits, similarity = np.zeros(len(thresholds)), np.zeros(len(thresholds))
-    for car, rows in pairs.by_car():
-        near = pairs.detection[rows]
-        out = judged.left_out[near]
-        first = 1 / np.arange(2, len(near) + 2)
-        free = accepted[:, near] & ~used[:, near]
-        closeness = free * np.where(out, first, 1 + pairs.overlap[rows])
-        best = np.argmax(closeness, axis=1)
-        takes = np.flatnonzero(closeness.max(axis=1) > 0)
-        used[takes, near[best[takes]]] = True
-        if not judged.car_left_out[car]:
-            counts = takes[~out[best[takes]]]
-            hits[counts] += 1
-            similarity[counts] += pairs.similarity[rows[best[counts]]]
-    false = accepted & ~used & ~judged.left_out & ~judged.excused
-    return hits, similarity, false.sum(axis=1).astype(float)
 
 
 def _mean_beyond(values: FloatArray) -> float:

@@ -64,10 +64,7 @@ class TruthTable:
 
     def take(self, images: IntArray) -> "TruthTable":
         """The cars of some images, by their places in ``image_id``, in that order; cars lie by image."""
-        first = np.searchsorted(self.car_image, images, side="left")
-        count = np.searchsorted(self.car_image, images, side="right") - first
-        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        cars = np.repeat(first, count) + within
+        cars, count = self._cars_of(images)
         return TruthTable(
             self.image_id[images],
             np.repeat(np.arange(len(images)), count),
@@ -75,6 +72,17 @@ class TruthTable:
             self.xyxy_px[cars],
             self.ignore[cars],
         )
+
+    def rows_of(self, images: IntArray) -> IntArray:
+        """The rows of the cars of some images, as ``take`` takes them."""
+        return self._cars_of(images)[0]
+
+    def _cars_of(self, images: IntArray) -> tuple[IntArray, IntArray]:
+        """The rows of the cars of images, and their number in each."""
+        first = np.searchsorted(self.car_image, images, side="left")
+        count = np.searchsorted(self.car_image, images, side="right") - first
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        return np.repeat(first, count) + within, count
 
     @property
     def n_images(self) -> int:
@@ -114,16 +122,50 @@ def ranking_of(posterior: FloatArray, detector_score: FloatArray) -> FloatArray:
     Platt scaling saturates: two scores can both become likelihood 1. The second key keeps the detector's
     order there. Rows that are equal in both get the same value.
     """
-    ranking = np.zeros(len(posterior))
-    if not len(posterior):
-        return ranking
-    alone = posterior is detector_score
-    order = np.argsort(posterior, kind="stable") if alone else np.lexsort((detector_score, posterior))
-    fresh = np.zeros(len(order), np.bool_)
-    for key in (posterior, detector_score):
-        fresh[1:] |= np.diff(np.asarray(key)[order]) != 0
-    ranking[order] = np.cumsum(fresh)
+    order, fresh = ranked_order(posterior, detector_score)
+    ranking = np.zeros(len(order))
+    ranking[order] = fresh.sum() - np.cumsum(fresh)
     return ranking
+
+
+def ranked_order(*keys: FloatArray) -> tuple[IntArray, BoolArray]:
+    """The rows (n,), best first, and whether each differs in a key from the one before it, shape (n,).
+
+    The best is the largest by the first key, then by the next where it ties, then as given; NaN comes last.
+
+    Quicker than a sort of rows: the first key and the row share an integer, and integers alone are sorted.
+    What the integer has no room for is put right where it matters.
+    """
+    keys = tuple({id(key): np.asarray(key, float) for key in keys}.values())
+    n = len(keys[0])
+    low = n.bit_length()
+    # floats in the order of integers; the difference has no negative zero
+    bits = (0.0 - keys[0]).view(np.int64)
+    bits = np.where(bits < 0, bits ^ np.iinfo(np.int64).max, bits)
+    bits[np.isnan(keys[0])] = np.iinfo(np.int64).max
+    packed = (bits >> low << low) | np.arange(n)
+    packed.sort()
+    order = packed & ((1 << low) - 1)
+    begins = np.diff(packed >> low) != 0
+    fresh = _differs(keys, order)
+    if (fresh & ~begins).any():
+        run = np.append(0, np.cumsum(begins))
+        mixed = np.zeros(run[-1] + 1, np.bool_)
+        mixed[run[1:][fresh & ~begins]] = True
+        at = np.flatnonzero(mixed[run])
+        own = order[at]
+        order[at] = own[np.lexsort((own, *(-key[own] for key in reversed(keys)), run[at]))]
+        fresh = _differs(keys, order)
+    return order, np.append(True, fresh)[:n]
+
+
+def _differs(keys: tuple[FloatArray, ...], order: IntArray) -> BoolArray:
+    """Whether each row in an order (n,) differs in a key from the one before it, shape (n - 1,)."""
+    found = np.zeros(max(len(order) - 1, 0), np.bool_)
+    for key in keys:
+        value = key[order]
+        found |= (value[1:] != value[:-1]) & ~(np.isnan(value[1:]) & np.isnan(value[:-1]))
+    return found
 
 
 def greedy_match(
@@ -188,46 +230,64 @@ class Overlaps:
 
     def matched(self, ranking: FloatArray) -> MatchTable:
         """The match table of the candidates in the order of a ranking (n,), larger is better."""
+        outcome, annotation = self.decided(ranking)
+        images, cars = self.truth.n_images, self.truth.n_cars
+        return MatchTable(images, cars, self.image, np.asarray(ranking, float), outcome, annotation)
+
+    def decided(self, *keys: FloatArray) -> tuple[NDArray[np.int8], IntArray]:
+        """Outcome and car of each candidate as match tables have them, each of shape (n,).
+
+        Args:
+            keys: what they are ranked by, (n,) each, larger is better: the first, then the next where it
+                ties.
+        """
         outcome, annotation = self.unranked.copy(), self.annotation_id.copy()
         taken = take_cars(
             self.image,
-            ranking,
+            *keys,
             candidate=self.candidate,
             car=self.car,
             overlap=self.overlap,
             n_cars=len(self.truth.ignore),
         )
-        outcome[taken >= 0] = HIT
-        annotation[taken >= 0] = self.truth.annotation_id[taken[taken >= 0]]
-        images, cars = self.truth.n_images, self.truth.n_cars
-        return MatchTable(images, cars, self.image, np.asarray(ranking, float), outcome, annotation)
+        hit = np.flatnonzero(taken >= 0)
+        outcome[hit] = HIT
+        annotation[hit] = self.truth.annotation_id[taken[hit]]
+        return outcome, annotation
 
 
 def take_cars(
     image: IntArray,
-    ranking: FloatArray,
-    *,
+    *keys: FloatArray,
     candidate: IntArray,
     car: IntArray,
     overlap: FloatArray,
     n_cars: int,
 ) -> IntArray:
-    """The car each candidate takes, -1 where none; a round for each place in the ranking, images together."""
+    """The car each candidate takes, -1 where none; a round for each place in the ranking by some keys, images
+    together."""
     taken_by = np.full(len(image), -1, np.int64)
-    place = places_in_image(image, ranking)[candidate]
+    # where a candidate and a car have only each other, nobody is in the way
+    alone = (np.bincount(candidate, minlength=len(image))[candidate] == 1) & (np.bincount(car)[car] == 1)
+    taken_by[candidate[alone]] = car[alone]
+    candidate, car, overlap = candidate[~alone], car[~alone], overlap[~alone]
+    rows, own = np.unique(candidate, return_inverse=True)
+    place = places_in_image(image[rows], *(np.asarray(key)[rows] for key in keys))[own]
     free = np.ones(n_cars, bool)
-    for p in np.unique(place):
-        now = (place == p) & free[car]
-        best = _best_pair(candidate[now], car[now], overlap[now], len(image))
+    for p in range(int(place.max(initial=-1)) + 1):
+        now = np.flatnonzero(place == p)
+        now = now[free[car[now]]]
+        best = _best_pair(own[now], car[now], overlap[now], len(rows))
         winners = np.flatnonzero(best >= 0)
-        taken_by[winners] = best[winners]
+        taken_by[rows[winners]] = best[winners]
         free[best[winners]] = False
     return taken_by
 
 
-def places_in_image(image: IntArray, ranking: FloatArray) -> IntArray:
-    """Place of each candidate (n,) in its image, 0 is best; equal ones in the order given."""
-    order = np.lexsort((np.arange(len(image)), -np.asarray(ranking), image))
+def places_in_image(image: IntArray, *keys: FloatArray) -> IntArray:
+    """Place of each candidate (n,) in its image by some keys, larger is better, 0 is best; equal ones in the
+    order given."""
+    order = np.lexsort((*(-np.asarray(key) for key in reversed(keys)), image))
     first = np.searchsorted(image[order], image[order], side="left")
     place = np.empty(len(image), np.int64)
     place[order] = np.arange(len(image)) - first

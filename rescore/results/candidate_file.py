@@ -6,15 +6,17 @@ A column that an evaluation adds is named here alone. The numbers of the depth e
 
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from recon.arrays import FloatArray, IntArray, stacked
+from recon.arrays import FloatArray, IntArray, constant, is_constant, stacked
 from recon.errors import RescoreError
 from recon.files import atomic_path
 from recon.reading import reading
@@ -24,6 +26,7 @@ from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import DetectionFile
+from rescore.formats.parts.candidates import CORNERS, columns_of
 from rescore.metrics.matching import OUTCOMES, MatchTable, ranking_of
 
 Columns = Mapping[str, NDArray[Any]]
@@ -150,85 +153,118 @@ _STAND_INS = {
 else NaN, or no status."""
 
 
+class Outcomes(Protocol):
+    """What became of candidates: match tables, and what has no more of them."""
+
+    @property
+    def outcome(self) -> NDArray[np.int8]:
+        """Index into ``OUTCOMES``, shape (n,)."""
+
+    @property
+    def annotation_id(self) -> IntArray:
+        """As in match tables, shape (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """The candidates of one detector in one mode as they come to an evaluation."""
+
+    detector: str
+    mode: Registration | None
+    """None where nothing was rescored."""
+    w: float | None
+    rows: Mapping[str, Any]
+    """Columns named as in parts of detections: arrays, or columns of Arrow."""
+
+    @staticmethod
+    def of(file: DetectionFile) -> "Given":
+        """The candidates of a file."""
+        mode = None if file.posterior is None else file.registration
+        return Given(file.detector, mode, file.w, columns_of(file.table, file.posterior))
+
+
 def detector_columns(
-    own: Sequence[DetectionFile],
-    alone: MatchTable,
-    matched: Mapping[Registration, MatchTable],
+    own: Sequence[Given],
+    alone: Outcomes,
+    matched: Mapping[Registration, Outcomes],
     kind: NDArray[np.object_],
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, Any]:
     """The columns of one detector with all its modes, a row a candidate.
 
     Args:
-        own: its files, that of eq. 6 first; all hold the same candidates.
-        alone: the match table of the raw scores.
-        matched: the match table of each mode.
+        own: its candidates as they come, those of eq. 6 first; the same ones in each mode.
+        alone: what became of them by the raw scores.
+        matched: what became of them in each mode.
         kind: what fills most of the box of each candidate, shape (n,).
     """
-    t = own[0].table
-    # a file that was not rescored has no D, so it may stand for that of eq. 6
-    file = next((f for f in own if f.registration is Registration.PAPER), None)
-    posterior = file.posterior if file is not None and file.posterior is not None else t.likelihood
-    w = np.nan if file is None or file.w is None else file.w
+    rows, n = own[0].rows, len(kind)
+    # what was not rescored has no D, so it may stand for eq. 6
+    file = next((g for g in own if g.mode in {Registration.PAPER, None}), None)
     paper = matched.get(Registration.PAPER, alone)
-    numbers = {name: getattr(t, name) for name in NUMBERS}
-    if file is None:
-        # D of another mode is in a column of its own
-        numbers["depth_difference"] = np.full(len(t), np.nan)
     columns = {
-        "detector": np.full(len(t), own[0].detector, dtype=object),
-        "image_id": t.image_id,
-        "rank": t.rank,
-        **dict(zip(("x0", "y0", "x1", "y1"), t.xyxy_px.T, strict=True)),
-        "detector_score": t.score,
-        "likelihood": t.likelihood,
-        "status": t.status,
-        "reason_detail": t.reason_detail,
-        **numbers,
-        "posterior_paper": posterior,
-        "w": np.full(len(t), w),
+        "detector": constant(own[0].detector, (n,), object),
+        **{name: rows[name] for name in _GIVEN},
+        **{name: rows[name] for name in NUMBERS},
+        "posterior_paper": (file or own[0]).rows[_posterior(file)],
+        "w": _weights(file, n),
         f"outcome_{ALONE}": _names(alone),
         "outcome_paper": _names(paper),
         f"annotation_id_{ALONE}": alone.annotation_id,
         "annotation_id_paper": paper.annotation_id,
-        **{f"cue_{name}": column for name, column in zip(CUES, t.cues.T, strict=True)},
+        **{f"cue_{name}": rows[f"cue_{name}"] for name in CUES},
     }
+    if file is None:
+        # D of another mode is in a column of its own
+        columns["depth_difference"] = constant(np.nan, (n,))
     for other in own:
-        if other.registration in matched and other.registration is not Registration.PAPER:
-            columns |= _mode_columns(other, matched[other.registration])
-    return columns | _box3d_columns(own) | _view_columns(own) | {"kind": kind}
+        if other.mode is not None and other.mode is not Registration.PAPER:
+            columns |= _mode_columns(other, matched[other.mode])
+    return columns | _of_first(own, _BOX_COLUMNS) | _of_first(own, tuple(_VIEW_COLUMNS)) | {"kind": kind}
 
 
-def _view_columns(own: Sequence[DetectionFile]) -> dict[str, NDArray[Any]]:
-    """The views of the first file that tells some; no column where none does."""
-    table = next((f.table for f in own if f.table.view_bin.any()), None)
-    return {} if table is None else {name: getattr(table, name) for name in _VIEW_COLUMNS}
+_GIVEN = ("image_id", "rank", *CORNERS, "detector_score", "likelihood", "status", "reason_detail")
+_BOX_COLUMNS = tuple(f"box3d_{kind}{name}" for kind in ("", "sd_") for name in BOX_NAMES)
 
 
-def _box3d_columns(own: Sequence[DetectionFile]) -> dict[str, NDArray[Any]]:
-    """The 3D boxes of the first file that has some; no column where none has."""
-    boxes3d = next((f.table.boxes3d for f in own if f.table.boxes3d is not None), None)
-    if boxes3d is None:
-        return {}
-    columns = dict(zip((f"box3d_{name}" for name in BOX_NAMES), boxes3d.values.T, strict=True))
-    if boxes3d.deviations is None:
-        return columns
-    return columns | dict(zip((f"box3d_sd_{name}" for name in BOX_NAMES), boxes3d.deviations.T, strict=True))
+def _posterior(given: Given | None) -> str:
+    return "likelihood" if given is None or given.mode is None else "posterior"
 
 
-def _mode_columns(file: DetectionFile, match: MatchTable) -> dict[str, NDArray[Any]]:
-    mode = file.registration.value
-    assert file.posterior is not None
+def _weights(given: Given | None, n: int) -> FloatArray:
+    return constant(np.nan if given is None or given.w is None else given.w, (n,))
+
+
+def _of_first(own: Sequence[Given], names: Sequence[str]) -> dict[str, Any]:
+    """Columns of the first mode in which a candidate fills the first of them; none where it is nowhere."""
+    rows = next((g.rows for g in own if _filled(g.rows.get(names[0]))), {})
+    return {name: rows[name] for name in names if name in rows}
+
+
+def _filled(column: Any) -> bool:
+    """Whether a candidate fills a column: with a number, or a text that is not empty."""
+    if column is None:
+        return False
+    if isinstance(column, np.ndarray):
+        return bool(column.any() if column.dtype == object else not np.isnan(column).all())
+    if pa.types.is_string(column.type):
+        return bool(pc.any(pc.not_equal(column, "")).as_py())
+    return bool(column.null_count < len(column))
+
+
+def _mode_columns(given: Given, match: Outcomes) -> dict[str, Any]:
+    assert given.mode is not None
+    mode = given.mode.value
     return {
-        f"difference_{mode}": file.table.depth_difference,
-        f"status_{mode}": file.table.status,
-        score_column(mode): file.posterior,
-        f"w_{mode}": np.full(len(file.table), np.nan if file.w is None else file.w),
+        f"difference_{mode}": given.rows["depth_difference"],
+        f"status_{mode}": given.rows["status"],
+        score_column(mode): given.rows["posterior"],
+        f"w_{mode}": _weights(given, len(match.outcome)),
         f"outcome_{mode}": _names(match),
         f"annotation_id_{mode}": match.annotation_id,
     }
 
 
-def _names(match: MatchTable) -> NDArray[np.object_]:
+def _names(match: Outcomes) -> NDArray[np.object_]:
     return np.array([o.value for o in OUTCOMES], dtype=object)[match.outcome]
 
 
@@ -264,17 +300,25 @@ def parts_schema(modes: Iterable[str]) -> pa.Schema:
     )
 
 
-def arrow_rows(columns: Columns, schema: pa.Schema) -> pa.Table:
+def arrow_rows(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     """The candidates of a detector as a table; numbers that there are none of are null."""
     n = len(columns["image_id"])
     modes = {f.name for f in schema if f.name.rpartition("_")[0] in _STAND_INS}
     filled = [
-        pa.array(_column(columns, f.name), f.type, from_pandas=True)
+        _arrow(_column(columns, f.name), f.type)
         if f.name in columns or f.name in modes
         else pa.nulls(n, f.type)
         for f in schema
     ]
     return pa.table(filled, schema=schema)
+
+
+def _arrow(column: Any, kind: pa.DataType) -> Any:
+    if not isinstance(column, np.ndarray):
+        return column
+    if is_constant(column):
+        return pa.repeat(pa.scalar(column[0], kind, from_pandas=True), len(column))
+    return pa.array(column, kind, from_pandas=True)
 
 
 def write_candidates(path: Path, columns: Mapping[str, Any]) -> None:

@@ -20,7 +20,7 @@ from rescore.metrics.bootstrap import BootstrapConfig
 from rescore.metrics.curves import summarise, ties
 from rescore.metrics.matching import HIT, IGNORED, MIN_IOU, MatchTable, TruthTable, greedy_match, ranking_of
 from rescore.metrics.reliability import reliability
-from rescore.results.candidate_file import ALONE, Columns, detector_columns, joined, write_candidates
+from rescore.results.candidate_file import ALONE, Columns, Given, detector_columns, joined, write_candidates
 from rescore.results.comparisons import certainty
 from rescore.results.difficulty import difficulty_of_table
 from rescore.results.evaluate3d import TrueCars, boxes3d_rows
@@ -91,7 +91,7 @@ def evaluate(
         matched = {f.registration: _match(f, truth, min_iou) for f in own if f.posterior is not None}
         alone = _match_alone(own[0], truth, min_iou)
         kind = kinds_of_table(data.frames, own[0].table.image_id, own[0].table.xyxy_px)
-        parts.append(detector_columns(own, alone, matched, kind))
+        parts.append(detector_columns([Given.of(f) for f in own], alone, matched, kind))
         by_mode = {ALONE: alone, **{str(m): t for m, t in matched.items()}}
         sure = certainty(own[0].detector, by_mode, kind, truth.cars_of_image, seed, drawn)
         rows += _rows(own, alone, matched, sure.intervals)

@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, IntArray
 from recon.boxes import paired_overlap
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet, Truth
 from rescore.formats.coco import DetectionFile
-from rescore.formats.kitti import UNKNOWN_ALPHA, alpha_of_azimuth
 from rescore.formats.labels import UNKNOWN_OCCLUSION
 from rescore.metrics.boxes3d import BoxErrors, box_errors, box_overlaps
 from rescore.metrics.kitti_precision import (
@@ -74,12 +74,10 @@ class TrueCars:
     boxes3d: Boxes3D
     alpha_rad: FloatArray
     """KITTI's observation angle, NaN where unknown, shape (m,)."""
-    truncated: FloatArray
-    """As in ``rescore.data.frames.Truth``, NaN where unknown, shape (m,)."""
-    occluded: IntArray
-    """As there, 3 where unknown, shape (m,)."""
-    visibility: FloatArray
-    """As there, NaN where unknown, shape (m,)."""
+    whole: BoolArray
+    """Cars that nothing is known to hide or cut off, shape (m,)."""
+    left_out: Mapping[str, BoolArray]
+    """Cars that need not be found, by name of the level, shape (m,) each; the levels that are known."""
 
     @staticmethod
     def of(data: DataSet) -> "TrueCars | None":
@@ -87,56 +85,56 @@ class TrueCars:
         truths = [data.truth[f.image_id] for f in data.frames]
         if all(t.boxes3d is None for t in truths):
             return None
-        boxes3d = [Boxes3D.filled(t.boxes3d, len(t.ignore)) for t in truths]
-        cars = TrueCars(
-            table=TruthTable.of(data),
-            boxes3d=Boxes3D.concatenate(boxes3d),
-            alpha_rad=_joined(_true_alphas(t, b) for t, b in zip(truths, boxes3d, strict=True)),
+        return TrueCars.of_columns(
+            TruthTable.of(data),
+            Boxes3D.concatenate([Boxes3D.filled(t.boxes3d, len(t.ignore)) for t in truths]),
+            azimuth_deg=_joined(_or_nan(t.azimuth_deg, t) for t in truths),
             truncated=_joined(_or_nan(t.truncated, t) for t in truths),
             occluded=_joined(_occluded(t) for t in truths).astype(np.int64),
             visibility=_joined(t.visibility for t in truths),
         )
-        return cars if (cars.boxes3d.known & ~cars.table.ignore).any() else None
+
+    @staticmethod
+    def of_columns(
+        table: TruthTable,
+        boxes3d: Boxes3D,
+        *,
+        azimuth_deg: FloatArray,
+        truncated: FloatArray,
+        occluded: IntArray,
+        visibility: FloatArray,
+    ) -> "TrueCars | None":
+        """The objects of columns (m,) as ``rescore.data.frames.Truth`` has them, NaN where unknown, occlusion
+        3; None where no car that counts has a 3D box."""
+        if not (boxes3d.known & ~table.ignore).any():
+            return None
+        stated = _alphas(azimuth_deg)
+        some_occluded = bool((occluded != UNKNOWN_OCCLUSION).any())
+        levels = LEVELS if some_occluded and not np.isnan(truncated).all() else ()
+        height = _heights(table.xyxy_px)
+        needless = table.ignore | ~boxes3d.known
+        hidden = np.isin(occluded, (1, 2)) | (visibility < WHOLE_VISIBILITY)
+        if some_occluded:
+            # where others have a level, one without is doubtful
+            hidden |= (occluded == UNKNOWN_OCCLUSION) & np.isnan(visibility)
+        return TrueCars(
+            table=table,
+            boxes3d=boxes3d,
+            alpha_rad=np.where(np.isnan(stated), boxes3d.alpha_rad, stated),
+            whole=~hidden & ~(truncated > WHOLE_TRUNCATION),
+            left_out={
+                level.name: needless
+                | (occluded > level.max_occlusion)
+                | (truncated > level.max_truncation)
+                | (height <= level.min_height_px)
+                for level in (*levels, EVERY_CAR)
+            },
+        )
 
     @property
     def levels(self) -> tuple[Level, ...]:
         """KITTI's levels where their quantities are known, and that of every car."""
-        known = self._levels_of_occlusion and not np.isnan(self.truncated).all()
-        return (*LEVELS, EVERY_CAR) if known else (EVERY_CAR,)
-
-    @property
-    def _levels_of_occlusion(self) -> bool:
-        return bool((self.occluded != UNKNOWN_OCCLUSION).any())
-
-    @property
-    def whole(self) -> BoolArray:
-        """Cars that nothing is known to hide or cut off, shape (m,)."""
-        hidden = np.isin(self.occluded, (1, 2)) | (self.visibility < WHOLE_VISIBILITY)
-        if self._levels_of_occlusion:
-            # where others have a level, one without is doubtful
-            hidden |= (self.occluded == UNKNOWN_OCCLUSION) & np.isnan(self.visibility)
-        return ~hidden & ~(self.truncated > WHOLE_TRUNCATION)
-
-    def left_out(self, level: Level) -> BoolArray:
-        """Cars that need not be found at a level, shape (m,)."""
-        too_hard = (self.occluded > level.max_occlusion) | (self.truncated > level.max_truncation)
-        too_small = _heights(self.table.xyxy_px) <= level.min_height_px
-        return self.table.ignore | ~self.boxes3d.known | too_hard | too_small
-
-
-@dataclass(frozen=True, eq=False)
-class Ranked:
-    """The detections of one detector in the order of one mode, n in all."""
-
-    image: IntArray
-    """Image of each, as ``TruthTable.car_image`` counts them, shape (n,)."""
-    xyxy_px: FloatArray
-    """Shape (n, 4)."""
-    boxes3d: Boxes3D
-    alpha_rad: FloatArray
-    """KITTI's observation angle, NaN where unknown, shape (n,)."""
-    match: MatchTable
-    """What each found in the picture."""
+        return tuple(level for level in (*LEVELS, EVERY_CAR) if level.name in self.left_out)
 
 
 def boxes3d_rows(
@@ -153,123 +151,208 @@ def boxes3d_rows(
     table = next((f.table for f in files if f.table.boxes3d is not None), None)
     if table is None or table.boxes3d is None or not matched:
         return []
-    alpha = np.where(table.boxes3d.known, table.boxes3d.alpha_rad, _alphas(table.azimuth_deg))
-    found = [Ranked(match.image, table.xyxy_px, table.boxes3d, alpha, match) for match in matched.values()]
-    # modes rank the same boxes
-    pairs = _Pairs.of(cars, found[0])
-    return [
-        _row(cars, files[0].detector, mode, ranked, pairs)
-        for mode, ranked in zip(matched, found, strict=True)
-    ]
-
-
-def _row(cars: TrueCars, detector: str, mode: str, found: Ranked, pairs: "_Pairs") -> Boxes3DRow:
-    return Boxes3DRow(
-        detector=detector,
-        mode=mode,
-        n_boxes=int(found.boxes3d.known.sum()),
-        precision=tuple(_precision(cars, found, pairs, level) for level in cars.levels),
-        errors=_errors(cars, found, pairs),
-        poses=_poses(cars, found),
-    )
+    found = Found3D(cars, tuple(matched))
+    first = next(iter(matched.values()))
+    detections = Detections3D(first.image, table.xyxy_px, table.boxes3d, table.azimuth_deg)
+    decided = {m: Decided((t.ranking,), t.outcome, t.annotation_id) for m, t in matched.items()}
+    found.add(np.arange(cars.table.n_images), detections, decided)
+    return found.rows(files[0].detector, ((mode, match.ranking) for mode, match in matched.items()))
 
 
 @dataclass(frozen=True, eq=False)
-class _Pairs:
-    """Every pair of a detection and an object of one image, p in all."""
+class Detections3D:
+    """Detections of some images of a test set, n in all."""
 
-    detection: IntArray
-    car: IntArray
-    in_picture: FloatArray
-    """IoU of the boxes in the picture, shape (p,), as the next two."""
-    from_above: FloatArray
-    in_space: FloatArray
-    of_own_area: FloatArray
-    """Share of the detection's box in the picture that lies in that of the object."""
-    similarity: FloatArray
-    errors: BoxErrors
+    image: IntArray
+    """Image of each, counted within those, shape (n,)."""
+    xyxy_px: FloatArray
+    """Shape (n, 4)."""
+    boxes3d: Boxes3D
+    azimuth_deg: FloatArray
+    """As the detector tells it, NaN where it does not, shape (n,)."""
 
-    @staticmethod
-    def of(cars: TrueCars, found: Ranked) -> "_Pairs":
-        detection, car = pairs_of_image(found.image, cars.table.car_image)
-        in_picture, of_own_area = paired_overlap(found.xyxy_px[detection], cars.table.xyxy_px[car])
-        from_above, in_space = box_overlaps(found.boxes3d[detection], cars.boxes3d[car])
-        similarity = orientation_similarity(found.alpha_rad[detection], cars.alpha_rad[car])
-        errors = box_errors(found.boxes3d[detection], cars.boxes3d[car])
-        return _Pairs(detection, car, in_picture, from_above, in_space, of_own_area, similarity, errors)
-
-    def touching(self, overlap: FloatArray, min_iou: float) -> Touching:
-        """The pairs whose overlap (p,) is larger than the limit."""
-        keep = overlap > min_iou
-        return Touching(self.detection[keep], self.car[keep], overlap[keep], self.similarity[keep])
-
-    def any_of(self, keep: BoolArray, n: int) -> BoolArray:
-        """Mask of the detections (n,) that have a pair of a mask (p,)."""
-        return np.bincount(self.detection[keep], minlength=n) > 0
+    @property
+    def alpha_rad(self) -> FloatArray:
+        """KITTI's observation angle, NaN where unknown, shape (n,)."""
+        return np.where(self.boxes3d.known, self.boxes3d.alpha_rad, _alphas(self.azimuth_deg))
 
 
-def _precision(cars: TrueCars, found: Ranked, pairs: _Pairs, level: Level) -> Precision3D:
-    n, left_out = len(found.image), cars.left_out(level)
-    small = _heights(found.xyxy_px) < level.min_height_px
-    # what is ignored and has no 3D box is a region, as KITTI's DontCare, which takes any number
-    region = cars.table.ignore & ~cars.boxes3d.known
-    unknown = ~cars.table.ignore & ~cars.boxes3d.known
-    on_unknown = pairs.any_of(unknown[pairs.car] & (pairs.in_picture >= SAME_CAR_IOU), n)
-    ranking = found.match.ranking
-    solid = Judged(ranking, small | ~found.boxes3d.known, on_unknown, left_out)
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """What became of detections in the picture in one mode."""
+
+    keys: tuple[FloatArray, ...]
+    """What they are ranked by, (n,) each: the first, then the next where it ties."""
+    outcome: NDArray[np.int8]
+    """Index into ``rescore.metrics.matching.OUTCOMES``, shape (n,)."""
+    annotation_id: IntArray
+    """The car hit, as in match tables, shape (n,)."""
+
+
+class Found3D:
+    """The detections of one detector against the cars, of all images at once or of some at a time.
+
+    What is kept of a detection is a few bits, and its pairs with cars that it overlaps by half.
+    """
+
+    def __init__(self, cars: TrueCars, modes: Sequence[str]) -> None:
+        self._cars = cars
+        self._n = 0
+        self._flags: dict[str, list[BoolArray]] = {}
+        """Masks of the detections by what they tell, some at a time."""
+        self._pairs: dict[str, list[Touching]] = {name: [] for name in _OVERLAPS}
+        self._errors: dict[str, list[BoxErrors]] = {m: [] for m in modes}
+        """Errors of the detections that nuScenes pairs with a car, by mode."""
+        self._hits: dict[str, list[_Hits]] = {m: [] for m in modes}
+
+    def add(self, images: IntArray, found: Detections3D, decided: Mapping[str, Decided]) -> None:
+        """The detections of some images, by their places in the truth, with what became of them by mode."""
+        cars = self._cars
+        rows = cars.table.rows_of(images)
+        truth, solid = cars.table.take(images), cars.boxes3d[rows]
+        detection, car = pairs_of_image(found.image, truth.car_image)
+        in_picture, of_own_area = paired_overlap(found.xyxy_px[detection], truth.xyxy_px[car])
+        apart = np.hypot(*(found.boxes3d.centre_cam_m[detection, ::2] - solid.centre_cam_m[car, ::2]).T)
+        from_above, in_space = np.zeros(len(car)), np.zeros(len(car))
+        # what lies farther apart than two circles about the footprints does not overlap
+        close = np.flatnonzero(apart <= _reach_m(found.boxes3d)[detection] + _reach_m(solid)[car])
+        from_above[close], in_space[close] = box_overlaps(found.boxes3d[detection[close]], solid[car[close]])
+        alpha, true_alpha = found.alpha_rad, cars.alpha_rad[rows]
+        for name, overlap in zip(_OVERLAPS, (in_picture, from_above, in_space), strict=True):
+            at = np.flatnonzero(overlap > min(MIN_IOUS))
+            d, c = detection[at], car[at]
+            similarity = orientation_similarity(alpha[d], true_alpha[c])
+            self._pairs[name].append(Touching(d + self._n, rows[c], overlap[at], similarity))
+        # what is ignored and has no 3D box is a region, as KITTI's DontCare, which takes any number
+        region, unknown = truth.ignore & ~solid.known, ~truth.ignore & ~solid.known
+        n = len(found.image)
+
+        def any_of(keep: BoolArray) -> BoolArray:
+            """Mask of the detections (n,) that have a pair of a mask (p,)."""
+            return np.bincount(detection[keep], minlength=n) > 0
+
+        flags = {
+            "known": found.boxes3d.known,
+            "unknown": any_of(unknown[car] & (in_picture >= SAME_CAR_IOU)),
+            **{f"region {iou:g}": any_of(region[car] & (of_own_area > iou)) for iou in MIN_IOUS},
+            **{f"small {le.name}": _heights(found.xyxy_px) < le.min_height_px for le in cars.levels},
+        }
+        for name, mask in flags.items():
+            self._flags.setdefault(name, []).append(mask)
+        near = np.flatnonzero(apart < FOUND_WITHIN_M)
+        for mode, one in decided.items():
+            taken = take_cars(
+                found.image,
+                *one.keys,
+                candidate=detection[near],
+                car=car[near],
+                overlap=-apart[near],
+                n_cars=len(truth.ignore),
+            )
+            who = np.flatnonzero(taken >= 0)
+            who = who[~truth.ignore[taken[who]]]
+            self._errors[mode].append(box_errors(found.boxes3d[who], solid[taken[who]]))
+            self._hits[mode].append(_hits(found, one, truth, solid, cars.whole[rows]))
+        self._n += n
+
+    def rows(self, detector: str, rankings: Iterable[tuple[str, FloatArray]]) -> list[Boxes3DRow]:
+        """The figures by mode; to be asked for once, since what was kept is given away.
+
+        Args:
+            detector: its name.
+            rankings: each mode, and what all detections are ranked by in it, larger is better, (n,).
+        """
+        flags = {name: np.concatenate(self._flags.pop(name)) for name in list(self._flags)}
+        pairs = {name: Touching.joined(self._pairs.pop(name)).by_car() for name in _OVERLAPS}
+        return [
+            Boxes3DRow(
+                detector=detector,
+                mode=mode,
+                n_boxes=int(flags["known"].sum()),
+                precision=tuple(
+                    _precision(level, self._cars.left_out[level.name], flags, pairs, ranking)
+                    for level in self._cars.levels
+                ),
+                errors=self._error_figures(mode),
+                poses=_poses(_Hits.joined(self._hits.pop(mode))),
+            )
+            for mode, ranking in rankings
+        ]
+
+    def _error_figures(self, mode: str) -> BoxErrorFigures:
+        """Errors of the detections that are taken, best first, by the nearest free car within 2 m: nuScenes'
+        rule."""
+        cars, errors = self._cars, BoxErrors.joined(self._errors.pop(mode))
+        return BoxErrorFigures(
+            within_m=FOUND_WITHIN_M,
+            n_cars=int((cars.boxes3d.known & ~cars.table.ignore).sum()),
+            n_found=len(errors.translation_m),
+            translation_m=_mean_median(errors.translation_m),
+            scale=_mean_median(errors.scale),
+            orientation_rad=_mean_median(errors.orientation_rad),
+        )
+
+
+_OVERLAPS = ("in_picture", "from_above", "in_space")
+"""Overlaps by which detections and cars are paired."""
+
+
+def _precision(
+    level: Level,
+    left_out: BoolArray,
+    flags: Mapping[str, BoolArray],
+    pairs: Mapping[str, Touching],
+    ranking: FloatArray,
+) -> Precision3D:
+    small, known = flags[f"small {level.name}"], flags["known"]
+    solid = Judged(ranking, small | ~known, flags["unknown"], left_out)
     figures: dict[str, dict[str, float | None]] = {
-        name: {f"{iou:g}": None for iou in MIN_IOUS}
-        for name in ("in_picture", "orientation", "from_above", "in_space")
+        name: {f"{iou:g}": None for iou in MIN_IOUS} for name in (*_OVERLAPS, "orientation")
     }
     for min_iou in MIN_IOUS if solid.n_cars >= MIN_CARS else ():
-        on_region = pairs.any_of(region[pairs.car] & (pairs.of_own_area > min_iou), n)
-        flat = kitti_precision(
-            Judged(ranking, small, on_region, left_out), pairs.touching(pairs.in_picture, min_iou)
-        )
-        above = kitti_precision(solid, pairs.touching(pairs.from_above, min_iou))
-        space = kitti_precision(solid, pairs.touching(pairs.in_space, min_iou))
         key = f"{min_iou:g}"
-        figures["in_picture"][key] = finite(flat.average_precision)
-        figures["orientation"][key] = finite(flat.orientation_similarity)
-        figures["from_above"][key] = finite(above.average_precision)
-        figures["in_space"][key] = finite(space.average_precision)
+        flat = Judged(ranking, small, flags[f"region {key}"], left_out)
+        for name, judged in zip(_OVERLAPS, (flat, solid, solid), strict=True):
+            found = kitti_precision(judged, pairs[name][pairs[name].overlap > min_iou])
+            figures[name][key] = finite(found.average_precision)
+            if judged is flat:
+                figures["orientation"][key] = finite(found.orientation_similarity)
     return Precision3D(level=level.name, n_cars=solid.n_cars, **figures)
 
 
-def _errors(cars: TrueCars, found: Ranked, pairs: _Pairs) -> BoxErrorFigures:
-    """Errors of the detections that are taken, best first, by the nearest free car within 2 m, as nuScenes
-    does."""
-    apart = pairs.errors
-    near = apart.translation_m < FOUND_WITHIN_M
-    taken = take_cars(
-        found.image,
-        found.match.ranking,
-        candidate=pairs.detection[near],
-        car=pairs.car[near],
-        overlap=-apart.translation_m[near],
-        n_cars=len(cars.table.ignore),
-    )
-    detection = np.flatnonzero(taken >= 0)
-    detection = detection[~cars.table.ignore[taken[detection]]]
-    errors = box_errors(found.boxes3d[detection], cars.boxes3d[taken[detection]])
-    return BoxErrorFigures(
-        within_m=FOUND_WITHIN_M,
-        n_cars=int((cars.boxes3d.known & ~cars.table.ignore).sum()),
-        n_found=len(detection),
-        translation_m=_mean_median(errors.translation_m),
-        scale=_mean_median(errors.scale),
-        orientation_rad=_mean_median(errors.orientation_rad),
-    )
+@dataclass(frozen=True, eq=False)
+class _Hits:
+    """The detections that found a car with a 3D box in the picture, k in all."""
+
+    errors: BoxErrors
+    distance_m: FloatArray
+    whole: BoolArray
+
+    @staticmethod
+    def joined(parts: "Sequence[_Hits]") -> "_Hits":
+        return _Hits(
+            BoxErrors.joined([p.errors for p in parts]),
+            np.concatenate([p.distance_m for p in parts]),
+            np.concatenate([p.whole for p in parts]),
+        )
 
 
-def _poses(cars: TrueCars, found: Ranked) -> tuple[PoseFigures, ...]:
+def _hits(
+    found: Detections3D, decided: Decided, truth: TruthTable, solid: Boxes3D, whole: BoolArray
+) -> _Hits:
+    hit = np.flatnonzero(decided.outcome == HIT)
+    order = np.argsort(truth.annotation_id, kind="stable")
+    # of two with one number the later
+    at = np.searchsorted(truth.annotation_id[order], decided.annotation_id[hit], side="right") - 1
+    car = order[at]
+    hit, car = hit[solid.known[car]], car[solid.known[car]]
+    errors = box_errors(found.boxes3d[hit], solid[car])
+    return _Hits(errors, solid.distance_m[car], whole[car])
+
+
+def _poses(hits: _Hits) -> tuple[PoseFigures, ...]:
     """The share of correct poses of all cars, and of whole ones by distance."""
-    hit = np.flatnonzero(found.match.outcome == HIT)
-    row_of = {int(a): i for i, a in enumerate(cars.table.annotation_id)}
-    car = np.array([row_of[int(a)] for a in found.match.annotation_id[hit]], np.int64)
-    hit, car = hit[cars.boxes3d.known[car]], car[cars.boxes3d.known[car]]
-    errors = box_errors(found.boxes3d[hit], cars.boxes3d[car])
-    distance, whole = cars.boxes3d.distance_m[car], cars.whole[car]
+    errors, distance, whole = hits.errors, hits.distance_m, hits.whole
     by_distance = [
         _pose(errors[whole & (distance >= low) & (distance < high)], True, (low, high))
         for low, high in DISTANCES_M
@@ -290,6 +373,11 @@ def _pose(errors: BoxErrors, whole: bool, distance_m: tuple[float, float | None]
         median_translation_m=_mean_median(errors.translation_m[correct]).median,
         median_orientation_rad=_mean_median(errors.orientation_rad[correct]).median,
     )
+
+
+def _reach_m(boxes3d: Boxes3D) -> FloatArray:
+    """Radius of a circle about each footprint (n,)."""
+    return np.asarray(np.hypot(boxes3d.size_m[:, 0], boxes3d.size_m[:, 1]) / 2)
 
 
 def _mean_median(values: FloatArray) -> MeanMedian:
@@ -315,13 +403,6 @@ def _occluded(truth: Truth) -> FloatArray:
     return (unknown if truth.occluded is None else truth.occluded).astype(float)
 
 
-def _true_alphas(truth: Truth, boxes3d: Boxes3D) -> FloatArray:
-    """Observation angles of annotated objects, as stated, else by their 3D boxes; NaN where unknown."""
-    stated = _alphas(_or_nan(truth.azimuth_deg, truth))
-    return np.where(np.isnan(stated), boxes3d.alpha_rad, stated)
-
-
 def _alphas(azimuth_deg: FloatArray) -> FloatArray:
-    """Observation angle of each azimuth (n,), NaN where unknown."""
-    alpha = np.array([alpha_of_azimuth(a) for a in azimuth_deg.tolist()], float)
-    return np.where(alpha == UNKNOWN_ALPHA, np.nan, alpha)
+    """KITTI's observation angle of each azimuth (n,), NaN where unknown."""
+    return np.radians(180 - (90 - azimuth_deg) % 360)

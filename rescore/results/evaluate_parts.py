@@ -1,11 +1,12 @@
 """Evaluation of tables in parts: as ``rescore.results.evaluate``, with memory for a few numbers a candidate.
 
 Candidates are matched with the cars of their images some parts at a time, and go out again, with what became
-of them, as the parts of ``candidates``. Of each, image, scores and outcomes stay, some fifty bytes. From
+of them, as the parts of ``candidates``: the next are read and the last written meanwhile. Of each, image,
+scores and outcomes stay, some fifty bytes, and its pairs with cars that its 3D box overlaps by half. From
 these come the curves, by the functions that all curves come from, and the intervals, by sums over images.
 
 Figures are those of the evaluation in memory, to the last digit; intervals agree within what resamples vary
-by. Left out are the figures of 3D boxes, which take every pair of a detection and a car.
+by.
 """
 
 from collections import Counter
@@ -14,20 +15,20 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, IntArray, constant
 from recon.errors import RescoreError
+from rescore.data.boxes3d import BOX_NAMES, Boxes3D
 from rescore.data.frames import DataSet, FrameRecord
 from rescore.data.rendered_kinds import UNKNOWN, kinds_of_table
-from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import Registration
-from rescore.formats.coco import DetectionFile
-from rescore.formats.parts.candidates import DETECTIONS, RESCORED, read_rows, refuse_kind
+from rescore.formats.parts.candidates import CORNERS, DETECTIONS, RESCORED, SCHEMA, refuse_kind
 from rescore.formats.parts.frames import data_of, data_parts, has_instances, truth_of_parts
 from rescore.formats.parts.table import Part, PartTable, write_part
 from rescore.fusion.fuse import RULES, LearnedFusion, posterior_of
@@ -43,15 +44,18 @@ from rescore.metrics.matching import (
     MatchTable,
     Overlaps,
     TruthTable,
+    ranked_order,
     ranking_of,
 )
 from rescore.metrics.reliability import reliability
-from rescore.results.candidate_file import ALONE, arrow_rows, detector_columns, parts_schema
+from rescore.results.candidate_file import ALONE, Given, arrow_rows, detector_columns, parts_schema
 from rescore.results.comparisons import certainty
 from rescore.results.difficulty import CAR_LEVEL, MIN_VISIBILITY, share_by_kind
 from rescore.results.evaluate import RELIABILITY_BINS, tuning_rows
+from rescore.results.evaluate3d import Decided, Detections3D, Found3D, TrueCars
 from rescore.results.metrics_file import (
     BootstrapSettings,
+    Boxes3DRow,
     DetectorDifficulty,
     FusionRow,
     Metrics,
@@ -65,6 +69,7 @@ from rescore.results.metrics_file import (
 from rescore.results.run_folder import RunFolder
 
 CANDIDATES = "candidates"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +82,16 @@ class EvaluatedFrames:
     """Visible share of each car, NaN where unknown, shape (m,)."""
     rendered: Mapping[int, FrameRecord]
     """Records of the frames that have a picture of instance numbers, by image id."""
+    cars3d: TrueCars | None
+    """The cars with what is known of them in 3D; None where nothing is."""
 
     @classmethod
     def of_data(cls, data: DataSet) -> Self:
         """What is known of a data set in memory."""
         seen = [data.truth[f.image_id].visibility for f in data.frames]
         rendered = {f.image_id: f for f in data.frames if f.instance_path is not None}
-        return cls(data.root, TruthTable.of(data), np.concatenate([np.zeros(0), *seen]), rendered)
+        visibility = np.concatenate([np.zeros(0), *seen])
+        return cls(data.root, TruthTable.of(data), visibility, rendered, TrueCars.of(data))
 
     @classmethod
     def of_parts(cls, table: PartTable, split: str) -> Self:
@@ -93,8 +101,16 @@ class EvaluatedFrames:
             frames = [f for p in parts for f in p.frames if split in {f.split, "all"}]
             truth = {i: t for p in parts for i, t in p.truth.items()}
             return cls.of_data(data_of(table, frames, truth))
-        truth_table, visibility = truth_of_parts(table, split)
-        return cls(table.root, truth_table, visibility, {})
+        cars, known = truth_of_parts(table, split)
+        cars3d = TrueCars.of_columns(
+            cars,
+            known.boxes3d,
+            azimuth_deg=known.azimuth_deg,
+            truncated=known.truncated,
+            occluded=known.occluded,
+            visibility=known.visibility,
+        )
+        return cls(table.root, cars, known.visibility, {}, cars3d)
 
     @property
     def judged(self) -> bool:
@@ -168,6 +184,9 @@ def evaluate_parts(
         usual = min_iou == MIN_IOU and frames.judged and not frames.hidden.any()
         one = _Detector.empty(own, frames, tunings, hard=not usual)
         written += _written(run_dir / CANDIDATES, one.matched(min_iou), schema, len(written))
+        # what was read goes back before, and 3D boxes after their figures: the others take most memory
+        pa.default_memory_pool().release_unused()
+        found.boxes3d.extend(one.boxes3d_rows())
         found.add(one, seed, drawn)
     metrics = Metrics(
         n_images=frames.truth.n_images,
@@ -183,16 +202,14 @@ def evaluate_parts(
         reasons=found.reasons,
         tuning=tuning_rows(tunings),
         difficulty=found.difficulty,
-        boxes3d=(),
+        boxes3d=tuple(found.boxes3d),
     )
     PartTable(run_dir / CANDIDATES, CANDIDATES, {}, tuple(written)).write()
     write_metrics(RunFolder(run_dir).metrics, metrics)
     return metrics
 
 
-def _written(
-    root: Path, groups: Iterable[dict[str, NDArray[Any]]], schema: pa.Schema, n_before: int
-) -> list[Part]:
+def _written(root: Path, groups: Iterable[dict[str, Any]], schema: pa.Schema, n_before: int) -> list[Part]:
     """The parts of rows, each written while the next are matched."""
     written: list[Future[Part]] = []
     with ThreadPoolExecutor(max_workers=1) as writer:
@@ -204,7 +221,7 @@ def _written(
     return [part.result() for part in written]
 
 
-def _write(root: Path, name: str, rows: dict[str, NDArray[Any]], schema: pa.Schema) -> Part:
+def _write(root: Path, name: str, rows: dict[str, Any], schema: pa.Schema) -> Part:
     n_bytes = write_part(root, name, [arrow_rows(rows, schema)])
     return Part(name=name, rows=len(rows["image_id"]), bytes=n_bytes)
 
@@ -259,6 +276,9 @@ class _Detector:
     kinds: list[str]
     """Kind of each code in the column of kinds."""
     reasons: Counter[str]
+    solid: PartTable | None
+    """The table whose 3D boxes are judged; None where there are none, or no car has one."""
+    found3d: Found3D | None
 
     @classmethod
     def empty(
@@ -280,7 +300,10 @@ class _Detector:
         }
         if hard:
             columns["outcome hard"] = np.zeros(n, np.int8)
-        made = cls(own, frames, tunings, columns, [UNKNOWN], Counter())
+        solid = None if frames.cars3d is None else next(filter(_has_boxes3d, own), None)
+        modes = [ALONE, *(str(_mode(t)) for t in own if t.kind == RESCORED)]
+        found3d = None if frames.cars3d is None or solid is None else Found3D(frames.cars3d, modes)
+        made = cls(own, frames, tunings, columns, [UNKNOWN], Counter(), solid, found3d)
         for mode in made.modes:
             columns |= {f"posterior {mode}": np.zeros(n), f"difference {mode}": np.zeros(n)}
             columns[f"outcome {mode}"] = np.zeros(n, np.int8)
@@ -309,19 +332,20 @@ class _Detector:
         one = np.zeros(1)
         return [r for r in RULES if posterior_of(r, one, one, self.w(mode), self.learned(mode)) is not None]
 
-    def matched(self, min_iou: float) -> Iterator[dict[str, NDArray[Any]]]:
+    def matched(self, min_iou: float) -> Iterator[dict[str, Any]]:
         """Fill the columns, some parts at a time; the rows of candidates.parquet of these."""
         begin, seen = 0, np.zeros(self.frames.truth.n_images, np.bool_)
-        for files, n in _read_together(self.own):
-            self._refuse_seen(files[0].table.image_id, n, seen)
-            rows = slice(begin, begin + len(files[0].table))
-            yield self._match(files, rows, min_iou)
+        for tables, n in _one_ahead(_read_together(self.own)):
+            place = self.frames.places(tables[0]["image_id"].to_numpy())
+            self._refuse_seen(place, n, seen)
+            rows = slice(begin, begin + len(place))
+            yield self._match(tables, place, rows, min_iou)
             begin = rows.stop
 
-    def _refuse_seen(self, image_id: IntArray, rows_of_part: Sequence[int], seen: BoolArray) -> None:
-        place, begin = self.frames.places(image_id), 0
+    def _refuse_seen(self, place: IntArray, rows_of_part: Sequence[int], seen: BoolArray) -> None:
+        begin = 0
         for n in rows_of_part:
-            images = np.unique(place[begin : begin + n])
+            images = place[begin : begin + n]
             if seen[images].any():
                 twice = self.frames.truth.image_id[images[seen[images]][0]]
                 raise RescoreError(
@@ -331,42 +355,67 @@ class _Detector:
             seen[images] = True
             begin += n
 
-    def _match(self, files: Sequence[DetectionFile], rows: slice, min_iou: float) -> dict[str, NDArray[Any]]:
-        table = files[0].table
-        place = self.frames.places(table.image_id)
-        images = np.unique(place)
+    def _match(
+        self, tables: Sequence[pa.Table], place: IntArray, rows: slice, min_iou: float
+    ) -> dict[str, Any]:
+        first, columns = tables[0], self.columns
+        images, image = np.unique(place, return_inverse=True)
         truth = self.frames.matched_with.take(images)
-        overlaps = Overlaps.of(table.image_id, table.xyxy_px, truth, min_iou)
-        alone = overlaps.matched(ranking_of(table.score, table.score))
-        columns = self.columns
-        records = [self.frames.rendered[i] for i in truth.image_id.tolist() if i in self.frames.rendered]
-        kind = kinds_of_table(records, table.image_id, table.xyxy_px)
-        columns["image"][rows], columns["kind"][rows] = place, self._codes(kind)
-        columns["score"][rows], columns["likelihood"][rows] = table.score, table.likelihood
-        columns[f"outcome {ALONE}"][rows] = alone.outcome
-        self.reasons.update(table.status.tolist())
+        xyxy_px, score = _boxes(first), _numbers(first, "detector_score")
+        overlaps = Overlaps.of(truth.image_id[image], xyxy_px, truth, min_iou)
+        kind = self._kinds(truth.image_id, image, xyxy_px, rows)
+        columns["image"][rows], columns["score"][rows] = place, score
+        columns["likelihood"][rows] = _numbers(first, "likelihood")
+        self.reasons.update({c["values"]: c["counts"] for c in pc.value_counts(first["status"]).to_pylist()})
         if "outcome hard" in columns:
             hard = replace(self.frames.truth, ignore=self.frames.truth.ignore | self.frames.hidden)
-            seen = Overlaps.of(table.image_id, table.xyxy_px, hard.take(images), MIN_IOU)
-            columns["outcome hard"][rows] = seen.matched(table.score).outcome
-        matched: dict[Registration, MatchTable] = {}
-        for file in files:
-            if file.posterior is not None:
-                matched[file.registration] = self._match_mode(file, overlaps, rows)
-        return detector_columns(files, alone, matched, kind)
+            seen = Overlaps.of(truth.image_id[image], xyxy_px, hard.take(images), MIN_IOU)
+            columns["outcome hard"][rows] = seen.decided(score)[0]
+        decided = {ALONE: Decided((score,), *overlaps.decided(score))}
+        for mode, table in zip(self.modes, tables, strict=False):
+            decided[str(mode)] = self._match_mode(mode, table, overlaps, rows)
+        for name, one in decided.items():
+            columns[f"outcome {name}"][rows] = one.outcome
+        if self.found3d is not None and self.solid is not None:
+            solid = _boxes3d(tables[list(self.own).index(self.solid)])
+            azimuth_deg = _numbers(tables[list(self.own).index(self.solid)], "azimuth_deg")
+            self.found3d.add(images, Detections3D(image, xyxy_px, solid, azimuth_deg), decided)
+        given = [
+            Given(self.name, _mode(t) if t.kind == RESCORED else None, t.about.get("w"), _named(rows_of))
+            for t, rows_of in zip(self.own, tables, strict=True)
+        ]
+        matched = {mode: decided[str(mode)] for mode in self.modes}
+        return detector_columns(given, decided[ALONE], matched, kind)
 
-    def _match_mode(self, file: DetectionFile, overlaps: Overlaps, rows: slice) -> MatchTable:
-        mode, table, columns = file.registration, file.table, self.columns
-        assert file.posterior is not None
-        match = overlaps.matched(ranking_of(file.posterior, table.score))
-        columns[f"outcome {mode}"][rows] = match.outcome
-        columns[f"posterior {mode}"][rows] = file.posterior
-        columns[f"difference {mode}"][rows] = table.depth_difference
+    def _match_mode(self, mode: Registration, table: pa.Table, overlaps: Overlaps, rows: slice) -> Decided:
+        columns, score = self.columns, self.columns["score"][rows]
+        posterior = _numbers(table, "posterior")
+        columns[f"posterior {mode}"][rows] = posterior
+        columns[f"difference {mode}"][rows] = _numbers(table, "depth_difference")
         for rule in self.rules(mode):
-            score = self._rule_score(rule, mode, rows)
-            ranked = overlaps.matched(ranking_of(score, table.score))
-            columns[f"outcome {mode} {rule}"][rows] = ranked.outcome
-        return match
+            ranked = overlaps.decided(self._rule_score(rule, mode, rows), score)
+            columns[f"outcome {mode} {rule}"][rows] = ranked[0]
+        return Decided((posterior, score), *overlaps.decided(posterior, score))
+
+    def _kinds(
+        self, image_id: IntArray, image: IntArray, xyxy_px: FloatArray, rows: slice
+    ) -> NDArray[np.object_]:
+        """What fills most of each box; the columns have its code."""
+        records = [self.frames.rendered[i] for i in image_id.tolist() if i in self.frames.rendered]
+        if not records:
+            return constant(UNKNOWN, (len(image),), object)
+        kind = kinds_of_table(records, image_id[image], xyxy_px)
+        self.columns["kind"][rows] = self._codes(kind)
+        return kind
+
+    def boxes3d_rows(self) -> list[Boxes3DRow]:
+        """The figures of 3D boxes by mode; none where there are no boxes."""
+        if self.found3d is None:
+            return []
+        score = self.columns["score"]
+        ranked = {ALONE: score, **{str(m): self.columns[f"posterior {m}"] for m in self.modes}}
+        rankings = ((mode, ranking_of(first, score)) for mode, first in ranked.items())
+        return self.found3d.rows(self.name, rankings)
 
     def _rule_score(self, rule: str, mode: Registration, rows: slice) -> FloatArray:
         lik, d = self.columns["likelihood"][rows], self.columns[f"difference {mode}"][rows]
@@ -393,13 +442,15 @@ class _Detector:
 
     def _of(self, score: FloatArray, outcome: NDArray[np.int8]) -> MatchTable:
         image: Any = self.columns["image"]
-        ranking = ranking_of(score, self.columns["score"])
-        n_cars, unknown = self.frames.matched_with.n_cars, constant(-1, (len(image),), np.int64)
-        if self.kinds == [UNKNOWN]:
-            # what is in order once is sorted again in no time; kinds would have to follow
-            order = np.argsort(-ranking, kind="stable")
-            image, ranking, outcome = image[order], ranking[order], outcome[order]
-        return MatchTable(self.frames.truth.n_images, n_cars, image, ranking, outcome, unknown)
+        n_images, n_cars = self.frames.truth.n_images, self.frames.matched_with.n_cars
+        unknown = constant(-1, (len(image),), np.int64)
+        if self.kinds != [UNKNOWN]:
+            ranking = ranking_of(score, self.columns["score"])
+            return MatchTable(n_images, n_cars, image, ranking, outcome, unknown)
+        # what is in order once is sorted again in no time; kinds would have to follow
+        order, fresh = ranked_order(score, self.columns["score"])
+        ranking = np.float64(len(order)) - np.cumsum(fresh)
+        return MatchTable(n_images, n_cars, image[order], ranking, outcome[order], unknown)
 
     @property
     def kind(self) -> NDArray[np.object_]:
@@ -409,36 +460,67 @@ class _Detector:
         return np.asarray(np.array(self.kinds, dtype=object)[self.columns["kind"]])
 
 
-def _read_together(
-    own: Sequence[PartTable],
-) -> Iterator[tuple[list[DetectionFile], list[int]]]:
+def _read_together(own: Sequence[PartTable]) -> Iterator[tuple[list[pa.Table], list[int]]]:
     """The candidates of so many parts as are matched at once, in each mode, and the rows of each part."""
     waiting: list[int] = []
     for i, part in enumerate(own[0].parts):
         waiting.append(i)
         if sum(own[0].parts[k].rows for k in waiting) >= AT_A_TIME or part is own[0].parts[-1]:
-            files = [_file(table, [table.parts[k] for k in waiting]) for table in own]
-            first = files[0].table
-            for table, file in zip(own[1:], files[1:], strict=True):
-                t = file.table
-                same = np.array_equal(t.xyxy_px, first.xyxy_px) and np.array_equal(t.image_id, first.image_id)
-                if not same:
+            tables = [_rows(t, [t.parts[k] for k in waiting], t is own[0]) for t in own]
+            for table, rows in zip(own[1:], tables[1:], strict=True):
+                if any(not rows[name].equals(tables[0][name]) for name in ("image_id", *CORNERS)):
                     raise _other_candidates(str(table.about["detector"]), table.root)
-            yield files, [own[0].parts[k].rows for k in waiting]
+            yield tables, [own[0].parts[k].rows for k in waiting]
             waiting = []
 
 
-def _file(table: PartTable, parts: Sequence[Part]) -> DetectionFile:
-    found = [read_rows(table, part) for part in parts]
-    rescored = table.kind == RESCORED
-    return DetectionFile(
-        detector=str(table.about["detector"]),
-        table=CandidateTable.concatenate([t for t, _ in found]),
-        posterior=np.concatenate([p for _, p in found if p is not None]) if rescored else None,
-        w=table.about.get("w") if rescored else None,
-        registration=_mode(table),
-        n_beyond_max=0,
-    )
+def _rows(table: PartTable, parts: Sequence[Part], first: bool) -> pa.Table:
+    """The candidates of some parts: all columns of the first mode, of others what may differ."""
+    names = SCHEMA.names if first else _OF_A_MODE
+    rows = pa.concat_tables([table.columns(part, names) for part in parts])
+    texts = [f.name for f in rows.schema if pa.types.is_string(f.type) and rows[f.name].null_count]
+    for name in texts:
+        rows = rows.set_column(rows.schema.get_field_index(name), name, rows[name].fill_null(""))
+    return rows
+
+
+_OF_A_MODE = [
+    *("image_id", *CORNERS, "posterior", "depth_difference", "status", "azimuth_deg"),
+    *(name for name in SCHEMA.names if name.startswith("box3d_")),
+    *("view_bin", "view_probability", "second_view"),
+]
+
+
+def _one_ahead(items: Iterator[T]) -> Iterator[T]:
+    """Items as they come, the next of which is made while one is used."""
+    with ThreadPoolExecutor(max_workers=1) as maker:
+        waiting = maker.submit(next, items, None)
+        while (item := waiting.result()) is not None:
+            waiting = maker.submit(next, items, None)
+            yield item
+
+
+def _numbers(rows: pa.Table, name: str) -> FloatArray:
+    """A column as numbers (n,), NaN where empty."""
+    return np.asarray(rows[name].to_numpy(), float)
+
+
+def _boxes(rows: pa.Table) -> FloatArray:
+    return np.stack([_numbers(rows, name) for name in CORNERS], axis=1)
+
+
+def _boxes3d(rows: pa.Table) -> Boxes3D:
+    return Boxes3D.of_values(np.stack([_numbers(rows, f"box3d_{name}") for name in BOX_NAMES], axis=1))
+
+
+def _named(rows: pa.Table) -> dict[str, Any]:
+    return dict(zip(rows.column_names, rows.columns, strict=True))
+
+
+def _has_boxes3d(table: PartTable) -> bool:
+    """Whether a candidate of a table has a 3D box."""
+    name = f"box3d_{BOX_NAMES[0]}"
+    return any(table.columns(part, [name])[name].null_count < part.rows for part in table.parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,6 +533,7 @@ class _Found:
     reliability: list[ReliabilityRow] = field(default_factory=list)
     reasons: dict[str, dict[str, int]] = field(default_factory=dict)
     difficulty: dict[str, DetectorDifficulty] = field(default_factory=dict)
+    boxes3d: list[Boxes3DRow] = field(default_factory=list)
 
     def add(self, one: _Detector, seed: int, drawn: BootstrapConfig) -> None:
         """Add the figures of a detector whose candidates are matched."""

@@ -5,8 +5,11 @@ Times of frames of a finished run, one thread, and what Dask and Ray spend on a 
 
 import statistics
 import sys
+import tempfile
 import time
 from pathlib import Path
+
+import pyarrow as pa
 
 from reports.publishing.scaling.recorded import EngineCost, Recorded, write_recorded
 from rescore.data.frames import FrameRecord, load_frame
@@ -15,14 +18,20 @@ from rescore.engines.executor import Executor
 from rescore.engines.on_dask import OnDask
 from rescore.engines.on_ray import OnRay
 from rescore.engines.shared import pickled
-from rescore.evidence.candidates import Candidates, RescoredTable
+from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
+from rescore.formats.parts.candidates import CORNERS, DETECTIONS
+from rescore.formats.parts.table import PartTable, write_part
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
+from rescore.large.rescored import PartsByImage, rescore_tasks
+from rescore.large.run import RunParts
 from rescore.parallel import one_thread
 from rescore.studies.finished_run import finished_run
 from tests.bench.rows_engines import FRAME_S, rounds_of, spent_s
+from tests.rescore.large_tables import write_tables
 
 FRAMES = 40
 TASKS = 250
+FRAMES_OF_PARTS = 4000
 SIZES = (1, 16)
 """Frames in a task; the difference is what a frame costs, the rest what a task does."""
 Given = tuple[FrameRecord, Candidates]
@@ -51,8 +60,48 @@ def main(root: Path, detector: str, out: Path) -> None:
             read_bytes=statistics.mean(_read_bytes(record) for record, _ in given),
             sent_bytes=statistics.mean(sent),
             engines=tuple(_cost(name, given, tables) for name in ("dask", "ray")),
+            parts_frame_s=parts_frame_s(),
         ),
     )
+
+
+def parts_frame_s() -> float:
+    """Processor seconds of the process that gives parts out, a frame; what the engine adds is left out."""
+    with tempfile.TemporaryDirectory() as folder:
+        frames, rescored = write_tables(Path(folder), FRAMES_OF_PARTS, 0)
+        found = PartsByImage(as_detections(rescored, Path(folder) / "found"))
+        run = RunParts(Path(folder) / "out", _Nothing(), "", frames.root, 1)
+        start_s = time.process_time()
+        for part in run.todo(rescore_tasks(frames, "all", found, {}), {}):
+            pickled((part,))
+        return (time.process_time() - start_s) / FRAMES_OF_PARTS
+
+
+def as_detections(rescored: PartTable, root: Path) -> PartTable:
+    """The candidates of a table as they were before they were rescored."""
+    kept = ("image_id", "rank", *CORNERS, "detector_score", "likelihood", "status", "reason_detail")
+    parts = []
+    for part in rescored.parts:
+        groups = [rescored.columns(part, group=k) for k in (0, 1)]
+        bare = [
+            pa.table([g[f.name] if f.name in kept else pa.nulls(len(g), f.type) for f in g.schema], g.schema)
+            for g in groups
+        ]
+        parts.append(part.model_copy(update={"bytes": write_part(root, part.name, bare)}))
+    return PartTable(root, DETECTIONS, {"detector": "hog"}, tuple(parts))
+
+
+class _Nothing:
+    """Work that is not done."""
+
+    def frame(self, task: object) -> object:
+        raise NotImplementedError
+
+    def failed(self, task: object, reason: str) -> object:
+        raise NotImplementedError
+
+    def rows(self, results: object) -> tuple[CandidateTable, None]:
+        raise NotImplementedError
 
 
 def _read_bytes(record: FrameRecord) -> int:

@@ -19,6 +19,7 @@ from reports.publishing.scaling.recorded import Recorded, read_recorded
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table
 from rescore.engines.clusters import seconds_of_a_task
+from rescore.formats.parts.candidates import FRAMES_A_PART
 
 WORKERS = (1, 2, 4, 16, 64, 256, 1024, 4096)
 FRAMES = 1_000_000
@@ -27,6 +28,7 @@ MOST_OF_A_WORKER = 20_000
 WANTED = 0.9
 WANTED_AT = 256
 SEED = 0
+LONG = "Dask, in parts, ten times the frames"
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,10 @@ class Case:
     cluster: Cluster
     """With one worker."""
     colour: str
-    frame_by_frame: bool = False
-    """Whether a task is a frame; else what ``map_frames`` makes it for the number of workers."""
+    frames_a_task: int | None = None
+    """None for as many as ``map_frames`` puts into one for the number of workers."""
+    times: int = 1
+    """Times as many frames as in the others."""
 
     def replayed(self, recorded: Recorded) -> tuple[Replayed, ...]:
         """The run at each number of workers."""
@@ -47,23 +51,35 @@ class Case:
             replay(
                 frame_s,
                 recorded.read_bytes,
-                min(FRAMES, MOST_OF_A_WORKER * n),
-                replace(self.cluster, workers=n, task_s=0.0 if self.frame_by_frame else seconds_of_a_task(n)),
+                self.times * min(FRAMES, MOST_OF_A_WORKER * n),
+                replace(self.cluster, workers=n, task_s=self._task_s(n, float(frame_s.mean()))),
                 SEED,
             )
             for n in WORKERS
         )
 
+    def _task_s(self, workers: int, frame_s: float) -> float:
+        return seconds_of_a_task(workers) if self.frames_a_task is None else self.frames_a_task * frame_s
+
 
 def cases(recorded: Recorded) -> tuple[Case, ...]:
     """Engines with tasks as ``map_frames`` makes them, and what would be without that."""
     dask, ray = (Cluster(1, 0.0, c.caller_task_s, c.caller_frame_s) for c in recorded.engines)
+    without = replace(dask, store_bytes_s=float("inf"))
     return (
         Case("Dask", dask, "#1f5fa8"),
         Case("Ray", ray, "#b3541e"),
-        Case("Dask, a store without a limit", replace(dask, store_bytes_s=float("inf")), "#5b9bd5"),
-        Case("Dask, a task a frame", dask, "#777777", frame_by_frame=True),
+        Case("Dask, in parts", _in_parts(dask, recorded), "#2e7d32", FRAMES_A_PART),
+        Case("Ray, in parts", _in_parts(ray, recorded), "#c9a227", FRAMES_A_PART),
+        Case("Dask, a store without a limit", without, "#5b9bd5"),
+        Case(LONG, _in_parts(dask, recorded), "#81c784", FRAMES_A_PART, times=10),
+        Case("Dask, a task a frame", dask, "#777777", frames_a_task=1),
     )
+
+
+def _in_parts(cluster: Cluster, recorded: Recorded) -> Cluster:
+    """The cluster of a run in parts, whose results stay with the workers: their order does not matter."""
+    return replace(cluster, caller_frame_s=recorded.parts_frame_s, held=FRAMES)
 
 
 def publish_scaling(file: Path, folder: Path, command: str) -> Path:
@@ -145,12 +161,18 @@ def _page(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded, command: s
         "## What stops it",
         "A part that is busy all the time is the limit: the process that gives tasks out does one at a time, "
         "and the store gives all workers together so many bytes a second.",
+        f"In parts, as `rescore apply` and `detect` write folders, a task is {FRAMES_A_PART} frames, and its "
+        "worker writes the file: no more than its name comes back. The process that gives parts out reads "
+        "the frames' records and candidates and sends them. The end of the run then stops it: with "
+        f"{WANTED_AT} workers there are {FRAMES / FRAMES_A_PART / WANTED_AT:.0f} parts for each, the last of "
+        f"which, and slow ones, are waited for. With ten times the frames it is {100 * held[LONG]:.0f} %.",
         _limits(runs).markdown().rstrip(),
         "## What was recorded",
         f"{len(frame_s)} frames took {frame_s.mean():.3f} s of a processor each in the mean "
         f"({frame_s.min():.3f} to {frame_s.max():.3f} s), mode `paper`, by `{recorded.command}`. "
         f"A frame reads {recorded.read_bytes / 1e3:.0f} kB of pictures; its record and its result are "
-        f"{recorded.sent_bytes / 1e3:.1f} kB on their way. The process that gives tasks out spends: {costs}.",
+        f"{recorded.sent_bytes / 1e3:.1f} kB on their way. The process that gives tasks out spends: {costs}; "
+        f"in parts, with their reading, {1e3 * recorded.parts_frame_s:.2f} ms a frame.",
         "## What was assumed",
         f"The run has {FRAMES:,} frames, or {MOST_OF_A_WORKER:,} for each worker where that is less. A "
         f"message takes {1e3 * c.latency_s:g} ms. The store gives {c.store_bytes_s / 1e9:g} GB/s to all. "
@@ -158,7 +180,7 @@ def _page(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded, command: s
         f"{c.slow_times:g} times as long. A worker dies {c.deaths_per_hour:g} times an hour; that is noticed "
         f"after {c.noticed_s:g} s, and it is back after {c.renewal_s:g} s. Workers are there when the run "
         f"begins. Results are taken in the order of the frames, {c.held} times as "
-        "many tasks ahead as are out.",
+        "many tasks ahead as are out; parts in any order.",
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -34,6 +34,9 @@ class Recorded:
     sent_bytes: float
     """Bytes of its record and its result, the mean."""
     engines: tuple[EngineCost, ...]
+    parts_frame_s: float
+    """Processor seconds a frame, in the process that gives parts out: it reads the frame's record and its
+    candidates, and sends them; the worker writes the part."""
 
 
 def write_recorded(file: Path, recorded: Recorded) -> None:

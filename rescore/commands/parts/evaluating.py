@@ -81,6 +81,6 @@ class Evaluating:
             tell_failed(table)
         known = evaluated_frames(frames, self.split)
         metrics = evaluate_parts(known, tables, self.out, tunings=self.tunings, min_iou=self.min_iou)
-        sample = write_sample(self.out, metrics, frames, self.split, tables, self.tunings, self.min_iou)
+        sample = write_sample(self.out, metrics, frames, tables, self.tunings, self.min_iou)
         say(f"sample of {len(sample.frames)} frames to look at: {self.out / 'sample'}")
         return metrics, [str(t.about["detector"]) for t in tables], cameras_of(frames, self.split)

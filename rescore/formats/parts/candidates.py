@@ -21,6 +21,8 @@ from rescore.formats.parts.table import Columns, Part, PartTable
 
 DETECTIONS = "detections"
 RESCORED = "rescored"
+FRAMES_A_PART = 250
+"""Frames of a part: at a tenth of a second each, half a minute's work, and some hundred kilobytes."""
 CORNERS = ("x0", "y0", "x1", "y1")
 OK = "ok"
 
@@ -110,7 +112,7 @@ def arrays_of_table(table: pa.Table) -> dict[str, NDArray[Any]]:
     for name in table.column_names:
         column = table[name]
         if pa.types.is_string(column.type):
-            found[name] = column.fill_null("").to_numpy(zero_copy_only=False)
+            found[name] = _texts(column)
         elif pa.types.is_null(column.type) or (
             pa.types.is_floating(column.type) and column.null_count == len(column)
         ):
@@ -118,6 +120,15 @@ def arrays_of_table(table: pa.Table) -> dict[str, NDArray[Any]]:
         else:
             found[name] = column.to_numpy(zero_copy_only=False)
     return found
+
+
+def _texts(column: pa.ChunkedArray) -> NDArray[np.object_]:
+    """A column of texts; equal ones are one object, since most are the same few."""
+    coded = pa.chunked_array(column.fill_null("").dictionary_encode()).combine_chunks()
+    if isinstance(coded, pa.ChunkedArray):
+        return np.zeros(0, object)
+    words: NDArray[np.object_] = np.array(coded.dictionary.to_pylist(), object)
+    return np.asarray(words[coded.indices.to_numpy()])
 
 
 def read_rows(table: PartTable, part: Part) -> tuple[CandidateTable, FloatArray | None]:

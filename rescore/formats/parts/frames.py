@@ -5,6 +5,7 @@ Files of a frame are named as in ``annotations.json``: relative to the folder, o
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -175,19 +176,65 @@ def data_of(table: PartTable, frames: Sequence[FrameRecord], truth: dict[int, Tr
     )
 
 
-def data_parts(table: PartTable) -> Iterator[DataSet]:
-    """The frames of each part as a data set, one after another."""
+def data_parts(table: PartTable, image_id: IntArray | None = None) -> Iterator[DataSet]:
+    """The frames of each part as a data set, one after another.
+
+    Args:
+        table: of the data set.
+        image_id: the frames that are wanted, shape (k,); parts without one are left out. None for all.
+    """
     for part in table.parts:
+        if image_id is not None:
+            wanted = np.isin(table.columns(part, ["image_id"])["image_id"].to_numpy(), image_id)
+            if not wanted.any():
+                continue
         rows = table.columns(part)
+        rows = rows if image_id is None else rows.filter(pa.array(wanted))
         records = [_record(table.root, row) for row in rows.drop_columns(["objects"]).to_pylist()]
         truths = _truths(rows["objects"].combine_chunks())
         found = {f.image_id: t for f, t in zip(records, truths, strict=True)}
         yield data_of(table, records, found)
 
 
-def truth_of_parts(table: PartTable, split: str) -> tuple[TruthTable, FloatArray]:
-    """The objects of all frames of a split ("all" for every frame), and the visible share of each (m,), read
-    without anything else of them."""
+def records_of_part(table: PartTable, part: Part) -> list[FrameRecord]:
+    """The records of the frames of a part, read without their objects."""
+    names = [name for name in table.schema.names if name != "objects"]
+    return [_record(table.root, row) for row in table.columns(part, names).to_pylist()]
+
+
+def frame_of_each_camera(table: PartTable, split: str) -> IntArray:
+    """Image id of the first frame of each camera in a split ("all" for every frame), shape (k,)."""
+    first: dict[tuple[Any, ...], int] = {}
+    names = ["width_px", "height_px", *_CAMERA, "disparity_offset_px"]
+    for part in table.parts:
+        rows = table.columns(part, ["image_id", "split", *names])
+        if split != "all":
+            rows = rows.filter(pc.equal(rows["split"], split))
+        kinds = rows.group_by(names, use_threads=False).aggregate([("image_id", "first")])
+        for row in kinds.to_pylist():
+            first.setdefault(tuple(row[name] for name in names), row["image_id_first"])
+    return np.array(list(first.values()), np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectColumns:
+    """What is known of all objects of a data set beside their boxes, m in all; NaN where unknown, as in
+    ``Truth``."""
+
+    visibility: FloatArray
+    """Shape (m,), as the next three."""
+    azimuth_deg: FloatArray
+    """Azimuth from which each is seen."""
+    truncated: FloatArray
+    """Share outside the picture."""
+    occluded: IntArray
+    """KITTI's level, 3 where unknown."""
+    boxes3d: Boxes3D
+
+
+def truth_of_parts(table: PartTable, split: str) -> tuple[TruthTable, ObjectColumns]:
+    """The objects of all frames of a split ("all" for every frame), and what is known of them, read without
+    anything else of the frames."""
     ids, counts, objects = [], [], []
     for part in table.parts:
         rows = table.columns(part, ["image_id", "split", "objects"])
@@ -196,17 +243,34 @@ def truth_of_parts(table: PartTable, split: str) -> tuple[TruthTable, FloatArray
         listed = rows["objects"].combine_chunks()
         ids.append(rows["image_id"].to_numpy())
         counts.append(np.diff(listed.offsets.to_numpy()))
-        objects.append(_object_columns(listed, ("annotation_id", *CORNERS, "ignore", "visibility")))
-    joined = {name: np.concatenate([o[name] for o in objects]) for name in objects[0]} if objects else {}
-    n, none = np.concatenate([np.zeros(0, np.int64), *counts]), np.zeros(0)
+        objects.append(_object_columns(listed, _JUDGED))
+
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([np.zeros(0), *(o.pop(name) for o in objects)])
+
+    n = np.concatenate([np.zeros(0, np.int64), *counts])
     truth = TruthTable(
         np.concatenate([np.zeros(0, np.int64), *ids]),
         np.repeat(np.arange(len(n)), n),
-        joined.get("annotation_id", none).astype(np.int64),
-        np.stack([joined.get(name, none) for name in CORNERS], axis=1).astype(float),
-        joined.get("ignore", none).astype(np.bool_),
+        np.concatenate([np.zeros(0, np.int64), *(o.pop("annotation_id") for o in objects)]),
+        np.stack([joined(name) for name in CORNERS], axis=1),
+        joined("ignore").astype(np.bool_),
     )
-    return truth, joined.get("visibility", none)
+    occluded = joined("occluded")
+    known = ObjectColumns(
+        visibility=joined("visibility"),
+        azimuth_deg=joined("azimuth_deg"),
+        truncated=joined("truncated"),
+        occluded=np.where(np.isnan(occluded), UNKNOWN_OCCLUSION, occluded).astype(np.int64),
+        boxes3d=Boxes3D.of_values(np.stack([joined(name) for name in _BOX], axis=1)),
+    )
+    return truth, known
+
+
+_JUDGED = (
+    *("annotation_id", *CORNERS, "ignore"),
+    *("visibility", "azimuth_deg", "truncated", "occluded", *_BOX),
+)
 
 
 def has_instances(table: PartTable) -> bool:

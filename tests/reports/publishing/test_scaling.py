@@ -81,10 +81,11 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "FRAMES", 20_000)
     monkeypatch.setattr(page, "MOST_OF_A_WORKER", 500)
     costs = tuple(EngineCost(name, 0.002, 0.0001, 0.93) for name in ("dask", "ray"))
-    recorded = Recorded("a command", (0.1, 0.2), 8e5, 5e3, costs)
+    recorded = Recorded("a command", (0.1, 0.2), 8e5, 5e3, costs, 0.0003)
     write_recorded(tmp_path / "recorded.json", recorded)
     assert read_recorded(tmp_path / "recorded.json") == recorded
     text = publish_scaling(tmp_path / "recorded.json", tmp_path / "out", "make it").read_text()
+    assert "in parts, with their reading, 0.30 ms a frame" in text
     assert "Dask 2.00 ms a task and 0.10 ms a frame in it" in text
     assert (tmp_path / "out" / "scaling.png").stat().st_size > 10_000
     assert (tmp_path / "out" / "recorded.json").read_bytes() == (tmp_path / "recorded.json").read_bytes()

@@ -5,7 +5,15 @@ from hypothesis import strategies as st
 
 from recon.boxes import iou_matrix
 from rescore.metrics import matching
-from rescore.metrics.matching import DUPLICATE, HIT, OUTCOMES, TruthTable, greedy_match, ranking_of
+from rescore.metrics.matching import (
+    DUPLICATE,
+    HIT,
+    OUTCOMES,
+    TruthTable,
+    greedy_match,
+    ranked_order,
+    ranking_of,
+)
 
 CAR = [0.0, 0.0, 10.0, 10.0]
 
@@ -124,6 +132,18 @@ def test_ranking_breaks_ties_by_detector_score() -> None:
     ranking = ranking_of(np.array([0.5, 1.0, 1.0, 0.5, 1.0]), np.array([9.0, 2.0, 3.0, 9.0, 2.0]))
     assert ranking.tolist() == [0, 1, 2, 0, 1]
     assert ranking_of(np.zeros(0), np.zeros(0)).shape == (0,)
+
+
+@pytest.mark.parametrize("n", [0, 1, 7, 3000])
+def test_order_is_that_of_a_sort_by_keys(n: int) -> None:
+    rng = np.random.default_rng(n)
+    close = 0.5 + rng.integers(0, 50, n) * 2.0**-50
+    for first in (close, np.round(rng.normal(size=n), 2), -0.0 * close, np.where(close > 0.5, close, np.nan)):
+        second = rng.integers(0, 5, n).astype(float)
+        order, fresh = ranked_order(first, second)
+        np.testing.assert_array_equal(order, np.lexsort((np.arange(n), -second, -first)))
+        rows = list(zip(np.nan_to_num(first[order], nan=9).tolist(), second[order].tolist(), strict=True))
+        assert fresh.tolist() == [i == 0 or rows[i] != rows[i - 1] for i in range(n)]
 
 
 def test_pairs_some_at_a_time_match_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

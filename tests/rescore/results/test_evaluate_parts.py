@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
+from rescore.evidence.registration import Registration
 from rescore.formats.labels import ClassMap
 from rescore.formats.parts.candidates import arrays_of_table, read_part_detections
 from rescore.formats.parts.frames import read_frame_parts, write_frame_parts
 from rescore.formats.parts.table import PartTable
 from rescore.metrics.matching import MIN_IOU
+from rescore.results import evaluate_parts as evaluate_parts_module
 from rescore.results.candidate_file import read_candidates
 from rescore.results.evaluate import evaluate
 from rescore.results.evaluate_parts import EvaluatedFrames, evaluate_parts
@@ -27,8 +29,10 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[PartTable, PartTab
 
 @pytest.mark.parametrize("min_iou", [MIN_IOU, 0.75])
 def test_figures_equal_those_in_memory(
-    tables: tuple[PartTable, PartTable], tmp_path: Path, min_iou: float
+    tables: tuple[PartTable, PartTable], tmp_path: Path, min_iou: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # a part at a time
+    monkeypatch.setattr(evaluate_parts_module, "AT_A_TIME", 1)
     frames, rescored = tables
     data = read_frame_parts(frames.root, ClassMap("car"))
     # some regions to ignore and hidden cars, which the difficulty leaves out
@@ -36,14 +40,18 @@ def test_figures_equal_those_in_memory(
         truth.ignore[: k % 3 == 0] = True
         truth.visibility[1] = 0.3 if k % 2 else np.nan
     file = read_part_detections(rescored.root, data, None)
-    known = evaluate(data, [file], tmp_path / "memory", min_iou=min_iou)
+    files = [file, replace(file, registration=Registration.METRIC)]
+    known = evaluate(data, files, tmp_path / "memory", min_iou=min_iou)
     write_frame_parts(tmp_path / "data", data)
     again = EvaluatedFrames.of_parts(PartTable.read(tmp_path / "data"), "test")
-    found = evaluate_parts(again, [rescored], tmp_path / "parts", min_iou=min_iou)
+    metric = replace(rescored, about={**rescored.about, "registration": "metric"})
+    found = evaluate_parts(again, [rescored, metric], tmp_path / "parts", min_iou=min_iou)
 
     rows = [[replace_intervals(r) for r in m.rows] for m in (known, found)]
     assert rows[0] == rows[1]
-    assert len(rows[0]) == 2
+    assert len(rows[0]) == 3
+    assert [len(row.precision) for row in known.boxes3d] == [4, 4, 4]
+    assert found.boxes3d == known.boxes3d
     for name in ("n_images", "n_cars", "n_ignored", "n_candidates", "reasons", "fusion", "reliability"):
         assert getattr(found, name) == getattr(known, name), name
     assert found.difficulty == known.difficulty
