@@ -1,12 +1,18 @@
 """Photographs of test shapes of every class, reconstructed, with their errors against the truth."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from datasets_synth.objects.object_classes import SizedShape, labelled_views, object_class
+from datasets_synth.objects.object_classes import (
+    ObjectClass,
+    SizedShape,
+    labelled_views,
+    level_views,
+    object_class,
+)
 from datasets_synth.photos.gallery_photos import (
     gallery_photo,
     occluded_basket,
@@ -141,9 +147,9 @@ def _basket(model: ClassModel, seed: int) -> tuple[Exhibit, str]:
 
 
 _INSTANCES = 6
-
-
 _LABEL_SIZE_PX = 160
+_THIN_LABEL_SIZE_PX = 320
+"""The same where the leg of a chair must be ten pixels wide."""
 
 
 def learned_model(name: str, models: Path | None) -> ClassModel:
@@ -155,9 +161,17 @@ def learned_model(name: str, models: Path | None) -> ClassModel:
     shapes = shown.train[:: max(1, len(shown.train) // _INSTANCES)][:_INSTANCES]
     views = labelled_views(shown, shapes, shown.bins, _LABEL_SIZE_PX)
     model = learn_class_model(views, name, shown.part_names)
-    if all(isinstance(shape, SizedShape) for shape in shown.train):
-        model = with_shape_space(model, labelled_views(shown, shown.train, shown.bins, _LABEL_SIZE_PX))
+    model = _with_shapes(model, shown)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         model.save(path)
     return model
+
+
+def _with_shapes(model: ClassModel, shown: ObjectClass) -> ClassModel:
+    """The class model with a shape space of all train shapes."""
+    if all(isinstance(shape, SizedShape) for shape in shown.train):
+        return with_shape_space(model, labelled_views(shown, shown.train, shown.bins, _LABEL_SIZE_PX))
+    views = labelled_views(shown, shown.train, shown.bins, _THIN_LABEL_SIZE_PX)
+    level = level_views(shown, shown.train, _THIN_LABEL_SIZE_PX)
+    return with_shape_space(model, replace(views, sizes_m=level.sizes_m), level=level)
