@@ -48,6 +48,10 @@ _SHAPE_STEP = 0.05
 """Steps in coefficients over which slopes are taken."""
 _MIRROR_PX = 7
 """Limbs thinner than this many pixels are not of the shape."""
+_BROAD = 0.05
+"""Half the width of a limb in whose silhouette there may be holes, in roots of the box's area."""
+_OFF_PX = 3.0
+"""A silhouette may be off by this much where colours see a limb beside it."""
 _DOWN = 0.3
 """Sine of the angle below the level from which on an outward normal faces down."""
 
@@ -154,8 +158,7 @@ def shape_in_box(
     if isinstance(again, Failure):
         return again
     if space.is_thin:
-        # a limb is told from what is seen through it by colours alone
-        return matte(rgb, again.silhouette(seen_from.camera, xyxy_px), xyxy_px), again
+        return _thin_matte(rgb, again.silhouette(seen_from.camera, xyxy_px), xyxy_px), again
     own, filled = second > 0.5, again.silhouette(seen_from.camera, xyxy_px)
     if occluded is not None:
         own, filled = own & ~occluded, filled & ~occluded
@@ -168,6 +171,21 @@ def shape_in_box(
     # tyres and sills are as dark as the shadow; what the shape surely covers is the object
     core = cv2.erode(filled.astype(np.float32), np.ones((_MIRROR_PX, _MIRROR_PX), np.uint8))
     return np.maximum(second, core.astype(np.float32)), again
+
+
+def _thin_matte(rgb: UInt8Array, filled: BoolArray, xyxy_px: FloatArray) -> Float32Array:
+    """The matte of an object with thin limbs along its silhouette (h, w).
+
+    Colours tell slats and spokes from what is seen between them. Where they see no limb at all, the shape is
+    believed.
+    """
+    by_colour = matte(rgb, filled, xyxy_px)
+    away = cv2.distanceTransform((by_colour <= 0.5).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    across = 2 * round(_BROAD * float(np.sqrt(np.prod(xyxy_px[2:] - xyxy_px[:2])))) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
+    broad = cv2.morphologyEx(filled.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
+    lost = filled & ~broad & (away > _OFF_PX)
+    return np.maximum(by_colour, lost.astype(np.float32))
 
 
 def _fit_to(
@@ -263,6 +281,7 @@ class _Problem:
         points = np.concatenate([points[own], *self.sides])
         self.camera, self.box_px = seen_from.camera, xyxy_px
         self.whole = np.concatenate([xyxy_px[:2] > _BORDER_PX, xyxy_px[2:] < size - _BORDER_PX])
+        self.ends = np.zeros((0, 3))
         self.cam_from_ground = cam_from_ground(seen_from.ground)[:3, :3]
         self.rays = _unit(seen_from.camera.rays(points)) @ cam_from_ground(seen_from.ground)[:3, :3]
         self.eye = np.array([0.0, 0.0, seen_from.ground.height_m])
@@ -274,13 +293,18 @@ class _Problem:
         if self.space.is_thin:
             return self._fit_instances(start)
         spread = np.sqrt(self.space.log_size_rest**2 + (self.space.log_size_modes**2).sum(axis=1))
-        none = np.zeros(self.space.count)
+        return self.refined(self._placed(start, np.zeros(self.space.count), spread)[0])
 
-        def costs(v: FloatArray, coefficients: FloatArray) -> FloatArray:
-            return self._costs(np.concatenate([v, coefficients]), spread, _COARSE_SLACK)
-
-        first = self._solved(lambda v: costs(v, none), start, _COARSE_STEPS)[0]
-        return self.refined(np.concatenate([first, none]))
+    def _placed(
+        self, start: FloatArray, coefficients: FloatArray, size_std: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Unknowns and their cost, from a start (6,), of a shape that is left as it is."""
+        found, cost = self._solved(
+            lambda v: self._costs(np.concatenate([v, coefficients]), size_std, _COARSE_SLACK),
+            start,
+            _COARSE_STEPS,
+        )
+        return np.concatenate([found, coefficients]), cost
 
     def _fit_instances(self, start: FloatArray) -> tuple[FloatArray, float]:
         """Unknowns and their cost, from a start (6,) and the instances of the space one by one.
@@ -291,16 +315,9 @@ class _Problem:
         rough = []
         for c in self.space.instances:
             self.ends = self._ends(c)
-            rough.append(
-                self._solved(
-                    lambda v, c=c: self._costs(np.concatenate([v, c]), rest, _COARSE_SLACK),
-                    start,
-                    _COARSE_STEPS,
-                )
-            )
-        order = np.argsort([cost for _, cost in rough])[:_BEST_INSTANCES]
-        begin = [np.concatenate([rough[i][0], self.space.instances[i]]) for i in order]
-        return min((self.refined(b) for b in begin), key=lambda f: f[1])
+            rough.append(self._placed(start, c, rest))
+        best = sorted(rough, key=lambda f: f[1])[:_BEST_INSTANCES]
+        return min((self.refined(begin) for begin, _ in best), key=lambda f: f[1])
 
     def _ends(self, coefficients: FloatArray) -> FloatArray:
         """Points (n, 3) that span the convex hull of a shape, in units of its size."""
@@ -318,8 +335,7 @@ class _Problem:
         return np.asarray(both[ConvexHull(both).vertices])
 
     def _beyond_sides(self, vector: FloatArray, size_m: FloatArray) -> FloatArray:
-        """How far the shape leaves, or does not reach, the sides of the box that it touches, in shares of its
-        diagonal."""
+        """How far the shape's extent (k,) is off the sides of the box, in shares of the box's diagonal."""
         at = self.ends * size_m
         at[:, :2] = at[:, :2] @ turn(float(vector[2])).T + vector[:2]
         cam = (at - self.eye) @ self.cam_from_ground.T
