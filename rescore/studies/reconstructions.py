@@ -166,7 +166,10 @@ _THIN_LABEL_SIZE_PX = 320
 
 
 def learned_model(name: str, models: Path | None) -> ClassModel:
-    """The class model of six train shapes in all view bins; kept in a folder where one is given."""
+    """The class model of six train shapes in all view bins; kept in a folder where one is given.
+
+    Those of ``CLASSES`` have a shape space of all train shapes.
+    """
     path = None if models is None else models / f"{name}.json"
     if path is not None and path.is_file():
         return ClassModel.load(path)
@@ -174,7 +177,9 @@ def learned_model(name: str, models: Path | None) -> ClassModel:
     shapes = shown.train[:: max(1, len(shown.train) // _INSTANCES)][:_INSTANCES]
     views = labelled_views(shown, shapes, shown.bins, _LABEL_SIZE_PX)
     model = learn_class_model(views, name, shown.part_names)
-    model = _with_shapes(model, shown)
+    # the basket shows what the planes of section 4.4 tell of a hidden part
+    if name in CLASSES:
+        model = _with_shapes(model, shown)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         model.save(path)
