@@ -116,7 +116,7 @@ def object_views(instance: TrainingInstance, part_count: int) -> ScaledViews:
 
 
 def _level(rotation: FloatArray) -> BoolArray:
-    """Which views (v,) with rotations (v, 3, 3) look along the ground."""
+    """Whether views (v,) with rotations (v, 3, 3) look along the ground."""
     return np.asarray(np.abs(rotation[:, 2, 2]) < _LEVEL_SINE)
 
 
@@ -260,7 +260,7 @@ CLASS_MODEL_SPACE = ShapeSpaceConfig(cells=(56, 20, 24), modes=5)
 CLASS_MODEL_SPACE_THIN = ShapeSpaceConfig(
     reach=(0.54, 0.54, 1.06), modes=6, surface_m=0.05, size_weight=8.0, keep_instances=True
 )
-"""The same where parts are thin; lengths and weights are for a diagonal of 1 m."""
+"""The shape space of a class with thin parts; lengths and weights are for a diagonal of 1 m."""
 _THIN_CELLS = 110
 """Cells along the diagonal: 11 mm for a chair."""
 

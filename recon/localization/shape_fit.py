@@ -41,7 +41,7 @@ _COARSE_STEPS, _FINE_STEPS = 10, 20
 _COARSE_SLACK = 3.0
 """The outline's error counts as so many times larger in the first fit."""
 _BEST_INSTANCES = 2
-"""So many instances of the space are refined."""
+"""Number of instances of the space that are refined."""
 _POSE_STEP = np.array([0.005, 0.005, 0.003, 0.003, 0.003, 0.003])
 """Steps in x and y (metres), yaw and logarithms of the size over which slopes are taken."""
 _SHAPE_STEP = 0.05

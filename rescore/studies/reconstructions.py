@@ -162,7 +162,7 @@ def _basket(model: ClassModel, seed: int) -> tuple[Exhibit, str]:
 _INSTANCES = 6
 _LABEL_SIZE_PX = 160
 _THIN_LABEL_SIZE_PX = 320
-"""The same where the leg of a chair must be ten pixels wide."""
+"""Extent of objects with thin limbs: the leg of a chair is ten pixels wide."""
 
 
 def learned_model(name: str, models: Path | None) -> ClassModel:
