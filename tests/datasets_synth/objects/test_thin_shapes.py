@@ -19,7 +19,8 @@ def test_chairs_have_room_under_their_seats() -> None:
         space = with_shape_space(
             ClassModel("chair", chair.part_names, chair.bins, (), ()), views, level=level
         ).shape_space
-    assert space is not None and space.is_thin
+    assert space is not None
+    assert space.is_thin
     assert space.instances.shape == (3, 1)
     size = np.exp(space.log_size)
     step = np.array([2, 1, 1]) * space.reach * size / np.array(space.mean.shape)
