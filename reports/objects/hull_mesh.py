@@ -82,7 +82,7 @@ def surface(values: FloatArray, origin: FloatArray, step: FloatArray) -> tuple[F
     """Points (n, 3) and triangles (m, 3) of the surface where a function on a grid (nx, ny, nz) is 0.
 
     Normals point to where it is larger. One point in each cell that the surface passes, the mean of where it
-    crosses the cell's edges (S. Gibson, "Constrained elastic surface nets", MICCAI 1998). Values at the border
+    crosses the cell's edges (S. Gibson, "Constrained elastic surface nets", MICCAI 1998). Values at the edge
     of the grid must be positive.
     """
     cells = np.array(values.shape) - 1
