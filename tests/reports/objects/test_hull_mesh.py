@@ -44,7 +44,8 @@ def stools() -> ShapeSpace:
         return value.astype(np.float32)
 
     wide, narrow = with_legs(0.22), with_legs(0.11)
-    mean, mode = (wide + narrow) / 2, (wide - narrow) / 2
+    mean = ((wide + narrow) / 2).astype(np.float32)
+    mode = ((wide - narrow) / 2).astype(np.float32)
     outline = np.array([[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5], [0.5, 0.5, 0.5], [-0.5, 0.5, 0.5]])
     return ShapeSpace(
         reach,
