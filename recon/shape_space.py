@@ -37,11 +37,18 @@ class ShapeSpace:
     """Mean outline of each part in units of length, width and height, shape (p, m, 3)."""
     outline_modes: FloatArray
     """Shape (p, m, 3, k)."""
+    instances: FloatArray
+    """Coefficients of the training instances where fits start from these too, shape (n, k); n may be 0."""
 
     @property
     def count(self) -> int:
         """Number of modes."""
         return int(self.modes.shape[-1])
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether shapes have limbs so thin that their mean has none; then fits start from instances."""
+        return len(self.instances) > 0
 
     def size_m(self, coefficients: FloatArray, log_rest: FloatArray) -> FloatArray:
         """Length, width and height in metres, shape (3,)."""
@@ -99,6 +106,7 @@ class ShapeSpace:
             "outline_modes": self.outline_modes.tolist(),
             "grid": list(grids.shape),
             "hulls": base64.b64encode(grids.tobytes()).decode("ascii"),
+            "instances": self.instances.tolist(),
         }
 
     @staticmethod
@@ -124,6 +132,7 @@ class ShapeSpace:
             labels,
             np.array(value["outlines"], float).reshape(len(labels), -1, 3),
             np.array(value["outline_modes"], float).reshape(len(labels), -1, 3, count),
+            np.array(value.get("instances", []), float).reshape(-1, count),
         )
 
 

@@ -124,6 +124,19 @@ def labelled_views(
     return PartViews(object_class.part_names, bins, tuple(views), sizes)
 
 
+def level_views(object_class: ObjectClass, shapes: Sequence[Shape], size_px: int) -> PartViews:
+    """Part-labelled views of shapes by level cameras, with sizes measured on their meshes."""
+    views = labelled_views(object_class, shapes, ViewBins(elevation_rad=0.0), size_px)
+    return replace(views, sizes_m={s.shape_id: _measured(object_class, s) for s in shapes})
+
+
+def _measured(object_class: ObjectClass, shape: Shape) -> tuple[float, float, float]:
+    """Length, width and height of the mesh of a shape."""
+    mesh = object_class.build(shape, np.random.default_rng(0))
+    length, width, height = np.ptp(mesh.vertices_m, axis=0).tolist()
+    return length, width, height
+
+
 def training_views(
     chosen: ObjectClass, instances: int, bins: ViewBins, wanted: Collection[int] | None = None
 ) -> PartViews:

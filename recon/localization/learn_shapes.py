@@ -29,6 +29,7 @@ from recon.view_bins import ViewBins
 
 _MOSTLY_SHOWN = 0.75
 """Parts that so many instances show, as a share, are parts of the space."""
+_LEVEL_SINE = 1e-6
 _ONE_SIDED = 0.1
 """A part is of one side of the object where the views of that side show it by so much more, as a share of
 all that is seen of it."""
@@ -50,6 +51,8 @@ class ShapeSpaceConfig:
     """Samples within about this distance of the surface count in the components."""
     size_weight: float = 40.0
     """Weight of the logarithm of a size beside a distance in metres at one sample."""
+    keep_instances: bool = False
+    """Whether the space keeps the coefficients of its instances, for fits to start from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +111,18 @@ def object_views(instance: TrainingInstance, part_count: int) -> ScaledViews:
     scaled = scale_views(instance.views, rotation)
     front, side = scaled.extent(np.array([1.0, 0, 0])), scaled.extent(np.array([0, 1.0, 0]))
     factor = instance.size_m[0] / float(front[1] - front[0])
-    low = _ground_z(scaled, part_count)
+    low = _lowest_z(scaled) if _level(rotation).any() else _ground_z(scaled, part_count)
     return scaled.moved(factor, np.array([front.mean(), side.mean(), low]))
+
+
+def _level(rotation: FloatArray) -> BoolArray:
+    """Whether views (v,) with rotations (v, 3, 3) look along the ground."""
+    return np.asarray(np.abs(rotation[:, 2, 2]) < _LEVEL_SINE)
+
+
+def _lowest_z(scaled: ScaledViews) -> float:
+    """Lowest z that level views show."""
+    return float(scaled.extent(np.array([0.0, 0.0, 1.0]))[0])
 
 
 def _ground_z(scaled: ScaledViews, part_count: int) -> float:
@@ -244,32 +257,62 @@ def _centroid(placed: ScaledViews, label: int) -> FloatArray | None:
 
 CLASS_MODEL_SPACE = ShapeSpaceConfig(cells=(56, 20, 24), modes=5)
 """The shape space of a class model: on cells of 7 to 10 cm for a car, a few hundred kilobytes."""
+CLASS_MODEL_SPACE_THIN = ShapeSpaceConfig(
+    reach=(0.54, 0.54, 1.06), modes=6, surface_m=0.05, size_weight=8.0, keep_instances=True
+)
+"""The shape space of a class with thin parts; lengths and weights are for a diagonal of 1 m."""
+_THIN_CELLS = 110
+"""Cells along the diagonal: 11 mm for a chair."""
 
 
 def with_shape_space(
-    model: ClassModel, part_views: PartViews, library: PrimitiveLibrary | None = None
+    model: ClassModel,
+    part_views: PartViews,
+    library: PrimitiveLibrary | None = None,
+    level: PartViews | None = None,
 ) -> ClassModel:
     """The class model with a shape space of the labelled instances whose size is known.
 
-    The model is left as it is where these are too few for ``CLASS_MODEL_SPACE``.
+    The model is left as it is where these are too few for the space.
 
     Args:
         model: Learned from ``part_views``.
         part_views: Each instance of known size is shown from all sides.
         library: The primitives of the view bins; None for those of the package.
+        level: The same instances seen by level cameras, which see under seats and how thin wings are; the
+            space is then fine enough for legs. None for none.
 
     Raises:
         RescoreError: views of an instance that cannot be put together.
     """
     names = part_views.sizes_m
-    if len(names) < CLASS_MODEL_SPACE.modes + 2:
+    config = CLASS_MODEL_SPACE if level is None else thin_space(part_views)
+    if len(names) < config.modes + 2:
         return model
+    rings = [part_views] if level is None else [part_views, level]
     shapes = []
     for name, size_m in names.items():
-        views = tuple(v for v in part_views.views if v.instance_id == name)
-        instance = TrainingInstance(views, (part_views.bins,) * len(views), size_m)
-        shapes.append(instance_shape(instance, part_views.part_names, CLASS_MODEL_SPACE, library))
-    return replace(model, shape_space=principal_shapes(shapes, CLASS_MODEL_SPACE))
+        pairs = [(v, ring.bins) for ring in rings for v in ring.views if v.instance_id == name]
+        views, bins = zip(*pairs, strict=True)
+        instance = TrainingInstance(views, bins, size_m)
+        shapes.append(instance_shape(instance, part_views.part_names, config, library))
+    return replace(model, shape_space=principal_shapes(shapes, config))
+
+
+def thin_space(part_views: PartViews) -> ShapeSpaceConfig:
+    """Settings for a class with thin parts: cubic cells, so many along the diagonal of the mean size."""
+    size = np.mean(list(part_views.sizes_m.values()), axis=0)
+    diagonal_m = float(np.linalg.norm(size))
+    reach = CLASS_MODEL_SPACE_THIN.reach
+    along = np.array([2 * reach[0], reach[1], reach[2]]) * size / diagonal_m * _THIN_CELLS
+    nx, ny, nz = np.ceil(along).astype(int).tolist()
+    return replace(
+        CLASS_MODEL_SPACE_THIN,
+        cells=(nx, ny, nz),
+        modes=max(1, min(CLASS_MODEL_SPACE_THIN.modes, len(part_views.sizes_m) - 2)),
+        surface_m=CLASS_MODEL_SPACE_THIN.surface_m * diagonal_m,
+        size_weight=CLASS_MODEL_SPACE_THIN.size_weight * diagonal_m,
+    )
 
 
 def principal_shapes(shapes: Sequence[InstanceShape], config: ShapeSpaceConfig) -> ShapeSpace:
@@ -313,4 +356,5 @@ def principal_shapes(shapes: Sequence[InstanceShape], config: ShapeSpaceConfig) 
         tuple(int(i) + 1 for i in np.nonzero(kept)[0]),
         parts.mean(axis=0),
         np.einsum("npmd,nk->pmdk", parts - parts.mean(axis=0), back),
+        scores if config.keep_instances else np.zeros((0, k)),
     )

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.spatial import ConvexHull
 
 from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import GroundedCamera, PinholeCamera
@@ -19,7 +20,7 @@ from recon.errors import Failure, Reason
 from recon.localization.outline_edges import outline_points
 from recon.localization.standing_box import cam_from_ground, turn
 from recon.outlines import largest_outline
-from recon.reconstruction.instance import Instance3D
+from recon.reconstruction.instance import NEAR_M, Instance3D
 from recon.reconstruction.matte import matte
 from recon.shape_space import ShapeSpace
 
@@ -37,12 +38,20 @@ _LEAST_SPREAD = 0.05
 """Least standard deviation of the logarithms of sizes beside what the shape says of them."""
 _COARSE_STEPS, _FINE_STEPS = 10, 20
 """Steps of the fit with the mean shape, and with all unknowns."""
+_COARSE_SLACK = 3.0
+"""The outline's error counts as so many times larger in the first fit."""
+_BEST_INSTANCES = 2
+"""Number of instances of the space that are refined."""
 _POSE_STEP = np.array([0.005, 0.005, 0.003, 0.003, 0.003, 0.003])
 """Steps in x and y (metres), yaw and logarithms of the size over which slopes are taken."""
 _SHAPE_STEP = 0.05
 """Steps in coefficients over which slopes are taken."""
 _MIRROR_PX = 7
 """Limbs thinner than this many pixels are not of the shape."""
+_BROAD = 0.05
+"""Half the width of a limb in whose silhouette there may be holes, in roots of the box's area."""
+_OFF_PX = 3.0
+"""A silhouette may be off by this much where colours see a limb beside it."""
 _DOWN = 0.3
 """Sine of the angle below the level from which on an outward normal faces down."""
 
@@ -61,6 +70,8 @@ class ShapeFitConfig:
     """Expected error of the outline, as a share of its box's diagonal."""
     side_weight: float = 0.3
     """Weight of a side of the box that touches the object, in inverses of the error of the outline."""
+    side_noise_share: float = 0.008
+    """Expected error of the sides of the box, as a share of its diagonal, where thin limbs touch them."""
     below_weight: float = 0.1
     """Weight of points where the outline faces down: colours take in the shadow there, or lose tyres."""
     max_residual: float = 0.03
@@ -146,6 +157,8 @@ def shape_in_box(
     again = _fit_to(second, xyxy_px, shape, space, seen_from, occluded)
     if isinstance(again, Failure):
         return again
+    if space.is_thin:
+        return _thin_matte(rgb, again.silhouette(seen_from.camera, xyxy_px), xyxy_px), again
     own, filled = second > 0.5, again.silhouette(seen_from.camera, xyxy_px)
     if occluded is not None:
         own, filled = own & ~occluded, filled & ~occluded
@@ -160,6 +173,21 @@ def shape_in_box(
     return np.maximum(second, core.astype(np.float32)), again
 
 
+def _thin_matte(rgb: UInt8Array, filled: BoolArray, xyxy_px: FloatArray) -> Float32Array:
+    """The matte of an object with thin limbs along its silhouette (h, w).
+
+    Colours tell slats and spokes from what is seen between them. Where they see no limb at all, the shape is
+    believed.
+    """
+    by_colour = matte(rgb, filled, xyxy_px)
+    away = cv2.distanceTransform((by_colour <= 0.5).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    across = 2 * round(_BROAD * float(np.sqrt(np.prod(xyxy_px[2:] - xyxy_px[:2])))) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))
+    broad = cv2.morphologyEx(filled.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
+    lost = filled & ~broad & (away > _OFF_PX)
+    return np.maximum(by_colour, lost.astype(np.float32))
+
+
 def _fit_to(
     share: Float32Array,
     xyxy_px: FloatArray,
@@ -169,7 +197,8 @@ def _fit_to(
     occluded: BoolArray | None,
 ) -> FittedShape | Failure:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MIRROR_PX, _MIRROR_PX))
-    ring = largest_outline(cv2.morphologyEx((share > 0.5).astype(np.uint8), cv2.MORPH_OPEN, disc) > 0)
+    how = cv2.MORPH_CLOSE if space.is_thin else cv2.MORPH_OPEN
+    ring = largest_outline(cv2.morphologyEx((share > 0.5).astype(np.uint8), how, disc) > 0)
     if ring is None or len(ring) < 8:
         return Failure(Reason.NO_OUTLINE, "an object of its own colours expected, found none in the box")
     return fit_shape(ring, xyxy_px, rough, space, seen_from, occluded)
@@ -211,7 +240,7 @@ def fit_shape(
         log_rest = np.zeros(3)
         found = [
             problem.fit(np.concatenate([middle[:2], [yaw + step], log_rest]))
-            for step in np.deg2rad(config.starts_deg)
+            for step in np.deg2rad((0.0,) if space.is_thin else config.starts_deg)
         ]
     vector = min(found, key=lambda f: f[1])[0]
     size = space.size_m(vector[6:], vector[3:6])
@@ -250,22 +279,75 @@ class _Problem:
         self.outline = int(own.sum())
         self.sides = _sides(xyxy_px, size)
         points = np.concatenate([points[own], *self.sides])
+        self.camera, self.box_px = seen_from.camera, xyxy_px
+        self.whole = np.concatenate([xyxy_px[:2] > _BORDER_PX, xyxy_px[2:] < size - _BORDER_PX])
+        self.ends = np.zeros((0, 3))
+        self.cam_from_ground = cam_from_ground(seen_from.ground)[:3, :3]
         self.rays = _unit(seen_from.camera.rays(points)) @ cam_from_ground(seen_from.ground)[:3, :3]
         self.eye = np.array([0.0, 0.0, seen_from.ground.height_m])
-        self.trust = np.where(normal[own, 1] > _DOWN, config.below_weight, 1.0)
+        below = 1.0 if space.is_thin else config.below_weight
+        self.trust = np.where(normal[own, 1] > _DOWN, below, 1.0)
 
     def fit(self, start: FloatArray) -> tuple[FloatArray, float]:
         """Unknowns and their cost, from a start (6,) without coefficients; first with the mean shape."""
+        if self.space.is_thin:
+            return self._fit_instances(start)
         spread = np.sqrt(self.space.log_size_rest**2 + (self.space.log_size_modes**2).sum(axis=1))
-        none = np.zeros(self.space.count)
-        first = self._solved(
-            lambda v: self._costs(np.concatenate([v, none]), spread, 3.0), start, _COARSE_STEPS
+        return self.refined(self._placed(start, np.zeros(self.space.count), spread)[0])
+
+    def _placed(
+        self, start: FloatArray, coefficients: FloatArray, size_std: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Unknowns and their cost, from a start (6,), of a shape that is left as it is."""
+        found, cost = self._solved(
+            lambda v: self._costs(np.concatenate([v, coefficients]), size_std, _COARSE_SLACK),
+            start,
+            _COARSE_STEPS,
         )
-        return self.refined(np.concatenate([first[0], none]))
+        return np.concatenate([found, coefficients]), cost
+
+    def _fit_instances(self, start: FloatArray) -> tuple[FloatArray, float]:
+        """Unknowns and their cost, from a start (6,) and the instances of the space one by one.
+
+        The mean of thin limbs is none.
+        """
+        rest = np.maximum(self.space.log_size_rest, _LEAST_SPREAD)
+        rough = []
+        for c in self.space.instances:
+            self.ends = self._ends(c)
+            rough.append(self._placed(start, c, rest))
+        best = sorted(rough, key=lambda f: f[1])[:_BEST_INSTANCES]
+        return min((self.refined(begin) for begin, _ in best), key=lambda f: f[1])
+
+    def _ends(self, coefficients: FloatArray) -> FloatArray:
+        """Points (n, 3) that span the convex hull of a shape, in units of its size."""
+        nx, ny, nz = np.nonzero(self.space.hull(coefficients) < 0)
+        count, reach = self.space.mean.shape, self.space.reach
+        half = np.stack(
+            [
+                (2 * nx / (count[0] - 1) - 1) * reach[0],
+                ny / (count[1] - 1) * reach[1],
+                nz / (count[2] - 1) * reach[2],
+            ],
+            axis=1,
+        )
+        both = np.concatenate([half, half * [1, -1, 1]])
+        return np.asarray(both[ConvexHull(both).vertices])
+
+    def _beyond_sides(self, vector: FloatArray, size_m: FloatArray) -> FloatArray:
+        """How far the shape's extent (k,) is off the sides of the box, in shares of the box's diagonal."""
+        at = self.ends * size_m
+        at[:, :2] = at[:, :2] @ turn(float(vector[2])).T + vector[:2]
+        cam = (at - self.eye) @ self.cam_from_ground.T
+        uv = self.camera.project(np.insert(cam[:, :2], 2, np.maximum(cam[:, 2], NEAR_M), axis=1))
+        off = np.concatenate([uv.min(axis=0), uv.max(axis=0)]) - (self.box_px - 0.5)
+        return np.asarray(off[self.whole] / np.linalg.norm(self.box_px[2:] - self.box_px[:2]))
 
     def refined(self, begin: FloatArray) -> tuple[FloatArray, float]:
         """Unknowns and their cost, from a start with coefficients."""
         rest = np.maximum(self.space.log_size_rest, _LEAST_SPREAD)
+        if self.space.is_thin:
+            self.ends = self._ends(begin[6:])
         return self._solved(lambda v: self._costs(v, rest, 1.0), begin, _FINE_STEPS)
 
     def _solved(
@@ -296,6 +378,9 @@ class _Problem:
         # Cauchy's loss for the outline; no outlier may outweigh the box and what is known of the class
         weighted = value * weight
         robust = np.sign(weighted) * np.sqrt(np.log1p(weighted**2))
+        if self.space.is_thin:
+            size_m = self.space.size_m(vector[6:], np.clip(vector[3:6], -1, 1))
+            touch = self._beyond_sides(vector, size_m) / (slack * self.config.side_noise_share)
         turned = np.array([vector[2] - self.yaw_rad]) / np.deg2rad(self.config.turn_deg)
         return np.concatenate([robust, touch, turned, vector[3:6] / size_std, vector[6:]])
 

@@ -15,6 +15,7 @@ from recon.reconstruction.instance import NEAR_M, Instance3D, InstancePart
 from recon.reconstruction.reconstruct import Reconstruction, fill_gaps
 from reports.objects.back_side import back_side, is_compact, mirror
 from reports.objects.fill_in import filled_in
+from reports.objects.hull_mesh import hull_meshes
 from reports.objects.joined_planes import JoinedPlanes, joined_planes
 from reports.objects.part_colours import part_colours
 from reports.objects.picture_mesh import PictureMesh
@@ -55,6 +56,9 @@ def object_layers(rgb: UInt8Array, one: FoundObject, camera: PinholeCamera) -> t
     texture = object_texture(rgb, one)
     if one.shape is not None:
         names = {p.label: p.name for p in one.instance.parts}
+        if one.shape.space.is_thin:
+            meshes = hull_meshes(texture, one.matte, one.shape, camera, names)
+            return tuple((mesh, texture) for mesh in meshes)
         return (solid_mesh(texture, one.matte, one.shape, camera, names),)
     return tuple((mesh, texture) for mesh in _planar_meshes(texture, one, camera))
 

@@ -235,7 +235,7 @@ def find_object(
     inside = fill_polygon(found.outline_px, *rgb.shape[:2])
     share = inside.astype(np.float32)
     # a solid object without a shape keeps its outline: by colours alone it would lose its tyres
-    if model.shape_space is None and config is _THIN_CONFIG:
+    if config is _THIN_CONFIG and (model.shape_space is None or model.shape_space.is_thin):
         share = matte(rgb, inside, xyxy_px)
         found = _along_matte(found, share, xyxy_px, view_bin, model, seen_from)
     instance = build_instance(found, view_bin, model, seen_from, config.registration, occluded=occluded)
@@ -243,7 +243,7 @@ def find_object(
         return instance
     if model.shape_space is None:
         return FoundObject(found, instance, share, None, occluded)
-    solid = shape_in_box(rgb, inside, xyxy_px, instance, model.shape_space, seen_from, occluded)
+    solid = shape_in_box(rgb, share > 0.5, xyxy_px, instance, model.shape_space, seen_from, occluded)
     if isinstance(solid, Failure):
         return FoundObject(found, instance, share, None, occluded)
     share, shape = solid

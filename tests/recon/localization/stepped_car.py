@@ -39,6 +39,7 @@ def space(cab_m: tuple[float, float] = CAB_M) -> ShapeSpace:
         (),
         np.zeros((0, 4, 3)),
         np.zeros((0, 4, 3, 0)),
+        np.zeros((0, 0)),
     )
 
 
