@@ -183,7 +183,8 @@ def learned_model(name: str, models: Path | None) -> ClassModel:
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         model.save(path)
-    return model
+    # files hold hulls in half precision: a model that was kept gives the same results
+    return ClassModel.from_json(model.as_json(), Path(name))
 
 
 def _with_shapes(model: ClassModel, shown: ObjectClass) -> ClassModel:
