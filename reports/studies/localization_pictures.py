@@ -25,6 +25,8 @@ _EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4)
 """Edges of a box as pairs of ``StandingBox.corners_m``; the front is 0, 3, 4, 7."""
 TILE_PX = (300, 240)
 _TITLE_PX = 36
+_CAPTION_PX = 36
+"""Height of the two lines above a tile."""
 _LEAST_INSIDE = 0.85
 """A part with less of its area inside the outline is not drawn."""
 _GAIN = 1.15
@@ -127,13 +129,15 @@ def tile(
 ) -> UInt8Array:
     """A picture of fixed size with a caption."""
     width, height = TILE_PX
-    zoom = min(width / picture.shape[1], (height - 22) / picture.shape[0])
+    zoom = min(width / picture.shape[1], (height - _CAPTION_PX) / picture.shape[0])
     drawn = draw(picture, crop_xy_px, [view], camera, zoom)
     out = np.full((height, width, 3), 25, np.uint8)
-    h, w = min(drawn.shape[0], height - 22), min(drawn.shape[1], width)
+    h, w = min(drawn.shape[0], height - _CAPTION_PX), min(drawn.shape[1], width)
     x = (width - w) // 2
-    out[22 : 22 + h, x : x + w] = drawn[:h, :w]
-    cv2.putText(out, view.caption, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.38, rgb(BAND_INK), 1, cv2.LINE_AA)
+    out[_CAPTION_PX : _CAPTION_PX + h, x : x + w] = drawn[:h, :w]
+    for line, text in enumerate(view.caption.splitlines()):
+        at = 4, 14 + 16 * line
+        cv2.putText(out, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.38, rgb(BAND_INK), 1, cv2.LINE_AA)
     return out
 
 

@@ -87,7 +87,7 @@ def _view(trial: Trial, study: LocalizationStudy) -> Instance3DView:
     name = f"{trial.index} {trial.shape_id}"
     if not isinstance(trial.fit, FitLocalization) or not isinstance(own, Score):
         reason = "lost" if isinstance(own, Score) else str(own.reason)
-        return Instance3DView(trial.truth, None, (), np.zeros((0, 3, 3)), f"{name} {reason}")
+        return Instance3DView(trial.truth, None, (), np.zeros((0, 3, 3)), f"{name}\n{reason}")
     numbers = f"{100 * (own.overlap or 0):.0f}% {own.centroid_mm:.1f}mm {own.orientation_deg:.1f}deg"
     if trial.fit.outside:
         numbers += " outside"
@@ -95,7 +95,7 @@ def _view(trial: Trial, study: LocalizationStudy) -> Instance3DView:
         numbers += f" nose {100 * trial.fit.nose.probability:.0f}%"
     parts = study.parts_m(trial.fit)
     return Instance3DView(
-        trial.truth, trial.fit.box, study.part_labels, parts, f"{name} {numbers}", trial.ring_px
+        trial.truth, trial.fit.box, study.part_labels, parts, f"{name}\n{numbers}", trial.ring_px
     )
 
 
