@@ -11,7 +11,7 @@ from recon.arrays import BoolArray, Float32Array, FloatArray, UInt8Array
 from recon.camera import DEFAULT_GROUND, GroundedCamera, GroundPlane, PinholeCamera, default_camera
 from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
-from recon.localization.shape_fit import FittedShape, shape_in_box
+from recon.localization.shape_fit import Agreement, FittedShape, shape_in_box
 from recon.outlines import fill_polygon, largest_outline
 from recon.reconstruction.instance import Instance3D, InstancePart, build_instance
 from recon.reconstruction.matte import matte
@@ -23,6 +23,7 @@ from recon.reconstruction.reconstruct import (
     reconstruct_outline,
 )
 from recon.reconstruction.segment import SegmentConfig
+from recon.reconstruction.view_selection import ViewChoice, best_view_bin
 from rescore.data.pictures import decode_picture, turned_by_exif
 from rescore.files import read_json
 
@@ -43,6 +44,9 @@ _JOINED = 0.04
 _ASTRAY = 0.04
 """An outline whose sides are farther than this from the drawn box, as shares of its extent, has lost a limb;
 a foot that is missing moves the whole object away."""
+_VIEWS_TRIED = 3
+_VIEW_WEIGHT = 0.5
+"""Weight of what the view bins cost, in nats, beside what speaks against the shape."""
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
@@ -69,6 +73,8 @@ class FoundObject:
     """The closed shape; None where the class model knows none, or none fits."""
     occluded: BoolArray | None = None
     """Pixels (h, w) where something else hides the object; None for none."""
+    agreement: Agreement | None = None
+    """How well the closed shape goes with picture and box; None without one."""
 
 
 def read_photo(path: Path) -> UInt8Array:
@@ -243,11 +249,48 @@ def find_object(
         return instance
     if model.shape_space is None:
         return FoundObject(found, instance, share, None, occluded)
-    solid = shape_in_box(rgb, share > 0.5, xyxy_px, instance, model.shape_space, seen_from, occluded)
+    expected = found.initial_outline_px
+    solid = shape_in_box(rgb, share > 0.5, xyxy_px, instance, model.shape_space, seen_from, occluded, expected)
     if isinstance(solid, Failure):
         return FoundObject(found, instance, share, None, occluded)
-    share, shape = solid
-    return FoundObject(found, _as_shape(instance, shape, model), share, shape, occluded)
+    whole = _as_shape(instance, solid.shape, model)
+    return FoundObject(found, whole, solid.matte, solid.shape, occluded, solid.agreement)
+
+
+def find_likeliest(
+    photo: Photo, xyxy_px: FloatArray, model: ClassModel, occluded: BoolArray | None = None
+) -> FoundObject | Failure:
+    """The object in a box (4,) in 3D, seen from where it is explained best, or why there is none.
+
+    How a box looks does not always tell front from rear, or a side from a corner. Where the class has closed
+    shapes, one is fitted from each of the likeliest view bins, and what is known of the view is weighed against
+    how well the shape goes with picture and box.
+
+    Args:
+        photo: the picture.
+        xyxy_px: the box, drawn tightly.
+        model: the class model.
+        occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
+    """
+    choice = best_view_bin(photo.rgb, xyxy_px, model)
+    if isinstance(choice, Failure):
+        return choice
+    solid = model.shape_space is not None and not model.shape_space.is_thin
+    tried = choice.order[: _VIEWS_TRIED if solid else 1].tolist()
+    found = [find_object(photo, xyxy_px, view_bin, model, occluded) for view_bin in tried]
+    fitted = [one for one in found if isinstance(one, FoundObject) and one.agreement is not None]
+    if fitted:
+        return min(fitted, key=lambda one: _against(one, choice, model))
+    return next((one for one in found if isinstance(one, FoundObject)), found[0])
+
+
+def _against(one: FoundObject, choice: ViewChoice, model: ClassModel) -> float:
+    """What speaks against an object with a closed shape, nats; the view is that of the fitted shape."""
+    assert one.agreement is not None
+    cost = np.where(np.isfinite(choice.cost), choice.cost, np.nanmax(choice.cost))
+    count = model.bins.count
+    view = np.interp(one.instance.azimuth_rad / (2 * np.pi) * count, np.arange(count), cost, period=count)
+    return _VIEW_WEIGHT * float(view) + one.agreement.nats
 
 
 def _as_shape(instance: Instance3D, shape: FittedShape, model: ClassModel) -> Instance3D:
