@@ -36,7 +36,7 @@ _LEAST_OVERLAP = 0.75
 """Least intersection over union of the matte and the silhouette of its shape."""
 _BEYOND = 0.3
 """Silhouettes are compared with their box this far beyond it, in shares of its extent."""
-_OVERLAP_NATS, _BESIDE_NATS = 30.0, 15.0
+_OVERLAP_NATS, _BESIDE_NATS = 30.0, 60.0
 """What a whole unit of missing overlap, and of distance from the box, speaks against a shape."""
 _LEAST_SPREAD = 0.05
 """Least standard deviation of the logarithms of sizes beside what the shape says of them."""
@@ -58,6 +58,9 @@ _OFF_PX = 3.0
 """A silhouette may be off by this much where colours see a limb beside it."""
 _DOWN = 0.3
 """Sine of the angle below the level from which on an outward normal faces down."""
+
+_ASTRAY_NATS = 2.0
+"""An outline that colours gave is kept unless it agrees worse than another by this much."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +174,7 @@ def shape_in_box(
     Colours cannot tell the shadow under an object from its tyres, a shape can; and a shape cannot follow a
     mirror, colours can. So the matte is found again along the border of the first shape, and fitted again.
     Where colours lead astray, into another object or the street, the class's own outline in the box is the
-    better start: both are tried, and the shape that agrees best is taken.
+    better start: both are tried, and it is taken where its shape agrees clearly better.
 
     Args:
         rgb: the picture, shape (h, w, 3).
@@ -193,8 +196,12 @@ def shape_in_box(
         else _along_shape(rgb, xyxy_px, first, space, seen_from, occluded)
         for first in firsts
     ]
-    good = [one for one in found if isinstance(one, ShapeInBox)]
-    return min(good, key=lambda one: one.agreement.nats) if good else found[0]
+    by_colour = found[0]
+    others = [one for one in found[1:] if isinstance(one, ShapeInBox)]
+    if isinstance(by_colour, Failure):
+        return others[0] if others else by_colour
+    better = [one for one in others if one.agreement.nats < by_colour.agreement.nats - _ASTRAY_NATS]
+    return better[0] if better else by_colour
 
 
 def _along_shape(

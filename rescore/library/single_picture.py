@@ -44,9 +44,12 @@ _JOINED = 0.04
 _ASTRAY = 0.04
 """An outline whose sides are farther than this from the drawn box, as shares of its extent, has lost a limb;
 a foot that is missing moves the whole object away."""
-_VIEWS_TRIED = 3
-_VIEW_WEIGHT = 0.5
-"""Weight of what the view bins cost, in nats, beside what speaks against the shape."""
+_VIEWS_TRIED = 4
+_VIEWS_WITHIN = 6.0
+"""View bins that cost more nats than the best by this much are not tried."""
+_VIEW_WEIGHT = 1.5
+"""Weight of what the view bins say beside the shape: the silhouette hardly tells a nose from a tail."""
+_LEAST_PROBABILITY = 1e-6
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
@@ -276,7 +279,8 @@ def find_likeliest(
     if isinstance(choice, Failure):
         return choice
     solid = model.shape_space is not None and not model.shape_space.is_thin
-    tried = choice.order[: _VIEWS_TRIED if solid else 1].tolist()
+    near = choice.cost[choice.order] <= choice.cost[choice.view_bin] + _VIEWS_WITHIN
+    tried = choice.order[near][: _VIEWS_TRIED if solid else 1].tolist()
     found = [find_object(photo, xyxy_px, view_bin, model, occluded) for view_bin in tried]
     fitted = [one for one in found if isinstance(one, FoundObject) and one.agreement is not None]
     if fitted:
@@ -287,10 +291,9 @@ def find_likeliest(
 def _against(one: FoundObject, choice: ViewChoice, model: ClassModel) -> float:
     """What speaks against an object with a closed shape, nats; the view is that of the fitted shape."""
     assert one.agreement is not None
-    cost = np.where(np.isfinite(choice.cost), choice.cost, np.nanmax(choice.cost))
-    count = model.bins.count
-    view = np.interp(one.instance.azimuth_rad / (2 * np.pi) * count, np.arange(count), cost, period=count)
-    return _VIEW_WEIGHT * float(view) + one.agreement.nats
+    at, count = one.instance.azimuth_rad / (2 * np.pi) * model.bins.count, model.bins.count
+    view = float(np.interp(at, np.arange(count), choice.probability, period=count))
+    return one.agreement.nats - _VIEW_WEIGHT * float(np.log(max(view, _LEAST_PROBABILITY)))
 
 
 def _as_shape(instance: Instance3D, shape: FittedShape, model: ClassModel) -> Instance3D:
