@@ -191,9 +191,7 @@ def shape_in_box(
     if expected_px is not None and not space.is_thin:
         firsts.append(fit_shape(expected_px, xyxy_px, rough, space, seen_from, occluded))
     found = [
-        first
-        if isinstance(first, Failure)
-        else _along_shape(rgb, xyxy_px, first, space, seen_from, occluded)
+        first if isinstance(first, Failure) else _along_shape(rgb, xyxy_px, first, space, seen_from, occluded)
         for first in firsts
     ]
     by_colour = found[0]

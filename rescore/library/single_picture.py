@@ -23,7 +23,7 @@ from recon.reconstruction.reconstruct import (
     reconstruct_outline,
 )
 from recon.reconstruction.segment import SegmentConfig
-from recon.reconstruction.view_selection import ViewChoice, best_view_bin
+from recon.reconstruction.view_selection import ViewChoice
 from rescore.data.pictures import decode_picture, turned_by_exif
 from rescore.files import read_json
 
@@ -50,6 +50,10 @@ _VIEWS_WITHIN = 6.0
 _VIEW_WEIGHT = 1.5
 """Weight of what the view bins say beside the shape: the silhouette hardly tells a nose from a tail."""
 _LEAST_PROBABILITY = 1e-6
+_CUT_PX = 2.0
+"""Boxes this near to the left or right edge of the picture are cut by it."""
+_DOUBTFUL_NATS = 7.0
+"""Shapes that agree worse with picture and box are not to be believed."""
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
@@ -78,6 +82,8 @@ class FoundObject:
     """Pixels (h, w) where something else hides the object; None for none."""
     agreement: Agreement | None = None
     """How well the closed shape goes with picture and box; None without one."""
+    closed_failure: Failure | None = None
+    """Why no closed shape fits, where the class model knows closed shapes."""
 
 
 def read_photo(path: Path) -> UInt8Array:
@@ -253,15 +259,21 @@ def find_object(
     if model.shape_space is None:
         return FoundObject(found, instance, share, None, occluded)
     expected = found.initial_outline_px
-    solid = shape_in_box(rgb, share > 0.5, xyxy_px, instance, model.shape_space, seen_from, occluded, expected)
+    solid = shape_in_box(
+        rgb, share > 0.5, xyxy_px, instance, model.shape_space, seen_from, occluded, expected
+    )
     if isinstance(solid, Failure):
-        return FoundObject(found, instance, share, None, occluded)
+        return FoundObject(found, instance, share, None, occluded, closed_failure=solid)
     whole = _as_shape(instance, solid.shape, model)
     return FoundObject(found, whole, solid.matte, solid.shape, occluded, solid.agreement)
 
 
 def find_likeliest(
-    photo: Photo, xyxy_px: FloatArray, model: ClassModel, occluded: BoolArray | None = None
+    photo: Photo,
+    xyxy_px: FloatArray,
+    choice: ViewChoice,
+    model: ClassModel,
+    occluded: BoolArray | None = None,
 ) -> FoundObject | Failure:
     """The object in a box (4,) in 3D, seen from where it is explained best, or why there is none.
 
@@ -272,12 +284,10 @@ def find_likeliest(
     Args:
         photo: the picture.
         xyxy_px: the box, drawn tightly.
+        choice: what ``best_view_bin`` says of the box.
         model: the class model.
         occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
     """
-    choice = best_view_bin(photo.rgb, xyxy_px, model)
-    if isinstance(choice, Failure):
-        return choice
     solid = model.shape_space is not None and not model.shape_space.is_thin
     near = choice.cost[choice.order] <= choice.cost[choice.view_bin] + _VIEWS_WITHIN
     tried = choice.order[near][: _VIEWS_TRIED if solid else 1].tolist()
@@ -294,6 +304,25 @@ def _against(one: FoundObject, choice: ViewChoice, model: ClassModel) -> float:
     at, count = one.instance.azimuth_rad / (2 * np.pi) * model.bins.count, model.bins.count
     view = float(np.interp(at, np.arange(count), choice.probability, period=count))
     return one.agreement.nats - _VIEW_WEIGHT * float(np.log(max(view, _LEAST_PROBABILITY)))
+
+
+def doubt_of(found: FoundObject, xyxy_px: FloatArray, camera: PinholeCamera) -> str | None:
+    """Why an object in a box (4,) is not to be believed, in a line; None where nothing speaks against it.
+
+    Of classes without closed shapes nothing is said.
+    """
+    if found.agreement is None:
+        return (
+            None if found.closed_failure is None else f"no closed shape fits: {found.closed_failure.detail}"
+        )
+    if xyxy_px[0] < _CUT_PX or xyxy_px[2] > camera.width_px - _CUT_PX:
+        return "the picture cuts the box, so that length and view are guesses"
+    if found.agreement.nats > _DOUBTFUL_NATS:
+        return (
+            f"silhouette and outline share {found.agreement.overlap:.0%}, and its sides are "
+            f"{found.agreement.beside:.0%} off those of the box"
+        )
+    return None
 
 
 def _as_shape(instance: Instance3D, shape: FittedShape, model: ClassModel) -> Instance3D:

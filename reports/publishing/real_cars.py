@@ -1,0 +1,103 @@
+"""Pop-ups of real cars: ``python -m reports.publishing.real_cars STREET FOLDER COMMAND``.
+
+STREET is ``examples/real_street``. Every box in which a person sees a large vehicle is reconstructed by the class
+model that comes with the package. What comes out is drawn from the photograph's view and from beside it, with a
+page that says how well each shape goes with its picture; one pop-up is kept as a file.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.arrays import FloatArray
+from recon.camera import DEFAULT_GROUND, GroundedCamera
+from recon.class_model import ClassModel
+from recon.errors import Failure, RescoreError
+from recon.files import atomic_path
+from recon.reconstruction.view_selection import best_view_bin
+from recon.stereo.sgbm import SgbmConfig
+from reports.studies.reconstructions import around_sheet, write_popup, write_small_png
+from reports.templating import render
+from rescore.data.frames import FrameRecord, load_frame
+from rescore.files import read_json
+from rescore.formats.labels import ClassMap
+from rescore.formats.open import read_dataset
+from rescore.library.single_picture import Photo, doubt_of, find_likeliest, load_class
+from rescore.studies.reconstructions import Exhibit
+
+LEAST_PX = 90.0
+"""Lower boxes show too little of a car."""
+LEAST_SCORE = 0.9
+"""Boxes of lower scores are on roads, lamps and parts of cars."""
+KEPT = 3
+"""Number, from 0 on, of the pop-up that is kept as a file."""
+
+
+def publish_real_cars(street: Path, folder: Path, command: str) -> Path:
+    """Draw pop-ups of the cars of a street into a folder, with a page that shows them; returns the page.
+
+    Args:
+        street: ``examples/real_street``, or another data set with ``detections.json`` beside it.
+        folder: where to publish; made where it is missing.
+        command: what makes it, for the page.
+
+    Raises:
+        RescoreError: no such data set, or fewer large boxes than are needed.
+    """
+    model = load_class(None, "car")
+    boxes = large_boxes(read_json(street / "detections.json", "detections"))
+    if len(boxes) <= KEPT:
+        raise RescoreError(
+            f"{street}: expected more than {KEPT} boxes of score {LEAST_SCORE:g} that are {LEAST_PX:g} pixels "
+            f"high, got {len(boxes)}; take the example's"
+        )
+    data = read_dataset(street, "car", ClassMap.of("car", (), of_several=True))
+    photos = {r.image_id: _photo(r) for r in data.frames if r.image_id in {b["image_id"] for b in boxes}}
+    shown = [_exhibit(photos[b["image_id"]], b, model) for b in boxes]
+    folder.mkdir(parents=True, exist_ok=True)
+    write_small_png(folder / "real_cars.png", around_sheet(shown))
+    write_popup(folder / "real_car.glb", shown[KEPT][0])
+    rows = [(e.shape_id, *_words(e, xyxy)) for e, xyxy in shown]
+    text = render("reports.publishing", "real_cars_page.md.j2", command=command, rows=rows, kept=KEPT + 1)
+    page = folder / "real_cars.md"
+    with atomic_path(page) as beside:
+        beside.write_text(text + "\n", encoding="utf-8")
+    return page
+
+
+def large_boxes(detections: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The detections that are large and sure enough, in their order."""
+    return [d for d in detections if d["score"] >= LEAST_SCORE and d["bbox"][3] >= LEAST_PX]
+
+
+def _photo(record: FrameRecord) -> Photo:
+    """The left picture of a frame with the ground of its disparity, or the default where that is not trusted."""
+    frame = load_frame(record, SgbmConfig()).with_stereo_ground()
+    if frame.camera is None:
+        raise RescoreError(f"{record.left_path}: expected a calibrated pair, got no camera; add calib.yaml")
+    return Photo(frame.left_rgb, GroundedCamera(frame.camera.left, frame.ground or DEFAULT_GROUND))
+
+
+def _exhibit(photo: Photo, box: dict[str, Any], model: ClassModel) -> tuple[Exhibit, FloatArray]:
+    x, y, w, h = box["bbox"]
+    xyxy_px = np.array([x, y, x + w, y + h])
+    choice = best_view_bin(photo.rgb, xyxy_px, model)
+    found = choice if isinstance(choice, Failure) else find_likeliest(photo, xyxy_px, choice, model)
+    view_bin = -1 if isinstance(found, Failure) else found.instance.view_bin
+    return Exhibit("car", str(box.get("shows", "car")), view_bin, photo, found), xyxy_px
+
+
+def _words(exhibit: Exhibit, xyxy_px: FloatArray) -> tuple[str, str, str]:
+    """View bin, agreement and doubt of an exhibit, in words."""
+    found = exhibit.found
+    if isinstance(found, Failure):
+        return "-", "-", f"{found.reason.value}: {found.detail}"
+    doubt = doubt_of(found, xyxy_px, exhibit.photo.seen_from.camera) or "none"
+    agreement = "-" if found.agreement is None else f"{found.agreement.overlap:.0%}"
+    return str(found.instance.view_bin), agreement, doubt
+
+
+if __name__ == "__main__":
+    print(publish_real_cars(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]))
