@@ -140,8 +140,8 @@ class Agreement:
     overlap: float
     """Intersection over union of the matte and the silhouette, in [0, 1]."""
     beside: float
-    """Mean distance between the sides of the box that the picture does not cut and those of the silhouette, in
-    shares of the box's extent."""
+    """Mean distance between the sides of the box that the picture does not cut and those of the silhouette,
+    in shares of the box's extent."""
 
     @property
     def nats(self) -> float:

@@ -1,8 +1,8 @@
 """Pop-ups of real cars: ``python -m reports.publishing.real_cars STREET FOLDER COMMAND``.
 
-STREET is ``examples/real_street``. Every box in which a person sees a large vehicle is reconstructed by the class
-model that comes with the package. What comes out is drawn from the photograph's view and from beside it, with a
-page that says how well each shape goes with its picture; one pop-up is kept as a file.
+STREET is ``examples/real_street``. Each box of a large vehicle is reconstructed by the class model that comes
+with the package. What comes out is drawn from the photograph's view and from beside it, with a page that says
+how well each shape goes with its picture; one object is kept as a file.
 """
 
 import sys
@@ -18,7 +18,9 @@ from recon.errors import Failure, RescoreError
 from recon.files import atomic_path
 from recon.reconstruction.view_selection import best_view_bin
 from recon.stereo.sgbm import SgbmConfig
-from reports.studies.reconstructions import around_sheet, write_popup, write_small_png
+from reports.objects.mesh_files import gltf_from_object, write_glb
+from reports.objects.object_mesh import object_layers
+from reports.studies.reconstructions import around_sheet, write_small_png
 from reports.templating import render
 from rescore.data.frames import FrameRecord, load_frame
 from rescore.files import read_json
@@ -31,8 +33,8 @@ LEAST_PX = 90.0
 """Lower boxes show too little of a car."""
 LEAST_SCORE = 0.9
 """Boxes of lower scores are on roads, lamps and parts of cars."""
-KEPT = 3
-"""Number, from 0 on, of the pop-up that is kept as a file."""
+KEPT = 5
+"""Number, from 0 on, of the object that is kept as a file."""
 
 
 def publish_real_cars(street: Path, folder: Path, command: str) -> Path:
@@ -50,15 +52,15 @@ def publish_real_cars(street: Path, folder: Path, command: str) -> Path:
     boxes = large_boxes(read_json(street / "detections.json", "detections"))
     if len(boxes) <= KEPT:
         raise RescoreError(
-            f"{street}: expected more than {KEPT} boxes of score {LEAST_SCORE:g} that are {LEAST_PX:g} pixels "
-            f"high, got {len(boxes)}; take the example's"
+            f"{street}: expected {KEPT + 1} boxes of score {LEAST_SCORE:g} and {LEAST_PX:g} pixels height, "
+            f"got {len(boxes)}; take the example's"
         )
     data = read_dataset(street, "car", ClassMap.of("car", (), of_several=True))
     photos = {r.image_id: _photo(r) for r in data.frames if r.image_id in {b["image_id"] for b in boxes}}
     shown = [_exhibit(photos[b["image_id"]], b, model) for b in boxes]
     folder.mkdir(parents=True, exist_ok=True)
     write_small_png(folder / "real_cars.png", around_sheet(shown))
-    write_popup(folder / "real_car.glb", shown[KEPT][0])
+    _write_object(folder / "real_car.glb", shown[KEPT][0])
     rows = [(e.shape_id, *_words(e, xyxy)) for e, xyxy in shown]
     text = render("reports.publishing", "real_cars_page.md.j2", command=command, rows=rows, kept=KEPT + 1)
     page = folder / "real_cars.md"
@@ -73,7 +75,7 @@ def large_boxes(detections: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _photo(record: FrameRecord) -> Photo:
-    """The left picture of a frame with the ground of its disparity, or the default where that is not trusted."""
+    """The left picture of a frame with the ground of its disparity; the default where that is not trusted."""
     frame = load_frame(record, SgbmConfig()).with_stereo_ground()
     if frame.camera is None:
         raise RescoreError(f"{record.left_path}: expected a calibrated pair, got no camera; add calib.yaml")
@@ -87,6 +89,14 @@ def _exhibit(photo: Photo, box: dict[str, Any], model: ClassModel) -> tuple[Exhi
     found = choice if isinstance(choice, Failure) else find_likeliest(photo, xyxy_px, choice, model)
     view_bin = -1 if isinstance(found, Failure) else found.instance.view_bin
     return Exhibit("car", str(box.get("shows", "car")), view_bin, photo, found), xyxy_px
+
+
+def _write_object(path: Path, exhibit: Exhibit) -> None:
+    """Write the object alone, without its street, as GLB; nothing for a failure."""
+    if not isinstance(exhibit.found, Failure):
+        turn = gltf_from_object(exhibit.found.instance)
+        layers = object_layers(exhibit.photo.rgb, exhibit.found, exhibit.photo.seen_from.camera)
+        write_glb(path, [(f"car_{k}", mesh.moved(turn), rgb) for k, (mesh, rgb) in enumerate(layers)])
 
 
 def _words(exhibit: Exhibit, xyxy_px: FloatArray) -> tuple[str, str, str]:

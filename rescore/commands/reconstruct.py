@@ -148,7 +148,7 @@ def popup(
 def _found(
     photo: "Photo", box: str, view_bin: int | None, model: "ClassModel", tell: "Callable[[str], None]"
 ) -> "FoundObject":
-    """The object in a box, with the view bin and any doubt said aloud; a failure is an error with its reason."""
+    """The object in a box, view bin and any doubt said aloud; a failure is an error with its reason."""
     from recon.errors import Failure
     from rescore.library.single_picture import doubt_of, find_object, parse_box
 

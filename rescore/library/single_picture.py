@@ -277,9 +277,9 @@ def find_likeliest(
 ) -> FoundObject | Failure:
     """The object in a box (4,) in 3D, seen from where it is explained best, or why there is none.
 
-    How a box looks does not always tell front from rear, or a side from a corner. Where the class has closed
-    shapes, one is fitted from each of the likeliest view bins, and what is known of the view is weighed against
-    how well the shape goes with picture and box.
+    How a box looks does not always tell a side from a corner. Where the class has closed shapes, one is
+    fitted from each of the likeliest view bins, and what is known of the view is weighed against how well the
+    shape goes with picture and box.
 
     Args:
         photo: the picture.
