@@ -6,6 +6,7 @@ how well each shape goes with its picture; one object is kept as a file.
 """
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,7 @@ from rescore.data.frames import FrameRecord, load_frame
 from rescore.files import read_json
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
-from rescore.library.single_picture import Photo, doubt_of, find_likeliest, load_class
-from rescore.studies.reconstructions import Exhibit
+from rescore.library.single_picture import FoundObject, Photo, doubt_of, find_likeliest, load_class
 
 LEAST_PX = 90.0
 """Lower boxes show too little of a car."""
@@ -35,6 +35,18 @@ LEAST_SCORE = 0.9
 """Boxes of lower scores are on roads, lamps and parts of cars."""
 KEPT = 5
 """Number, from 0 on, of the object that is kept as a file."""
+
+
+@dataclass(frozen=True, eq=False)
+class RealCar:
+    """One box of a photograph and what was made of it."""
+
+    shows: str
+    """What a person sees in the box."""
+    photo: Photo
+    xyxy_px: FloatArray
+    """Pixel edges, shape (4,)."""
+    found: FoundObject | Failure
 
 
 def publish_real_cars(street: Path, folder: Path, command: str) -> Path:
@@ -57,11 +69,11 @@ def publish_real_cars(street: Path, folder: Path, command: str) -> Path:
         )
     data = read_dataset(street, "car", ClassMap.of("car", (), of_several=True))
     photos = {r.image_id: _photo(r) for r in data.frames if r.image_id in {b["image_id"] for b in boxes}}
-    shown = [_exhibit(photos[b["image_id"]], b, model) for b in boxes]
+    shown = [_real_car(photos[b["image_id"]], b, model) for b in boxes]
     folder.mkdir(parents=True, exist_ok=True)
-    write_small_png(folder / "real_cars.png", around_sheet(shown))
-    _write_object(folder / "real_car.glb", shown[KEPT][0])
-    rows = [(e.shape_id, *_words(e, xyxy)) for e, xyxy in shown]
+    write_small_png(folder / "real_cars.png", around_sheet([(c.photo, c.found, c.xyxy_px) for c in shown]))
+    _write_object(folder / "real_car.glb", shown[KEPT])
+    rows = [(c.shows, *_words(c)) for c in shown]
     text = render("reports.publishing", "real_cars_page.md.j2", command=command, rows=rows, kept=KEPT + 1)
     page = folder / "real_cars.md"
     with atomic_path(page) as beside:
@@ -82,29 +94,28 @@ def _photo(record: FrameRecord) -> Photo:
     return Photo(frame.left_rgb, GroundedCamera(frame.camera.left, frame.ground or DEFAULT_GROUND))
 
 
-def _exhibit(photo: Photo, box: dict[str, Any], model: ClassModel) -> tuple[Exhibit, FloatArray]:
+def _real_car(photo: Photo, box: dict[str, Any], model: ClassModel) -> RealCar:
     x, y, w, h = box["bbox"]
     xyxy_px = np.array([x, y, x + w, y + h])
     choice = best_view_bin(photo.rgb, xyxy_px, model)
     found = choice if isinstance(choice, Failure) else find_likeliest(photo, xyxy_px, choice, model)
-    view_bin = -1 if isinstance(found, Failure) else found.instance.view_bin
-    return Exhibit("car", str(box.get("shows", "car")), view_bin, photo, found), xyxy_px
+    return RealCar(str(box.get("shows", "car")), photo, xyxy_px, found)
 
 
-def _write_object(path: Path, exhibit: Exhibit) -> None:
+def _write_object(path: Path, car: RealCar) -> None:
     """Write the object alone, without its street, as GLB; nothing for a failure."""
-    if not isinstance(exhibit.found, Failure):
-        turn = gltf_from_object(exhibit.found.instance)
-        layers = object_layers(exhibit.photo.rgb, exhibit.found, exhibit.photo.seen_from.camera)
+    if not isinstance(car.found, Failure):
+        turn = gltf_from_object(car.found.instance)
+        layers = object_layers(car.photo.rgb, car.found, car.photo.seen_from.camera)
         write_glb(path, [(f"car_{k}", mesh.moved(turn), rgb) for k, (mesh, rgb) in enumerate(layers)])
 
 
-def _words(exhibit: Exhibit, xyxy_px: FloatArray) -> tuple[str, str, str]:
-    """View bin, agreement and doubt of an exhibit, in words."""
-    found = exhibit.found
+def _words(car: RealCar) -> tuple[str, str, str]:
+    """View bin, agreement and doubt of a car, in words."""
+    found = car.found
     if isinstance(found, Failure):
         return "-", "-", f"{found.reason.value}: {found.detail}"
-    doubt = doubt_of(found, xyxy_px, exhibit.photo.seen_from.camera) or "none"
+    doubt = doubt_of(found, car.xyxy_px, car.photo.seen_from.camera) or "none"
     agreement = "-" if found.agreement is None else f"{found.agreement.overlap:.0%}"
     return str(found.instance.view_bin), agreement, doubt
 

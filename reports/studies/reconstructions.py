@@ -19,7 +19,7 @@ from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about, write
 from reports.objects.object_mesh import object_layers
 from reports.objects.popup import close_camera, in_scene_axes, scene_layers
 from reports.pages import write_page
-from rescore.library.single_picture import FoundObject
+from rescore.library.single_picture import FoundObject, Photo
 from rescore.studies.instance_accuracy import InstanceErrors
 from rescore.studies.reconstructions import BESIDE_RAD, Exhibit, Measured, Reconstructions
 
@@ -155,25 +155,25 @@ def beside_sheet(exhibit: Exhibit) -> UInt8Array | None:
     return _sheet([truth, made])
 
 
-def around_sheet(exhibits: Sequence[tuple[Exhibit, FloatArray]]) -> UInt8Array:
+def around_sheet(objects: Sequence[tuple[Photo, FoundObject | Failure, FloatArray]]) -> UInt8Array:
     """A row an object: photograph with its box (4,), then its pop-up from right to left, its own view third.
 
     Failures have the photograph alone.
     """
     rows = []
-    for exhibit, (left, top, right, bottom) in exhibits:
-        own = exhibit.photo.seen_from.camera
-        framed = exhibit.photo.rgb.copy()
+    for shot, found, (left, top, right, bottom) in objects:
+        own = shot.seen_from.camera
+        framed = shot.rgb.copy()
         colour = palette.rgb(palette.VERMILION)
         cv2.rectangle(framed, (round(left), round(top)), (round(right), round(bottom)), colour, 2)
-        if isinstance(exhibit.found, Failure):
+        if isinstance(found, Failure):
             blank = np.full((_PANEL_PX[1], _PANEL_PX[0], 3), 255, np.uint8)
             photo = cv2.resize(framed, _PANEL_PX, interpolation=cv2.INTER_AREA)
             rows.append([np.asarray(photo, np.uint8), *[blank] * (len(BESIDE_RAD) + 1)])
             continue
-        camera = close_camera(exhibit.photo, [exhibit.found], *_fine())
-        view = MeshView([(mesh, rgb) for _, mesh, rgb in scene_layers(exhibit.photo, [exhibit.found])])
-        centre, up = exhibit.found.instance.centroid_m, exhibit.photo.seen_from.ground.up
+        camera = close_camera(shot, [found], *_fine())
+        view = MeshView([(mesh, rgb) for _, mesh, rgb in scene_layers(shot, [found])])
+        centre, up = found.instance.centroid_m, shot.seen_from.ground.up
         angles = sorted([*BESIDE_RAD.tolist(), 0.0])
         made = [view.picture(camera, turned_about(centre, up, a))[0] for a in angles]
         rows.append([_small(p) for p in (_cut(framed, own, camera), *made)])

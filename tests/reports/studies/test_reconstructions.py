@@ -55,9 +55,8 @@ def test_a_strip_has_four_panels_that_start_with_the_photograph(exhibit: Exhibit
 
 
 def test_around_an_object_its_own_view_is_in_the_middle(exhibit: Exhibit) -> None:
-    lost = Exhibit("car", "b_car", 2, exhibit.photo, LOST)
     box = np.array([60.0, 40.0, 260.0, 160.0])
-    sheet = around_sheet([(exhibit, box), (lost, box)])
+    sheet = around_sheet([(exhibit.photo, exhibit.found, box), (exhibit.photo, LOST, box)])
     assert sheet.shape == (2 * 180 + 6, 6 * 240 + 5 * 6, 3)
     photo, *made = (sheet[:180, i * 246 : i * 246 + 240].astype(int) for i in range(6))
     off = [float(np.abs(p - photo).mean()) for p in made]
