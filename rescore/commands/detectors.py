@@ -115,6 +115,7 @@ def detect(
 
     Example: [bold]rescore detect data/demo --detector models/hog.npz --out hog.json[/bold]
     """
+    from recon.files import refuse_as_input
     from rescore.detectors.detect import detect_candidates
     from rescore.detectors.platt import load_scaling
     from rescore.detectors.registry import load_detector
@@ -127,6 +128,7 @@ def detect(
         found = detect_in_parts(dataset, split, detector, scaling, out, workers)
         n, n_frames = found.rows, sum(p.frames for p in found.parts)
     else:
+        refuse_as_input(out, (dataset, dataset / "annotations.json"))
         data = read_split(dataset, split)
         trained = load_detector(detector)
         table = detect_candidates(trained, load_scaling(scaling), data, workers)

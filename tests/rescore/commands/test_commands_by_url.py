@@ -12,7 +12,7 @@ from rescore.formats.parts.table import PARTS
 from rescore.library.bundles import write_bundle
 from tests.object_store import BUCKET, SECRET, Store, serving
 from tests.rescore import shipped
-from tests.rescore.spoiling import Run
+from tests.rescore.spoiling import Done, Run
 
 
 @pytest.fixture
@@ -66,6 +66,42 @@ def test_a_frame_that_fails_is_a_row(street: tuple[Path, Path], tmp_path: Path, 
     assert text.count("\n") == 5
     code, _, err = run("apply", data, found, "--out", out, "--jobs", 1, "--adapt-share")
     assert (code, err.count("\n")) == (1, 1)
+
+
+def refused(done: Done, message: str) -> None:
+    code, out, err = done
+    last = err.splitlines()[-1]
+    assert (code, out, last[:9]) == (1, "", "rescore: "), err
+    assert message in last
+
+
+def test_nothing_that_is_there_is_written_over(street: tuple[Path, Path], tmp_path: Path, run: Run) -> None:
+    data, found = street
+    frames, out, full = tmp_path / "frames", tmp_path / "rescored", tmp_path / "full"
+    assert run("import", data, "--out", frames, "--parts")[0] == 0
+    assert run("apply", frames, found, "--out", out, "--jobs", 1)[0] == 0
+    full.mkdir()
+    (full / "hog.npz").write_bytes(b"a detector")
+    link = tmp_path / "link"
+    link.symlink_to(out)
+    before = {p: p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()}
+    told = "expected a new folder, or rescored in parts to go on with, got"
+    same = "expected another place than what is read, got that of"
+    refused(run("apply", data, found, "--out", frames), f"{told} frames in parts")
+    refused(run("apply", frames, found, "--out", frames.as_uri()), same)
+    refused(run("apply", frames, out, "--out", link), same)
+    refused(run("apply", frames, found, "--out", full), f"{told} one that holds 'hog.npz'")
+    refused(run("apply", frames, found, "--out", frames / "parts"), f"{told} one that holds '000000.parquet'")
+    refused(run("apply", data, found, "--out", found), same)
+    refused(run("apply", data, found, "--out", data / "annotations.json"), same)
+    refused(run("detect", data, "--detector", full / "hog.npz", "--out", out), "got rescored in parts")
+    refused(run("detect", data, "--detector", "no.npz", "--out", data / "annotations.json"), same)
+    refused(run("import", data, "--out", frames), "expected no data set here yet")
+    refused(run("import", data, "--out", data, "--parts"), "expected no data set here yet")
+    assert {p: p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()} == before
+    # a run that was stopped goes on in its own folder
+    (out / "parts.json").unlink()
+    assert "1 parts were there" in run("apply", frames, found, "--out", out, "--jobs", 1)[2]
 
 
 def test_questions_in_sql(street: tuple[Path, Path], tmp_path: Path, run: Run) -> None:
