@@ -1,6 +1,7 @@
 """Commands on tables in parts, on this machine and in an object store that is slow and fails now and then."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,6 +58,16 @@ def test_a_frame_that_fails_is_a_row(street: tuple[Path, Path], tmp_path: Path, 
     code, _, err = run("evaluate", data, out, "--out", made, "--no-report")
     assert code == 0, err
     assert json.loads((made / "metrics.json").read_text())["n_images"] == 2
+    refused(run("inspect", made, "--failed"), "got a run folder; name the folder that `rescore apply` or ")
+    assert str(out) in run("inspect", made, "--failed")[2]
+    content = json.loads((data / "annotations.json").read_text())
+    content["images"][1]["split"] = "train"
+    other = shutil.copytree(data, tmp_path / "other")
+    (other / "annotations.json").write_text(json.dumps(content))
+    for each in (found, out):
+        refused(
+            run("evaluate", other, each, "--out", tmp_path / "none"), "they were made on, as by --split all"
+        )
     # the sample is a run of its own, which all that shows runs takes; its page says what its figures are
     assert run("report", made)[0] == 0
     page = (made / "sample" / "report.html").read_text()
