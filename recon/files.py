@@ -9,7 +9,7 @@ import shutil
 import sys
 import tempfile
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -124,6 +124,22 @@ def refuse_as_folder(path: Path) -> None:
         _refuse_folder(path)
     except (OSError, ValueError) as error:
         raise _no_target(path, error) from error
+
+
+def refuse_as_input(out: Path, inputs: Iterable[Path]) -> None:
+    """Raises RescoreError where a result would be written over what it is made from."""
+    for path in inputs:
+        if _is_same(out, path):
+            raise RescoreError(
+                f"{out}: expected another place than what is read, got that of {path}; choose another --out"
+            )
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    if remote(one) is not None or remote(other) is not None:
+        return str(one) == str(other)
+    # what is not there cannot be lost
+    return one.exists() and other.exists() and one.samefile(other)
 
 
 def _refuse_name(path: Path) -> None:

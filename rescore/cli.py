@@ -12,7 +12,7 @@ import typer
 from typer.models import CommandInfo
 
 from recon.errors import RescoreError
-from recon.stores import located
+from recon.stores import located, refuse_no_bucket
 from rescore.commands import (
     detectors,
     evidence_study,
@@ -163,6 +163,8 @@ def main() -> None:
     warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given")
     try:
         with stoppable():
+            for word in sys.argv[1:]:
+                refuse_no_bucket(word)
             app()
     except Stopped as stopped:
         print(f"rescore: {_words(stopped)}", file=sys.stderr)

@@ -9,6 +9,6 @@ What is read whole is kept in a cache on disk with a bound; its name holds what 
 so that an object that was written again is read again.
 """
 
-from recon.stores.objects import RemotePath, StoreError, beside, located, name_from, remote
+from recon.stores.objects import RemotePath, StoreError, beside, located, name_from, refuse_no_bucket, remote
 
-__all__ = ["RemotePath", "StoreError", "beside", "located", "name_from", "remote"]
+__all__ = ["RemotePath", "StoreError", "beside", "located", "name_from", "refuse_no_bucket", "remote"]

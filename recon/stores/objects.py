@@ -26,7 +26,8 @@ BLOCK_BYTES = 2**16
 
 T = TypeVar("T")
 _SECRET = re.compile(r"key|secret|token|password|credential", re.IGNORECASE)
-_URL = re.compile(r"(?P<scheme>[a-z0-9]+):/+(?P<rest>.*)", re.DOTALL)
+_URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*):/+(?P<rest>.*)", re.DOTALL)
+_NO_BUCKET = re.compile(rf"(--[a-z-]+=)?(?P<scheme>{'|'.join(SCHEMES)}):/(//.*|/?)", re.DOTALL)
 
 
 class StoreError(RescoreError):
@@ -192,17 +193,30 @@ def located(place: str | Path) -> Path:
         return Path("/" + rest)
     if scheme not in SCHEMES:
         # a folder may have a colon at the end of its name
-        if "://" not in str(place):
+        if "://" not in str(place) and Path(f"{scheme}:").exists():
             return Path(place)
         raise RescoreError(f"{scheme}://: expected s3://, gs:// or file://, got another; copy the files here")
     bucket = rest.partition("/")[0]
     if not bucket or "@" in bucket or ":" in bucket:
-        raise RescoreError(
-            f"{scheme}://: expected a bucket and a key, got "
-            f"{'credentials' if '@' in bucket else 'no plain name of a bucket'}; credentials belong in the "
-            "environment"
-        )
+        raise _no_bucket(scheme, "credentials" if "@" in bucket else "no plain name of a bucket")
     return cast(Path, RemotePath(f"{scheme}:/{rest}"))
+
+
+def refuse_no_bucket(word: str) -> None:
+    """Raises RescoreError where a word of a command is the URL of a store without a bucket.
+
+    A path that is made of it would take the first part of its key for the bucket.
+    """
+    found = _NO_BUCKET.fullmatch(word)
+    if found is not None:
+        raise _no_bucket(found["scheme"], "no bucket")
+
+
+def _no_bucket(scheme: str, got: str) -> RescoreError:
+    return RescoreError(
+        f"{scheme}://: expected {scheme}://BUCKET/KEY, got {got}; name the bucket; credentials belong in the "
+        "environment"
+    )
 
 
 def beside(folder: Path, name: str) -> Path:

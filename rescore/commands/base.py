@@ -164,7 +164,9 @@ def imported_data(
     from rescore.formats.bags.unpack import import_bag
     from rescore.formats.calibrations.rectify import rectified_dataset
     from rescore.formats.labels import ClassMap
+    from rescore.formats.parts.manifest import refuse_data_set
 
+    refuse_data_set(out)
     classes = ClassMap.of(class_name, maps)
     if is_bag(dataset):
         return _told(import_bag(dataset, topics, classes, out, rectify=rectify))

@@ -115,6 +115,7 @@ def detect(
 
     Example: [bold]rescore detect data/demo --detector models/hog.npz --out hog.json[/bold]
     """
+    from recon.files import refuse_as_input
     from rescore.detectors.detect import detect_candidates
     from rescore.detectors.platt import load_scaling
     from rescore.detectors.registry import load_detector
@@ -125,13 +126,15 @@ def detect(
     scaling = _scaling_of(detector)
     if in_parts(out):
         found = detect_in_parts(dataset, split, detector, scaling, out, workers)
-        n, n_frames = found.rows, sum(p.frames for p in found.parts)
+        n, n_all = found.rows, sum(p.frames for p in found.parts)
+        n_frames = f"{n_all - found.n_failed} of {n_all}" if found.n_failed else str(n_all)
     else:
+        refuse_as_input(out, (dataset, dataset / "annotations.json"))
         data = read_split(dataset, split)
         trained = load_detector(detector)
         table = detect_candidates(trained, load_scaling(scaling), data, workers)
         write_detections(out, trained.name, table, data)
-        n, n_frames = len(table), len(data.frames)
+        n, n_frames = len(table), str(len(data.frames))
     write_provenance(out, "detect", {"detector": str(detector), "split": split}, None)
     say(f"{n} detections in {n_frames} frames: {out}")
 

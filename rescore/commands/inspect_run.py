@@ -121,6 +121,7 @@ def _show_failed(table: Path, as_json: bool) -> None:
     """List the frames of a table in parts that failed."""
     from rescore.formats.parts.table import PartTable
 
+    _refuse_run(table)
     found = list(PartTable.read(table).failed_frames())
     if as_json:
         print_json([{"image_id": i, "reason": reason} for i, reason in found])
@@ -128,6 +129,21 @@ def _show_failed(table: Path, as_json: bool) -> None:
     for image_id, reason in found:
         print(image_id, shown(reason), sep="\t")
     say(f"{len(found)} frames failed")
+
+
+def _refuse_run(folder: Path) -> None:
+    """Raises RescoreError where a folder is that of a run, which knows of no failed frames."""
+    from rescore.results.run_config_file import read_run_config
+    from rescore.results.run_folder import RunFolder
+
+    run = RunFolder(folder)
+    if run.metrics.is_file():
+        made_of = read_run_config(run.config).as_json()["config"].get("detections", ())
+        which = f", one of {', '.join(made_of)}" if made_of else ""
+        raise RescoreError(
+            f"{folder}: expected a table in parts, got a run folder; name the folder that `rescore apply` or "
+            f"`rescore detect` wrote{which}"
+        )
 
 
 @app.command()

@@ -115,6 +115,7 @@ def convert(
     Example: [bold]rescore convert data/demo rescored.json --out kitti_results[/bold]
     """
     from recon.errors import RescoreError
+    from recon.files import refuse_as_input
     from rescore.formats.coco import write_detections
     from rescore.formats.kitti import write_kitti_detections, write_kitti_labels
 
@@ -126,6 +127,7 @@ def convert(
         write_kitti_labels(out, data)
         say(f"boxes of {len(data.frames)} frames: {out}")
         return
+    refuse_as_input(out, (dataset, dataset / "annotations.json", detections))
     data = read_data(dataset, class_name)
     file = detections_of(detections, data, maps or (), every=True)
     if as_json:

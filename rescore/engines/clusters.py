@@ -1,12 +1,19 @@
 """What the engines of clusters share: how many workers there are, and what to say where one is missing."""
 
 import os
+import re
+import socket
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 
 from recon.errors import RescoreError
 from rescore.speech import now_s
 
+CONNECT_S = 10.0
+"""Seconds that a scheduler or head has to take a connection: it may have been started just before."""
+_PAUSE_S = 0.2
+_ADDRESS = re.compile(r"([a-z]+://)?(?P<host>\[[^]]+\]|[^:/\[\]]+):(?P<port>[0-9]{1,5})/?")
 TASK_S = 1.0
 """Seconds of work in a task of a cluster: what it costs to send one, some milliseconds, is then little."""
 TASK_S_OF_A_WORKER = 0.02
@@ -25,6 +32,36 @@ def require(module: str, extra: str) -> None:
         raise RescoreError(
             f'--engine {extra}: expected its package, found none; do pip install "rescore[{extra}]"'
         )
+
+
+def wait_for_answer(address: str, form: str, start: str) -> None:
+    """Nothing, once an address of a cluster takes connections.
+
+    ``form`` is that of addresses, and ``start`` the command that starts what is to answer there.
+
+    Raises:
+        RescoreError: it is no address, or nothing answers there within seconds.
+    """
+    found = _ADDRESS.fullmatch(address)
+    if found is None or int(found["port"]) > 65535:
+        raise RescoreError(
+            f"--address: expected {form}, got {address!r}; name host and port, or leave it out"
+        )
+    end_s = now_s() + CONNECT_S
+    while True:
+        try:
+            return _connect(found["host"].strip("[]"), int(found["port"]), end_s - now_s())
+        except OSError as error:
+            if now_s() + _PAUSE_S >= end_s:
+                raise RescoreError(
+                    f"--address {address}: expected {form} that answers, got {error.strerror or error} for "
+                    f"{CONNECT_S:g} s; start it by `{start}`, or leave the option out"
+                ) from error
+            time.sleep(_PAUSE_S)
+
+
+def _connect(host: str, port: int, patience_s: float) -> None:
+    socket.create_connection((host, port), timeout=patience_s).close()
 
 
 def quiet_ray(local: bool) -> None:

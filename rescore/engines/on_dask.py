@@ -17,13 +17,13 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin
 
 from recon.errors import RescoreError
-from rescore.engines.clusters import Crew
+from rescore.engines.clusters import CONNECT_S, Crew, wait_for_answer
 from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
 
 _PATIENCE_S = 60
-"""Seconds that a cluster has to answer, and to have a worker."""
+"""Seconds that a cluster has to have a worker."""
 
 
 @dataclass
@@ -213,8 +213,10 @@ def _local(jobs: int) -> LocalCluster:
 def _connected(where: Any) -> Client:
     # of a scheduler that is gone, one line is told here
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
+    if isinstance(where, str):
+        wait_for_answer(where, "tcp://HOST:PORT of a Dask scheduler", "dask scheduler --port PORT")
     try:
-        client = Client(where, timeout=_PATIENCE_S, set_as_default=False)
+        client = Client(where, timeout=CONNECT_S, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE_S)
     except (OSError, TimeoutError, ValueError) as error:
         raise RescoreError(

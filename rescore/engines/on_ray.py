@@ -1,25 +1,29 @@
 """Workers of a Ray cluster, one that runs or one of this machine."""
 
+import os
 import pickle
 import signal
 import socket
+import sys
 import threading
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import ray
 from ray.exceptions import RayError
 
 from recon.errors import RescoreError
-from rescore.engines.clusters import Crew
+from rescore.engines.clusters import Crew, wait_for_answer
 from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
 
 _PATIENCE_S = 20
 """Seconds that the head has to take a connection."""
+_START = "ray start --head"
 _LOOK_S = 2.0
 """Seconds without a result after which it is asked whether the head still lives."""
 
@@ -132,11 +136,32 @@ def _refuse_dead_head() -> None:
         ) from error
 
 
+def address_of(named: str) -> str:
+    """The address of a head; "auto" stands for that of Ray's environment, or of `ray start` on this machine.
+
+    Ray itself would also take the head of any program that runs here, and wait for minutes where that is not
+    for others.
+    """
+    if named != "auto":
+        return named
+    temporary = os.environ.get("TMPDIR", "/tmp") if sys.platform.startswith("linux") else "/tmp"
+    file = Path(os.environ.get("RAY_TMPDIR", temporary)) / "ray" / "ray_current_cluster"
+    found = os.environ.get("RAY_ADDRESS") or (file.read_text().strip() if file.is_file() else "")
+    if not found:
+        raise RescoreError(
+            f"--address auto: expected a Ray cluster of this machine, got none; start a head by `{_START}`, "
+            "name HOST:PORT, or leave the option out"
+        )
+    return found
+
+
 def _connect(executor: Executor) -> None:
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "CRITICAL"}
     try:
         if executor.address is not None:
-            ray.init(executor.address, **quiet)
+            address = address_of(executor.address)
+            wait_for_answer(address, "HOST:PORT of a Ray head", _START)
+            ray.init(address, **quiet)
             return
         # a record that needs more memory than there is must not be tried for ever
         patience = {"task_oom_retries": TRIES - 1}

@@ -307,6 +307,8 @@ def _another_class(path: Path, category_id: int | None, data: DataSet) -> Rescor
     )
 
 
+OTHER_SPLIT = "name the split that they were made on, as by --split all"
+"""What helps where detections have images that the data set, cut to a split, lacks."""
 _CHECKED = {"bbox3d_sd", "likelihood"}
 """Keys whose values ``_check_detection`` looks at."""
 
@@ -316,7 +318,8 @@ def _check_detection(path: Path, number: int, d: Detection, *, known: bool) -> N
     if not known:
         raise RescoreError(
             f"{path}: detection {number}: expected an image of the data set, got image_id {d['image_id']}; "
-            "`rescore import DATA --out NEW` writes the id of each picture to NEW/annotations.json"
+            f"{OTHER_SPLIT}; `rescore import DATA --out NEW` writes the id of each picture to "
+            "NEW/annotations.json"
         )
     if d.get("bbox3d_sd") is not None and d.get("bbox3d") is None:
         raise RescoreError(

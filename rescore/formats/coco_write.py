@@ -8,12 +8,12 @@ import numpy as np
 
 from recon.boxes import xywh_from_xyxy
 from recon.camera import StereoCamera
-from recon.errors import RescoreError
 from recon.files import copy_file
 from recon.stores import name_from
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet, FrameRecord, Truth, frame_names
 from rescore.files import write_json
+from rescore.formats.parts.manifest import refuse_data_set
 
 
 def write_dataset(out: Path, data: DataSet, *, copy: bool) -> Path:
@@ -29,8 +29,7 @@ def write_dataset(out: Path, data: DataSet, *, copy: bool) -> Path:
         RescoreError: the folder holds a data set already, or cannot be written.
     """
     file = out / "annotations.json"
-    if file.exists():
-        raise RescoreError(f"{file}: expected no data set here yet, found one; choose another --out")
+    refuse_data_set(out)
     overwrite_dataset(out, data, copy=copy)
     return file
 

@@ -28,9 +28,10 @@ from rescore.data.boxes3d import BOX_NAMES, Boxes3D
 from rescore.data.frames import DataSet, FrameRecord
 from rescore.data.rendered_kinds import UNKNOWN, kinds_of_table
 from rescore.evidence.registration import Registration
+from rescore.formats.coco import OTHER_SPLIT
 from rescore.formats.parts.candidates import CORNERS, DETECTIONS, RESCORED, SCHEMA, refuse_kind
 from rescore.formats.parts.frames import data_of, data_parts, has_instances, truth_of_parts
-from rescore.formats.parts.table import Part, PartTable, write_part
+from rescore.formats.parts.table import Part, PartTable, refuse_as_table, write_part
 from rescore.fusion.fuse import RULES, LearnedFusion, posterior_of
 from rescore.fusion.tune import Tuning
 from rescore.metrics.bootstrap import BootstrapConfig
@@ -149,7 +150,7 @@ class EvaluatedFrames:
         if strange.any():
             raise RescoreError(
                 f"{self.where}: expected images of the data set and split, got image_id "
-                f"{image_id[strange][0]}; use the detections of this data set and split"
+                f"{image_id[strange][0]}; {OTHER_SPLIT}, or use detections of this data set"
             )
         return place
 
@@ -175,6 +176,7 @@ def evaluate_parts(
             f"{frames.where}: expected frames to evaluate, got none of the split; choose another"
         )
     tunings = tunings or {}
+    refuse_as_table(run_dir / CANDIDATES, CANDIDATES, [t.root for t in tables])
     groups = _by_detector(tables)
     schema = parts_schema(dict.fromkeys(str(_mode(t)) for t in tables if t.kind == RESCORED))
     drawn = BootstrapConfig.for_candidates(max(t.rows for t in tables))

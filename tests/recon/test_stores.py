@@ -8,7 +8,7 @@ import pytest
 
 from recon.errors import RescoreError
 from recon.files import atomic_path
-from recon.stores import RemotePath, StoreError, cache, located, remote
+from recon.stores import RemotePath, StoreError, cache, located, refuse_no_bucket, remote
 from recon.stores import objects as stores
 from tests.object_store import SECRET, Store, serving
 
@@ -39,12 +39,34 @@ def test_urls_and_paths_made_of_them() -> None:
 
 @pytest.mark.parametrize(
     ("url", "told"),
-    [("s3://", "no plain name"), ("s3://key:word@fleet/x", "got credentials"), ("ftp://h/x", "got another")],
+    [
+        *(
+            ("s3://", "no plain name"),
+            ("s3://key:word@fleet/x", "got credentials"),
+            ("ftp://h/x", "got another"),
+        ),
+        *((Path("s4://word/x"), r"^s4://: expected s3://, gs:// or file://"), ("S3://word/x", "got another")),
+    ],
 )
-def test_other_urls_are_refused_and_not_repeated(url: str, told: str) -> None:
+def test_other_urls_are_refused_and_not_repeated(url: str | Path, told: str) -> None:
     with pytest.raises(RescoreError, match=told) as error:
         located(url)
     assert "word" not in str(error.value)
+
+
+def test_a_folder_with_a_colon_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "day:").mkdir()
+    assert located("day:/x") == Path("day:/x")
+
+
+@pytest.mark.parametrize("word", ["s3:///x", "gs://", "--out=s3:///x/y"])
+def test_a_url_without_a_bucket_is_refused(word: str) -> None:
+    # a path would have its first folder for the bucket
+    assert str(located(Path("s3:///x"))) == "s3://x"
+    with pytest.raises(RescoreError, match=r"expected (s3|gs)://BUCKET/KEY, got no bucket"):
+        refuse_no_bucket(word)
+    refuse_no_bucket("s3://x/y")
 
 
 def test_written_once_and_read_by_ranges(store: Store) -> None:

@@ -44,12 +44,14 @@ class Applying:
 
     def to_file(self, adapt_share: bool) -> None:
         """Rescore into a JSON file in COCO's results form."""
+        from recon.files import refuse_as_input
         from rescore.evidence.settings import with_camera, with_stereo_for
         from rescore.files import write_provenance
         from rescore.formats.coco import write_rescored
         from rescore.fusion.rescore_frame import Rescoring
 
         used, out = self.used, self.out
+        refuse_as_input(out, (self.dataset, self.dataset / "annotations.json", self.detections))
         data = read_split(self.dataset, self.split, used.settings.class_name, self.maps)
         looked = with_stereo_for(with_camera(used.settings.rescore, self.camera), data, self.disparities)
         finding = Rescoring(looked, predict=self._predicts)
@@ -76,6 +78,8 @@ class Applying:
         """Rescore into a folder with a table in parts; parts that are there are kept."""
         from rescore.evidence.settings import with_camera, with_stereo_for
         from rescore.files import write_provenance
+        from rescore.formats.parts.candidates import RESCORED
+        from rescore.formats.parts.table import refuse_as_table
         from rescore.fusion.rescore_frame import Rescoring
         from rescore.fusion.rescore_frames import FrameShared
         from rescore.large.inputs import cameras_of, count_frames, grounds, statuses
@@ -88,6 +92,7 @@ class Applying:
                 f"got {self.out}; leave the option out"
             )
         used, split = self.used, self.split
+        refuse_as_table(self.out, RESCORED, (self.dataset, self.detections))
         frames = frames_to_read(self.dataset, split, used.settings.class_name, self.maps)
         looked = with_camera(used.settings.rescore, self.camera)
         looked = with_stereo_for(looked, cameras_of(frames, split), self.disparities)

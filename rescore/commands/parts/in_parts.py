@@ -41,11 +41,12 @@ def detect_in_parts(
     from rescore.detectors.platt import load_scaling
     from rescore.detectors.registry import load_detector
     from rescore.formats.parts.candidates import DETECTIONS
-    from rescore.formats.parts.table import PartTable
+    from rescore.formats.parts.table import PartTable, refuse_as_table
     from rescore.large.detected import DetectWork, detect_key, detect_tasks
     from rescore.large.inputs import count_frames
     from rescore.large.run import RunParts
 
+    refuse_as_table(out, DETECTIONS, (dataset,))
     frames = frames_to_read(dataset, split, "car", None)
     work = DetectWork(load_detector(detector), load_scaling(scaling))
     key = detect_key(detector.read_bytes(), scaling.read_bytes())

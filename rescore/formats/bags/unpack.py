@@ -23,6 +23,7 @@ from rescore.formats.calibrations.raw_pair import RawPair
 from rescore.formats.calibrations.rectify import SIDES, rectified, refuse_pictures
 from rescore.formats.folders import Layout, Pictures, data_set
 from rescore.formats.labels import ClassMap
+from rescore.formats.parts.manifest import refuse_data_set
 from rescore.formats.time_pairs import nearest_pairs
 from rescore.locks import locked
 
@@ -87,11 +88,7 @@ def _rectified(path: Path, wanted: Wanted, classes: ClassMap, out: Path) -> Data
 def _refuse_data(out: Path) -> None:
     """Raises RescoreError where a folder holds a data set already."""
     refuse_pictures(out)
-    for name in ("annotations.json", DETECTIONS):
-        if (out / name).exists():
-            raise RescoreError(
-                f"{out / name}: expected no data set here yet, found one; choose another --out"
-            )
+    refuse_data_set(out, DETECTIONS)
 
 
 @contextmanager

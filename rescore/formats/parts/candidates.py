@@ -16,7 +16,7 @@ from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NUMBERS, CandidateTable
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
-from rescore.formats.coco import DetectionFile
+from rescore.formats.coco import OTHER_SPLIT, DetectionFile
 from rescore.formats.parts.table import Columns, Part, PartTable
 
 DETECTIONS = "detections"
@@ -174,8 +174,8 @@ def rows_in_order(where: Path, image_id: IntArray, data: DataSet) -> IntArray:
     strangers = own.keys() - {f.image_id for f in data.frames}
     if strangers:
         raise RescoreError(
-            f"{where}: expected images of the data set, got image_id {min(strangers)}; use the detections of "
-            "this data set and split"
+            f"{where}: expected images of the data set, got image_id {min(strangers)}; {OTHER_SPLIT}, "
+            "or use detections of this data set"
         )
     none = np.zeros(0, np.int64)
     return np.concatenate([none, *(own.get(f.image_id, none) for f in data.frames)])

@@ -24,7 +24,7 @@ from rescore.data.frames import MAX_FRAME_NAME_BYTES, DataSet, FrameRecord, Trut
 from rescore.files import refuse_unsafe_name
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
 from rescore.formats.parts.candidates import CORNERS, arrays_of_table, refuse_kind
-from rescore.formats.parts.manifest import is_parts
+from rescore.formats.parts.manifest import refuse_data_set
 from rescore.formats.parts.table import Part, PartTable, write_part
 from rescore.metrics.matching import TruthTable
 
@@ -69,8 +69,7 @@ def write_frame_parts(root: Path, data: DataSet) -> PartTable:
     Raises:
         RescoreError: the folder holds a data set already, or cannot be written.
     """
-    if is_parts(root):
-        raise RescoreError(f"{root}: expected no data set here yet, found one; choose another --out")
+    refuse_data_set(root)
     parts = []
     for first in range(0, len(data.frames), FRAMES_A_PART):
         frames = data.frames[first : first + FRAMES_A_PART]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from recon.errors import RescoreError
-from recon.files import atomic_path
+from recon.files import atomic_path, refuse_as_input
 from recon.reading import reading
 from recon.stores import RemotePath, remote
 from rescore.files import write_json
@@ -171,6 +171,26 @@ def names_there(root: Path) -> set[str]:
     if remote(folder) is None and not folder.is_dir():
         return set()
     return {p.stem for p in folder.iterdir() if p.suffix == ".parquet" and not p.name.startswith(".")}
+
+
+def refuse_as_table(root: Path, kind: str, inputs: Iterable[Path] = ()) -> None:
+    """Raises RescoreError where a table of a kind cannot go to a folder without harm to what is there.
+
+    A folder with such a table, or with the parts of one that was stopped, is as good as an empty one.
+    """
+    refuse_as_input(root, inputs)
+    told = f"{root}: expected a new folder, or {kind} in parts to go on with, got"
+    if (root / MANIFEST).is_file():
+        found = PartTable.read(root).kind
+        if found != kind:
+            raise RescoreError(f"{told} {found} in parts; choose another --out")
+        return
+    if any(map(counted_part, names_there(root))):
+        return
+    there = root.iterdir() if root.is_dir() else ()
+    others = sorted(p.name for p in there if p.name != PARTS and not p.name.startswith("."))
+    if others:
+        raise RescoreError(f"{told} one that holds {others[0]!r}; choose another --out")
 
 
 def write_part(root: Path, name: str, groups: Iterable[pa.Table]) -> int:

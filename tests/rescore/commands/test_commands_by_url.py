@@ -1,6 +1,7 @@
 """Commands on tables in parts, on this machine and in an object store that is slow and fails now and then."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from rescore.formats.parts.table import PARTS
 from rescore.library.bundles import write_bundle
 from tests.object_store import BUCKET, SECRET, Store, serving
 from tests.rescore import shipped
-from tests.rescore.spoiling import Run
+from tests.rescore.spoiling import Done, Run
 
 
 @pytest.fixture
@@ -57,6 +58,16 @@ def test_a_frame_that_fails_is_a_row(street: tuple[Path, Path], tmp_path: Path, 
     code, _, err = run("evaluate", data, out, "--out", made, "--no-report")
     assert code == 0, err
     assert json.loads((made / "metrics.json").read_text())["n_images"] == 2
+    refused(run("inspect", made, "--failed"), "got a run folder; name the folder that `rescore apply` or ")
+    assert str(out) in run("inspect", made, "--failed")[2]
+    content = json.loads((data / "annotations.json").read_text())
+    content["images"][1]["split"] = "train"
+    other = shutil.copytree(data, tmp_path / "other")
+    (other / "annotations.json").write_text(json.dumps(content))
+    for each in (found, out):
+        refused(
+            run("evaluate", other, each, "--out", tmp_path / "none"), "they were made on, as by --split all"
+        )
     # the sample is a run of its own, which all that shows runs takes; its page says what its figures are
     assert run("report", made)[0] == 0
     page = (made / "sample" / "report.html").read_text()
@@ -66,6 +77,42 @@ def test_a_frame_that_fails_is_a_row(street: tuple[Path, Path], tmp_path: Path, 
     assert text.count("\n") == 5
     code, _, err = run("apply", data, found, "--out", out, "--jobs", 1, "--adapt-share")
     assert (code, err.count("\n")) == (1, 1)
+
+
+def refused(done: Done, message: str) -> None:
+    code, out, err = done
+    last = err.splitlines()[-1]
+    assert (code, out, last[:9]) == (1, "", "rescore: "), err
+    assert message in last
+
+
+def test_nothing_that_is_there_is_written_over(street: tuple[Path, Path], tmp_path: Path, run: Run) -> None:
+    data, found = street
+    frames, out, full = tmp_path / "frames", tmp_path / "rescored", tmp_path / "full"
+    assert run("import", data, "--out", frames, "--parts")[0] == 0
+    assert run("apply", frames, found, "--out", out, "--jobs", 1)[0] == 0
+    full.mkdir()
+    (full / "hog.npz").write_bytes(b"a detector")
+    link = tmp_path / "link"
+    link.symlink_to(out)
+    before = {p: p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()}
+    told = "expected a new folder, or rescored in parts to go on with, got"
+    same = "expected another place than what is read, got that of"
+    refused(run("apply", data, found, "--out", frames), f"{told} frames in parts")
+    refused(run("apply", frames, found, "--out", frames.as_uri()), same)
+    refused(run("apply", frames, out, "--out", link), same)
+    refused(run("apply", frames, found, "--out", full), f"{told} one that holds 'hog.npz'")
+    refused(run("apply", frames, found, "--out", frames / "parts"), f"{told} one that holds '000000.parquet'")
+    refused(run("apply", data, found, "--out", found), same)
+    refused(run("apply", data, found, "--out", data / "annotations.json"), same)
+    refused(run("detect", data, "--detector", full / "hog.npz", "--out", out), "got rescored in parts")
+    refused(run("detect", data, "--detector", "no.npz", "--out", data / "annotations.json"), same)
+    refused(run("import", data, "--out", frames), "expected no data set here yet")
+    refused(run("import", data, "--out", data, "--parts"), "expected no data set here yet")
+    assert {p: p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()} == before
+    # a run that was stopped goes on in its own folder
+    (out / "parts.json").unlink()
+    assert "1 parts were there" in run("apply", frames, found, "--out", out, "--jobs", 1)[2]
 
 
 def test_questions_in_sql(street: tuple[Path, Path], tmp_path: Path, run: Run) -> None:

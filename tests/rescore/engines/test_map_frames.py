@@ -6,6 +6,7 @@ All that works on their clusters is in this file, since a cluster takes seconds 
 import json
 import os
 import signal
+import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 
 from recon.errors import RescoreError
+from rescore.engines import clusters
 from rescore.engines.engine import TRIES
 from rescore.engines.executor import Executor
 from rescore.engines.map_frames import Failed, map_frames
@@ -176,6 +178,37 @@ def test_unknown_engines_are_refused(engine: str, address: str | None, told: str
         Executor.of(engine, 2, address)
 
 
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("foo", r"^--address: expected HOST:PORT, got 'foo'; name host and port"),
+        ("tcp://h:99999", "^--address: expected HOST:PORT"),
+        ("127.0.0.1:{}", r"answers, got Connection refused for 0\.3 s; start it by `ray start --head`"),
+    ],
+)
+def test_an_address_where_nothing_answers(address: str, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clusters, "CONNECT_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        port = one.getsockname()[1]
+        clusters.wait_for_answer(f"tcp://127.0.0.1:{port}", "HOST:PORT", "ray start --head")
+    with pytest.raises(RescoreError, match=told):
+        clusters.wait_for_answer(address.format(port), "HOST:PORT", "ray start --head")
+
+
+def test_the_head_that_ray_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    on_ray = pytest.importorskip("rescore.engines.on_ray", reason="no ray; pip install rescore[ray]")
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setenv("RAY_TMPDIR", str(tmp_path))
+    with pytest.raises(RescoreError, match="start a head by `ray start --head`"):
+        on_ray.address_of("auto")
+    (tmp_path / "ray").mkdir()
+    (tmp_path / "ray" / "ray_current_cluster").write_text("192.0.2.1:6379\n")
+    assert on_ray.address_of("auto") == "192.0.2.1:6379"
+    monkeypatch.setenv("RAY_ADDRESS", "192.0.2.2:6379")
+    assert on_ray.address_of("auto") == "192.0.2.2:6379"
+    assert on_ray.address_of("host:1") == "host:1"
+
+
 @dataclass(frozen=True)
 class Streets:
     """What the commands work on, and what one process makes of it."""
@@ -245,6 +278,7 @@ def commands(run: Run, streets: Streets, out: Path, *who: object) -> dict[str, b
         code, _, err = run(*arguments, "--out", out / name, *who)
         assert code == 0, err
         assert ("1 frames failed" in err) == (name != "rescored.json"), err
+        assert name != "found" or "in 6 of 7 frames" in err
     files = (p for p in out.rglob("*") if p.is_file())
     return {p.relative_to(out).as_posix(): p.read_bytes() for p in files}
 
