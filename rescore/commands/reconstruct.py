@@ -164,12 +164,15 @@ def _chosen_bin(
     photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel", tell: "Callable[[str], None]"
 ) -> int:
     """The view bin that the class model chooses, said aloud; a failure is an error with its reason."""
-    from recon.errors import Failure
+    from recon.errors import Failure, Reason
     from recon.reconstruction.view_selection import best_view_bin
 
     choice = best_view_bin(photo.rgb, xyxy_px, model)
     if isinstance(choice, Failure):
-        raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; give --view-bin")
+        # a box is outside for every bin
+        outside = choice.reason is Reason.BOX_OUTSIDE_IMAGE
+        advice = "mend --box" if outside else "give --view-bin"
+        raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; {advice}")
     others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[1:3])
     tell(
         f"view bin {choice.view_bin} chosen, probability {choice.probability[choice.view_bin]:.0%}"
