@@ -234,9 +234,7 @@ def test_files_that_a_mesh_names_and_lacks_are_told(tmp_path: Path) -> None:
 
 def test_a_text_that_is_called_a_mesh_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.obj").write_text("Dear reader,\nthis is a shopping list: flour, eggs, milk.\n")
-    with pytest.raises(
-        RescoreError, match=r"^notes\.obj: expected a mesh, got no vertices, so .* no OBJ"
-    ):
+    with pytest.raises(RescoreError, match=r"^notes\.obj: expected a mesh, got no vertices, so .* no OBJ"):
         load_meshes(tmp_path)
 
 
