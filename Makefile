@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test fuzz setup paper streets published published-streets published-localization \
+.PHONY: demo test fuzz setup paper streets published published-streets published-localization published-real-cars \
 	published-grasping \
 	published-models published-weight published-evidence published-stereo published-recording \
 	published-report published-defaults published-street published-real published-prose published-bench \
@@ -116,6 +116,11 @@ published-street: setup
 	$(BIN)/rescore evaluate $(STREET) runs/real_street/rescored.json --out runs/real_street
 	$(BIN)/python -m reports.publishing.real_street runs/real_street reports/published/real_street \
 	    "make published-street"
+
+# pop-ups of the real cars of the committed frames
+published-real-cars: setup
+	$(BIN)/python -m reports.publishing.real_cars $(STREET) reports/published/reconstructions \
+	    "make published-real-cars"
 
 # the README's first table; ROAD= and KITTI= name folders of real pairs with annotated cars and detections.json
 ROAD ?=

@@ -34,6 +34,10 @@ _SILHOUETTE_PX = 120
 """Longer side of the grid on which silhouettes are found."""
 _LEAST_OVERLAP = 0.75
 """Least intersection over union of the matte and the silhouette of its shape."""
+_BEYOND = 0.3
+"""Silhouettes are compared with their box this far beyond it, in shares of its extent."""
+_OVERLAP_NATS, _BESIDE_NATS = 30.0, 60.0
+"""What a whole unit of missing overlap, and of distance from the box, speaks against a shape."""
 _LEAST_SPREAD = 0.05
 """Least standard deviation of the logarithms of sizes beside what the shape says of them."""
 _COARSE_STEPS, _FINE_STEPS = 10, 20
@@ -54,6 +58,9 @@ _OFF_PX = 3.0
 """A silhouette may be off by this much where colours see a limb beside it."""
 _DOWN = 0.3
 """Sine of the angle below the level from which on an outward normal faces down."""
+
+_ASTRAY_NATS = 2.0
+"""An outline that colours gave is kept unless it agrees worse than another by this much."""
 
 
 @dataclass(frozen=True)
@@ -126,19 +133,48 @@ class FittedShape:
         return out
 
 
+@dataclass(frozen=True)
+class Agreement:
+    """How well a fitted shape goes with the picture and with its box."""
+
+    overlap: float
+    """Intersection over union of the matte and the silhouette, in [0, 1]."""
+    beside: float
+    """Mean distance between the sides of the box that the picture does not cut and those of the silhouette,
+    in shares of the box's extent."""
+
+    @property
+    def nats(self) -> float:
+        """What speaks against the shape; 0 for one that agrees wholly."""
+        return _OVERLAP_NATS * (1 - self.overlap) + _BESIDE_NATS * self.beside
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeInBox:
+    """A fitted shape with the matte that it explains."""
+
+    matte: Float32Array
+    """Shape (h, w), in [0, 1]."""
+    shape: FittedShape
+    agreement: Agreement
+
+
 def shape_in_box(
     rgb: UInt8Array,
     inside: BoolArray,
     xyxy_px: FloatArray,
-    rough: Instance3D,
+    rough: "Instance3D",
     space: ShapeSpace,
     seen_from: GroundedCamera,
     occluded: BoolArray | None = None,
-) -> tuple[Float32Array, FittedShape] | Failure:
-    """The matte (h, w) of an object with the shape that explains its outline, or why none does.
+    expected_px: FloatArray | None = None,
+) -> ShapeInBox | Failure:
+    """The shape that explains an object best, with its matte, or why none does.
 
     Colours cannot tell the shadow under an object from its tyres, a shape can; and a shape cannot follow a
     mirror, colours can. So the matte is found again along the border of the first shape, and fitted again.
+    Where colours lead astray, into another object or the street, the class's own outline in the box is the
+    better start: both are tried, and it is taken where its shape agrees clearly better.
 
     Args:
         rgb: the picture, shape (h, w, 3).
@@ -148,29 +184,75 @@ def shape_in_box(
         space: the shape space of the class.
         seen_from: the camera M and the ground plane Q_g.
         occluded: pixels (h, w) where something else hides the object; None for none.
+        expected_px: the outline that the class has in such a box, shape (m, 2), pixel centres; None where it
+            is not known. Objects with thin limbs do without.
     """
-    first = matte(rgb, inside, xyxy_px)
-    shape = _fit_to(first, xyxy_px, rough, space, seen_from, occluded)
-    if isinstance(shape, Failure):
-        return shape
-    second = matte(rgb, shape.silhouette(seen_from.camera, xyxy_px), xyxy_px, fitted=True)
-    again = _fit_to(second, xyxy_px, shape, space, seen_from, occluded)
+    firsts = [_fit_to(matte(rgb, inside, xyxy_px), xyxy_px, rough, space, seen_from, occluded)]
+    if expected_px is not None and not space.is_thin:
+        firsts.append(fit_shape(expected_px, xyxy_px, rough, space, seen_from, occluded))
+    found = [
+        first if isinstance(first, Failure) else _along_shape(rgb, xyxy_px, first, space, seen_from, occluded)
+        for first in firsts
+    ]
+    by_colour = found[0]
+    others = [one for one in found[1:] if isinstance(one, ShapeInBox)]
+    if isinstance(by_colour, Failure):
+        return others[0] if others else by_colour
+    better = [one for one in others if one.agreement.nats < by_colour.agreement.nats - _ASTRAY_NATS]
+    return better[0] if better else by_colour
+
+
+def _along_shape(
+    rgb: UInt8Array,
+    xyxy_px: FloatArray,
+    first: FittedShape,
+    space: ShapeSpace,
+    seen_from: GroundedCamera,
+    occluded: BoolArray | None,
+) -> ShapeInBox | Failure:
+    """The matte (h, w) along the border of a shape, and the shape fitted again to it."""
+    second = matte(rgb, first.silhouette(seen_from.camera, xyxy_px), xyxy_px, fitted=True)
+    again = _fit_to(second, xyxy_px, first, space, seen_from, occluded)
     if isinstance(again, Failure):
         return again
+    agreement = _agreement(second > 0.5, again, xyxy_px, seen_from.camera, occluded)
+    filled = again.silhouette(seen_from.camera, xyxy_px)
     if space.is_thin:
-        return _thin_matte(rgb, again.silhouette(seen_from.camera, xyxy_px), xyxy_px), again
-    own, filled = second > 0.5, again.silhouette(seen_from.camera, xyxy_px)
+        return ShapeInBox(_thin_matte(rgb, filled, xyxy_px), again, agreement)
+    if agreement.overlap < _LEAST_OVERLAP:
+        return Failure(
+            Reason.REGISTRATION_FAILED,
+            f"a silhouette that shares {_LEAST_OVERLAP:.0%} with the object expected, got "
+            f"{agreement.overlap:.0%}",
+        )
+    if occluded is not None:
+        filled &= ~occluded
+    # tyres and sills are as dark as the shadow; what the shape surely covers is the object
+    core = cv2.erode(filled.astype(np.float32), np.ones((_MIRROR_PX, _MIRROR_PX), np.uint8))
+    return ShapeInBox(np.maximum(second, core.astype(np.float32)), again, agreement)
+
+
+def _agreement(
+    own: BoolArray,
+    shape: FittedShape,
+    xyxy_px: FloatArray,
+    camera: PinholeCamera,
+    occluded: BoolArray | None,
+) -> Agreement:
+    """How well a shape goes with the object's pixels (h, w) and with its box."""
+    extent = np.tile(xyxy_px[2:] - xyxy_px[:2], 2)
+    filled = shape.silhouette(camera, xyxy_px + np.array([-1, -1, 1, 1]) * _BEYOND * extent)
+    if not filled.any():
+        return Agreement(0.0, 1.0)
+    rows, columns = np.nonzero(filled)
+    sides = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+    size = np.array([camera.width_px, camera.height_px])
+    whole = np.concatenate([xyxy_px[:2] > _BORDER_PX, xyxy_px[2:] < size - _BORDER_PX])
+    off = (np.abs(sides - xyxy_px) / extent)[whole]
     if occluded is not None:
         own, filled = own & ~occluded, filled & ~occluded
     overlap = float((own & filled).sum() / max((own | filled).sum(), 1))
-    if overlap < _LEAST_OVERLAP:
-        return Failure(
-            Reason.REGISTRATION_FAILED,
-            f"a silhouette that shares {_LEAST_OVERLAP:.0%} with the object expected, got {overlap:.0%}",
-        )
-    # tyres and sills are as dark as the shadow; what the shape surely covers is the object
-    core = cv2.erode(filled.astype(np.float32), np.ones((_MIRROR_PX, _MIRROR_PX), np.uint8))
-    return np.maximum(second, core.astype(np.float32)), again
+    return Agreement(overlap, float(off.mean()) if len(off) else 0.0)
 
 
 def _thin_matte(rgb: UInt8Array, filled: BoolArray, xyxy_px: FloatArray) -> Float32Array:

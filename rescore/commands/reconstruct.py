@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from recon.arrays import FloatArray
     from recon.class_model import ClassModel
+    from recon.errors import Failure
     from recon.reconstruction.instance import Instance3D
     from rescore.library.single_picture import FoundObject, Photo
 
@@ -147,25 +148,30 @@ def popup(
 def _found(
     photo: "Photo", box: str, view_bin: int | None, model: "ClassModel", tell: "Callable[[str], None]"
 ) -> "FoundObject":
-    """The object in a box; a failure is an error with its reason."""
+    """The object in a box, view bin and any doubt said aloud; a failure is an error with its reason."""
     from recon.errors import Failure
-    from rescore.library.single_picture import find_object, parse_box
+    from rescore.library.single_picture import doubt_of, find_object, parse_box
 
-    xyxy = parse_box(box, photo.seen_from.camera.width_px, photo.seen_from.camera.height_px)
+    camera = photo.seen_from.camera
+    xyxy = parse_box(box, camera.width_px, camera.height_px)
     if view_bin is None:
-        view_bin = _chosen_bin(photo, box, xyxy, model, tell)
-    found = find_object(photo, xyxy, view_bin, model)
+        found = _likeliest(photo, box, xyxy, model, tell)
+    else:
+        found = find_object(photo, xyxy, view_bin, model)
     if isinstance(found, Failure):
         raise RescoreError(f"box {box}: {found.reason.value}: {found.detail}")
+    if doubt := doubt_of(found, xyxy, camera):
+        tell(f"box {box}: not to be believed: {doubt}")
     return found
 
 
-def _chosen_bin(
+def _likeliest(
     photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel", tell: "Callable[[str], None]"
-) -> int:
-    """The view bin that the class model chooses, said aloud; a failure is an error with its reason."""
+) -> "FoundObject | Failure":
+    """The object from where it is explained best, and that view bin said aloud; without one an error."""
     from recon.errors import Failure, Reason
     from recon.reconstruction.view_selection import best_view_bin
+    from rescore.library.single_picture import find_likeliest
 
     choice = best_view_bin(photo.rgb, xyxy_px, model)
     if isinstance(choice, Failure):
@@ -173,12 +179,14 @@ def _chosen_bin(
         outside = choice.reason is Reason.BOX_OUTSIDE_IMAGE
         advice = "mend --box" if outside else "give --view-bin"
         raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; {advice}")
-    others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[1:3])
+    found = find_likeliest(photo, xyxy_px, choice, model)
+    chosen = choice.view_bin if isinstance(found, Failure) else found.instance.view_bin
+    others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[:3] if b != chosen)
     tell(
-        f"view bin {choice.view_bin} chosen, probability {choice.probability[choice.view_bin]:.0%}"
+        f"view bin {chosen} chosen, probability {choice.probability[chosen]:.0%} before shapes are compared"
         f" (next: {others or 'none'}); --view-bin sets another"
     )
-    return choice.view_bin
+    return found
 
 
 def _table(instance: "Instance3D") -> str:

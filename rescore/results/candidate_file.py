@@ -245,7 +245,7 @@ def _filled(column: Any) -> bool:
     if column is None:
         return False
     if isinstance(column, np.ndarray):
-        return bool(column.any() if column.dtype == object else not np.isnan(column).all())
+        return bool((column != "").any() if column.dtype.kind in "OU" else not np.isnan(column).all())
     if pa.types.is_string(column.type):
         return bool(pc.any(pc.not_equal(column, "")).as_py())
     return bool(column.null_count < len(column))

@@ -147,19 +147,25 @@ def fuzz(n: int, seed: int) -> tuple[dict[str, Tally], list[str]]:
 def _watch(
     pipe: Connection, worker: mp.process.BaseProcess, tallies: dict[str, Tally], faults: list[str], n: int
 ) -> int:
-    """Take what a worker sends until it is through, hangs or dies; returns the next case to do."""
+    """Take what a worker sends until it is through, hangs or dies; returns the next case to do.
+
+    Raises:
+        RuntimeError: it ended before its first case, as it would each time.
+    """
     name, number, i, begun = "", 0, -1, False
     while True:
         wait_s = HANG_S if begun else 300.0
-        if not pipe.poll(wait_s) or (not worker.is_alive() and not pipe.poll(0)):
-            faults.append(f"{name}: case {number}: {'hang' if worker.is_alive() else 'the process died'}")
-            tallies.setdefault(name, Tally()).outcomes["hang" if worker.is_alive() else "death"] += 1
-            return i + 1
-        try:
-            sent = pipe.recv()
-        except EOFError:
-            faults.append(f"{name}: case {number}: the process died")
-            tallies.setdefault(name, Tally()).outcomes["death"] += 1
+        sent: tuple[object, ...] | str | None = "the process died"
+        if not pipe.poll(wait_s):
+            sent = "hang" if worker.is_alive() else "the process died"
+        else:
+            with contextlib.suppress(EOFError):
+                sent = pipe.recv()
+        if isinstance(sent, str):
+            if not name:
+                raise RuntimeError(f"fuzz: expected good inputs to be read first, got: {sent}; see above")
+            faults.append(f"{name}: case {number}: {sent}")
+            tallies.setdefault(name, Tally()).outcomes["hang" if sent == "hang" else "death"] += 1
             return i + 1
         if sent is None:
             return n

@@ -7,7 +7,7 @@ import pytest
 from recon.arrays import BoolArray, FloatArray
 from recon.camera import GroundedCamera, GroundPlane, PinholeCamera
 from recon.errors import Failure
-from recon.localization.shape_fit import FittedShape, fit_shape, shape_in_box
+from recon.localization.shape_fit import FittedShape, ShapeInBox, fit_shape, shape_in_box
 from recon.localization.standing_box import cam_from_ground, turn
 from recon.outlines import largest_outline
 from recon.reconstruction.instance import Instance3D, InstanceQuality
@@ -22,6 +22,11 @@ def standing(x_m: float, y_m: float, yaw_deg: float) -> FittedShape:
     own = np.eye(4)
     own[:2, :2], own[:2, 3] = turn(np.deg2rad(yaw_deg)), [x_m, y_m]
     return FittedShape(space(), np.zeros(0), SIZE_M, cam_from_ground(SEEN_FROM.ground) @ own)
+
+
+def rough_at(shape: FittedShape) -> Instance3D:
+    moved = ClassToInstance(np.eye(3), np.ones(3), np.zeros(3), 0.0, {})
+    return Instance3D("car", 2, (), shape.cam_from_object, SIZE_M, {}, moved, InstanceQuality(0.0, 1.0, 0.0))
 
 
 def outline_of(mask: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -71,14 +76,21 @@ def test_a_post_is_no_car(seen: tuple[FittedShape, BoolArray]) -> None:
     rgb = np.random.default_rng(0).integers(100, 120, (*mask.shape, 3)).astype(np.uint8)
     rgb[post] = (200, 40, 40)
     box = np.array([180.0, 5.0, 215.0, 160.0])
-    rough = Instance3D(
-        "car",
-        2,
-        (),
-        true.cam_from_object,
-        SIZE_M,
-        {},
-        ClassToInstance(np.eye(3), np.ones(3), np.zeros(3), 0.0, {}),
-        InstanceQuality(0.0, 1.0, 0.0),
-    )
-    assert isinstance(shape_in_box(rgb, post, box, rough, space(), SEEN_FROM), Failure)
+    assert isinstance(shape_in_box(rgb, post, box, rough_at(true), space(), SEEN_FROM), Failure)
+
+
+def test_the_class_s_own_outline_helps_where_colours_lead_astray(seen: tuple[FittedShape, BoolArray]) -> None:
+    true, mask = seen
+    ring, box = outline_of(mask)
+    rgb = np.full((*mask.shape, 3), 200, np.uint8)
+    rgb[mask] = (40, 60, 120)
+    # nothing but the ground beside the car
+    astray = np.zeros_like(mask)
+    astray[-20:] = True
+    alone = shape_in_box(rgb, astray, box, rough_at(true), space(), SEEN_FROM)
+    assert isinstance(alone, Failure)
+    helped = shape_in_box(rgb, astray, box, rough_at(true), space(), SEEN_FROM, expected_px=ring)
+    assert isinstance(helped, ShapeInBox)
+    assert helped.agreement.overlap > 0.9
+    assert helped.agreement.beside < 0.03
+    assert 0 < helped.agreement.nats < 5

@@ -16,6 +16,7 @@ from reports.objects.popup import close_camera
 from reports.studies.reconstructions import (
     _cut,
     accuracy_table,
+    around_sheet,
     beside_sheet,
     beside_table,
     likeness_beside,
@@ -51,6 +52,18 @@ def test_a_strip_has_four_panels_that_start_with_the_photograph(exhibit: Exhibit
     changed = [float((np.abs(p - panels[0]).max(axis=2) > 30).mean()) for p in panels]
     assert changed[1] < 0.15 < changed[3]
     assert (strip[:, 240:246] == 255).all()
+
+
+def test_around_an_object_its_own_view_is_in_the_middle(exhibit: Exhibit) -> None:
+    box = np.array([60.0, 40.0, 260.0, 160.0])
+    sheet = around_sheet([(exhibit.photo, exhibit.found, box), (exhibit.photo, LOST, box)])
+    assert sheet.shape == (2 * 180 + 6, 6 * 240 + 5 * 6, 3)
+    photo, *made = (sheet[:180, i * 246 : i * 246 + 240].astype(int) for i in range(6))
+    off = [float(np.abs(p - photo).mean()) for p in made]
+    assert int(np.argmin(off)) == 2
+    # a failure has its photograph alone
+    assert (sheet[186:, 240:] == 255).all()
+    assert (sheet[186:, :240] != 255).any()
 
 
 def test_a_cut_picture_is_the_photograph_closer(exhibit: Exhibit) -> None:
