@@ -11,6 +11,9 @@ from recon.errors import RescoreError
 LENGTH_RANGE_M = (1.5, 20.0)
 """Longest side that a road vehicle in metres may have."""
 
+LENGTH_SHARES = (0.08, 0.85)
+"""Width and height of a road vehicle over its length, from a bus or a low racer to a car for two."""
+
 _CAR_LENGTHS_M = (2.3, 6.5)
 """Lengths by which a unit is known."""
 _UNITS = ((0.001, "millimetres"), (0.01, "centimetres"), (0.0254, "inches"), (0.3048, "feet"))
@@ -31,7 +34,7 @@ _INSIDE = np.array(
 
 
 class NoCarSizeError(RescoreError):
-    """No unit makes a mesh as long as a car."""
+    """No unit makes a mesh as long as a car, or it is not as wide or high as a car of its length."""
 
 
 class Axis(StrEnum):
@@ -62,7 +65,7 @@ class MeshAxes:
         if self.up.value[-1] == self.nose.value[-1]:
             raise RescoreError(
                 f"--up and --nose: expected two different axes, got {self.up.value} and {self.nose.value}; "
-                "name another"
+                f"name both (without --up it is {MeshAxes.up.value}, without --nose {MeshAxes.nose.value})"
             )
 
     @property
@@ -108,10 +111,11 @@ def metres_a_unit(where: str, size: FloatArray) -> tuple[float, str]:
     )
 
 
-def refuse_turned(where: str, corners_m: FloatArray, axes: MeshAxes) -> None:
+def refuse_no_car(where: str, corners_m: FloatArray, axes: MeshAxes) -> None:
     """Nothing, where triangles (m, 3, 3), turned to x forward, y left, z up, can be a car on its wheels.
 
     Raises:
+        NoCarSizeError: it has no car's proportions.
         RescoreError: it lies on its side, stands on its nose or goes sideways.
     """
     size = np.ptp(corners_m.reshape(-1, 3), axis=0)
@@ -119,6 +123,12 @@ def refuse_turned(where: str, corners_m: FloatArray, axes: MeshAxes) -> None:
         raise RescoreError(
             f"{where}: expected {axes}, got length x width x height {_measures(size)}: turn it, or say its "
             "axes with --up and --nose"
+        )
+    low, high = LENGTH_SHARES
+    if size[1:].min() < low * size[0] or size[1:].max() > high * size[0]:
+        raise NoCarSizeError(
+            f"{where}: expected a car, {low:g} to {high:g} of its length wide and high, got length x width x "
+            f"height {_measures(size)} metres: take the mesh of a car, or say its axes with --up and --nose"
         )
     across, upward = (_unevenness(corners_m, k) for k in (1, 2))
     if across > _UNEVEN and across > 2 * upward:

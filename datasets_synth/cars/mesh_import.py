@@ -1,4 +1,4 @@
-"""A user's own car meshes: OBJ, glTF, PLY, STL and OFF files read through trimesh.
+"""A user's own car meshes: files of ``MESH_FORMS`` read through trimesh.
 
 Files follow glTF unless said otherwise: +Y up, +Z forward (the nose). Metres are taken as they are; other
 units are known by the length. Everything is turned into the object frame (x forward, y left, z up) and put on
@@ -17,10 +17,11 @@ from urllib.parse import unquote
 import numpy as np
 import trimesh
 
+from datasets_synth.cars import MESH_FORMS
 from datasets_synth.cars.body_extent import body_extent
 from datasets_synth.cars.gltf_files import SUFFIXES as GLTF
 from datasets_synth.cars.gltf_files import plain_gltf
-from datasets_synth.cars.mesh_axes import MeshAxes, NoCarSizeError, metres_a_unit, refuse_turned
+from datasets_synth.cars.mesh_axes import MeshAxes, NoCarSizeError, metres_a_unit, refuse_no_car
 from datasets_synth.cars.parts import CAR_PARTS, PART_LABEL
 from datasets_synth.meshes.mesh import Material, Mesh
 from datasets_synth.meshes.mesh_build import smooth_normals
@@ -95,8 +96,7 @@ def load_meshes(directory: Path, axes: MeshAxes | None = None) -> tuple[Imported
     )
     if not paths:
         raise RescoreError(
-            f"expected OBJ, GLB, glTF, PLY, STL or OFF files in {str(directory)!r}, found none: put car "
-            "meshes into it"
+            f"expected {MESH_FORMS} files in {str(directory)!r}, found none: put car meshes into it"
         )
     return _cars(directory, paths, axes)
 
@@ -152,7 +152,7 @@ def _load(directory: Path, path: Path, axes: MeshAxes) -> ImportedCar:
         raise RescoreError(f"{where}: expected finite vertices, got NaN or infinity: export the mesh again")
     scale, unit = metres_a_unit(where, np.ptp(corners.reshape(-1, 3), axis=0))
     corners *= scale
-    refuse_turned(where, corners, axes)
+    refuse_no_car(where, corners, axes)
     low, high = body_extent(corners)
     corners -= [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]
     length, width, height = (float(v) for v in high - low)
@@ -216,6 +216,12 @@ def _geometries(directory: Path, path: Path) -> tuple[list[Any], tuple[str, ...]
             f"{path.as_posix()}: expected a readable mesh file, got: {reason}; export it again"
         ) from error
     found = [g for g in dumped if isinstance(g, trimesh.Trimesh) and len(g.faces)]
+    if not any(len(getattr(g, "vertices", ())) for g in dumped):
+        form = suffix[1:].upper()
+        raise RescoreError(
+            f"{path.as_posix()}: expected a mesh, got no vertices, so that it is no {form} file, or an empty "
+            "one: export the mesh again"
+        )
     if not found:
         raise RescoreError(
             f"{path.as_posix()}: expected a mesh with faces, got none: export triangles, not points"

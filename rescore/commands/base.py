@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from datasets_synth.cars import MESH_FORMS
 from recon.errors import RescoreError
 from rescore.speech import say
 
@@ -46,7 +47,10 @@ Seed = Annotated[
     int,
     typer.Option(help="Seed of every random choice; it fixes every byte, of a recording the rows."),
 ]
-Jobs = Annotated[int, typer.Option(min=1, help="Frames at a time.", show_default="all processors")]
+Jobs = Annotated[
+    int,
+    typer.Option(min=1, help="Frames (or pictures, cars, trials) at a time.", show_default="all processors"),
+]
 CLUSTER_PANEL = "Clusters (docs/scale.md)"
 Engine = Annotated[
     str,
@@ -63,8 +67,8 @@ Address = Annotated[
     ),
 ]
 Split = Annotated[str, typer.Option(help=SPLIT_HELP)]
-TrainMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to train on.")]
-TestMeshes = Annotated[Path | None, typer.Option(help="Folder of OBJ, GLB or PLY cars to test on.")]
+TrainMeshes = Annotated[Path | None, typer.Option(help=f"Folder of {MESH_FORMS} cars to train on.")]
+TestMeshes = Annotated[Path | None, typer.Option(help=f"Folder of {MESH_FORMS} cars to test on.")]
 REGISTRATION_HELP = "What D comes from: paper (eq. 6), guarded, metric or instance."
 RegistrationMode = Annotated[str, typer.Option("--registration", help=REGISTRATION_HELP)]
 EvidenceModelFile = Annotated[

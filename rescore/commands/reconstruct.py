@@ -169,13 +169,16 @@ def _likeliest(
     photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel", tell: "Callable[[str], None]"
 ) -> "FoundObject | Failure":
     """The object from where it is explained best, and that view bin said aloud; without one an error."""
-    from recon.errors import Failure
+    from recon.errors import Failure, Reason
     from recon.reconstruction.view_selection import best_view_bin
     from rescore.library.single_picture import find_likeliest
 
     choice = best_view_bin(photo.rgb, xyxy_px, model)
     if isinstance(choice, Failure):
-        raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; give --view-bin")
+        # a box is outside for every bin
+        outside = choice.reason is Reason.BOX_OUTSIDE_IMAGE
+        advice = "mend --box" if outside else "give --view-bin"
+        raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; {advice}")
     found = find_likeliest(photo, xyxy_px, choice, model)
     chosen = choice.view_bin if isinstance(found, Failure) else found.instance.view_bin
     others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[:3] if b != chosen)

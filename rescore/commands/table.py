@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from datasets_synth.cars import MESH_FORMS
 from rescore.commands.base import (
     ALL_PROCESSORS,
     Address,
@@ -20,9 +21,7 @@ from rescore.commands.base import (
 )
 from rescore.speech import say
 
-Meshes = Annotated[
-    Path | None, typer.Option(help="Folder of OBJ, glTF, PLY, STL or OFF cars to take instead.")
-]
+Meshes = Annotated[Path | None, typer.Option(help=f"Folder of {MESH_FORMS} cars to take instead.")]
 Up = Annotated[str, typer.Option(help="Axis of the meshes that points up: x, y, z, -x, -y or -z.")]
 Nose = Annotated[str, typer.Option(help="Axis of the meshes that the nose points along.")]
 

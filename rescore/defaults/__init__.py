@@ -22,7 +22,8 @@ def default_rescorer_file(class_name: str) -> Traversable:
         known = sorted(f.name.removesuffix(SUFFIX) for f in FOLDER.iterdir() if f.name.endswith(SUFFIX))
         raise RescoreError(
             f"class {class_name!r}: expected a rescorer that comes with the package, found "
-            f"{', '.join(known) or 'none'}; give --model and --w or --tuned (past eq. 6 --registration and "
-            "--evidence-model too), in Python Rescorer.from_run or Rescorer.from_file"
+            f"{', '.join(known) or 'none'}; give --model, which `rescore learn --class {class_name} --out "
+            f"{class_name}.json` makes (to rescore also --w or --tuned, past eq. 6 --registration and "
+            "--evidence-model, in Python Rescorer.from_run or Rescorer.from_file)"
         )
     return file

@@ -13,7 +13,7 @@ from rescore.grasping.plan import Motion
 from rescore.grasping.solids import Solid
 from rescore.grasping.trial import placed_car, planned
 from rescore.parallel import one_thread
-from rescore.studies.localization.learned import TableClassConfig, learn_table_class
+from rescore.studies.localization.learned import TableClassConfig, learn_class
 from rescore.studies.localization.segment import empty_table, segment_table
 from rescore.studies.localization.trials import TrialConfig, fit_region
 from tests.bench.timing import processor_s
@@ -24,7 +24,7 @@ def grasping() -> list[Row]:
     car = experiment_cars(8, "validation")[1]
     placed, solid, hand = placed_car(car, 1, 0, 0), solid_of(car), HANDS["three_fingers"]
     assert isinstance(solid, Solid)
-    table_class = learn_table_class(
+    table_class = learn_class(
         cars_of_splits()["train"][::4],
         TableClassConfig(space=ShapeSpaceConfig(modes=4), heading_pictures=0),
         2,

@@ -76,14 +76,13 @@ class TableClass:
         return str(joblib.hash((self.model, self.space, self.heading)))
 
 
-def learn_table_class(
+def learn_class(
     cars: Sequence[CarModel],
     config: TableClassConfig,
     jobs: Workers,
     library: PrimitiveLibrary | None = None,
-    others: Sequence[CarModel] = (),
 ) -> TableClass:
-    """The class model, the shape space and the looks of training cars; pictures are rendered here.
+    """The class model and the shape space of training cars, without front and rear; views are rendered here.
 
     Beside the labelled views the learner knows each training car's length, width and height in metres.
 
@@ -92,7 +91,6 @@ def learn_table_class(
         config: settings.
         jobs: cars at a time.
         library: primitives of the view bins at the first elevation; None to learn them here.
-        others: cars of other shapes, by which the cues for front and rear are weighed.
     """
     bins = ViewBins(12, config.elevations_rad[0])
     with doing("learn primitives"):
@@ -107,8 +105,7 @@ def learn_table_class(
         model = learn_class_model(
             views, "car", CAR_PARTS, LearnConfig(bins=bins, refine_rounds=config.refine_rounds), library
         )
-    heading = _heading(cars, others, space, config, jobs) if config.heading_pictures else None
-    return TableClass(model, space, heading)
+    return TableClass(model, space, None)
 
 
 def _most_usual(cars: Sequence[CarModel]) -> list[int]:
@@ -119,14 +116,22 @@ def _most_usual(cars: Sequence[CarModel]) -> list[int]:
     ]
 
 
-def _heading(
+def learn_front_and_rear(
+    space: ShapeSpace,
     cars: Sequence[CarModel],
     others: Sequence[CarModel],
-    space: ShapeSpace,
     config: TableClassConfig,
     jobs: Workers,
 ) -> Heading:
-    """Front and rear from pictures of the training cars, cues weighed by fits to other cars."""
+    """Front and rear from pictures of the training cars, cues weighed by fits to other cars.
+
+    Args:
+        space: the shape space of the training cars.
+        cars: the training cars.
+        others: cars of other shapes; none to leave the cues as they are.
+        config: settings, with some pictures of each car.
+        jobs: cars at a time.
+    """
     reading = map_frames(_readings_of, enumerate(cars), (space, config), jobs)
     found = list(track(reading, "learn front and rear", len(cars)))
     fitting = map_frames(_pairs_of, enumerate(others, _OTHERS_STREAM), (space, config), jobs)

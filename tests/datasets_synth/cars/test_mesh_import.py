@@ -7,12 +7,14 @@ import pytest
 import trimesh
 from PIL import Image
 
-from datasets_synth.cars import mesh_import
-from datasets_synth.cars.mesh_axes import mesh_axes
+from datasets_synth.cars import MESH_FORMS, mesh_import
+from datasets_synth.cars.mesh_axes import LENGTH_SHARES, mesh_axes
 from datasets_synth.cars.mesh_import import MAX_FACE_CORNERS, load_meshes
+from datasets_synth.cars.models import table_cars
 from datasets_synth.cars.parts import PART_LABEL
 from recon.errors import RescoreError
 
+ROOT = Path(__file__).resolve().parents[3]
 BODY_M = (1.8, 1.4, 4.2)
 """Width (x), height (y), length (z) of the test car: glTF axes."""
 
@@ -196,8 +198,8 @@ def test_wrong_axes_are_named_and_can_be_told(tmp_path: Path) -> None:
     assert v[v[:, 2] > 1.0][:, 0].mean() == pytest.approx(-0.42, abs=0.01)
     with pytest.raises(RescoreError, match="--nose: expected one of x, y, z, -x, -y, -z, got 'forward'"):
         mesh_axes("y", "forward")
-    with pytest.raises(RescoreError, match="expected two different axes, got y and -y"):
-        mesh_axes("y", "-y")
+    with pytest.raises(RescoreError, match=r"axes, got z and z; name both \(.*, without --nose z"):
+        mesh_axes("z", "z")
 
 
 def test_a_car_on_its_side_is_refused(tmp_path: Path) -> None:
@@ -232,8 +234,29 @@ def test_files_that_a_mesh_names_and_lacks_are_told(tmp_path: Path) -> None:
 
 def test_a_text_that_is_called_a_mesh_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.obj").write_text("Dear reader,\nthis is a shopping list: flour, eggs, milk.\n")
-    with pytest.raises(RescoreError, match=r"^notes\.obj: expected a (readable mesh file|mesh with faces)"):
+    with pytest.raises(RescoreError, match=r"^notes\.obj: expected a mesh, got no vertices, so .* no OBJ"):
         load_meshes(tmp_path)
+
+
+@pytest.mark.parametrize("extents", [(4, 4, 4), (3.8, 1.5, 4.2), (1.8, 0.2, 4.2), (0.2, 1.5, 4.2)])
+def test_what_has_no_cars_proportions_is_refused(tmp_path: Path, extents: tuple[float, ...]) -> None:
+    trimesh.creation.box(extents=extents).export(tmp_path / "ball.ply")
+    with pytest.raises(RescoreError, match=r"^ball\.ply: expected a car, 0\.08 to 0\.85 of its length wide"):
+        load_meshes(tmp_path)
+
+
+def test_every_model_car_has_a_cars_proportions() -> None:
+    size_m = np.array([car.size_m for cars in table_cars().values() for car in cars])
+    shares = size_m[:, 1:] / size_m[:, :1]
+    assert LENGTH_SHARES[0] < shares.min() / 2
+    assert shares.max() < LENGTH_SHARES[1] - 0.1
+
+
+def test_the_forms_of_meshes_are_those_that_are_read() -> None:
+    forms = MESH_FORMS.replace(" or ", ", ").lower().split(", ")
+    assert sorted(f".{form}" for form in forms) == sorted(mesh_import.SUFFIXES)
+    for page in ("own-data.md", "grasping.md"):
+        assert MESH_FORMS in " ".join((ROOT / "docs" / page).read_text().split())
 
 
 @pytest.mark.parametrize("suffix", ["obj", "stl"])

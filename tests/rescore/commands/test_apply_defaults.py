@@ -89,7 +89,8 @@ def test_without_a_rescorer_one_line_says_what_to_give(tmp_path: Path, folder: P
     data, found = shipped.write_street(tmp_path / "street")
     code, _, err = run("apply", data, found, "--out", tmp_path / "rescored.json")
     assert (code, err.count("\n")) == (1, 1)
-    assert "class 'car': expected a rescorer that comes with the package, found none; give --model and" in err
+    assert "class 'car': expected a rescorer that comes with the package, found none; give --model" in err
+    assert "`rescore learn --class car --out car.json` makes (to rescore also --w or --tuned" in err
 
 
 def test_what_is_named_keeps_its_meaning(tmp_path: Path, folder: Path, run: Run) -> None:

@@ -115,6 +115,8 @@ def test_popup_of_two_boxes(run: Run, folder: Path, tmp_path: Path) -> None:
         ({"--model": "none.json"}, "expected a class model, found no file"),
         ({"--view-bin": "12"}, "view bin: expected 0 to 11, got 12"),
         ({"--view-bin": None, "--box": "200,10,20,150"}, "none does"),
+        ({"--view-bin": None, "--box": "300,20,200,80"}, "got 10%; mend --box"),
+        ({"--model": None, "--class": "chair"}, "`rescore learn --class chair --out chair.json` makes"),
         ({"--height": "-1"}, "the camera must be above the ground"),
         ({"--camera": "1,2,3"}, "camera: expected --camera or --calib, got both"),
         ({"--camera": "1,2,3", "--calib": None}, "--camera: expected numbers fx,fy,cx,cy"),

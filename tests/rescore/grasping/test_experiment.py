@@ -40,7 +40,7 @@ from rescore.grasping.result_file import (
 from rescore.grasping.scene import MOUNT, OBJECT, require_robot, world
 from rescore.grasping.solids import Solid
 from rescore.grasping.trial import REACH_M, Replay, placed_car
-from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_table_class
+from rescore.studies.localization.learned import TableClass, TableClassConfig, learn_class
 from tests.exact_primitives import exact_library
 from tests.reports.recording_reader import every_row
 
@@ -59,7 +59,7 @@ def small_class() -> TableClass:
         heading_pictures=0,
     )
     sedans = [c for c in cars_of_splits()["train"] if c.shape_id.startswith(("sedan", "estate"))]
-    return learn_table_class(sedans[:4], config, 1, exact_library(ViewBins(12, config.elevations_rad[0])))
+    return learn_class(sedans[:4], config, 1, exact_library(ViewBins(12, config.elevations_rad[0])))
 
 
 SEDANS = tuple(c for c in experiment_cars(8, "calibration") if c.name.startswith(("sedan", "estate")))[:1]

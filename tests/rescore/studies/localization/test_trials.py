@@ -5,6 +5,7 @@ import shutil
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +24,7 @@ from datasets_synth.photos.table_scene import (
     place_at_random,
 )
 from recon.errors import Failure, Reason, RescoreError
-from recon.localization.heading import CUES
+from recon.localization.heading import CUES, Heading
 from recon.localization.learn_shapes import ShapeSpaceConfig
 from recon.localization.localize import FitLocalization, PartsConfig, localize_by_parts
 from recon.localization.standing_box import angle_between, cam_from_ground
@@ -32,7 +33,13 @@ from reports.studies.localization_sheets import write_localization
 from rescore.studies.localization import kept_class
 from rescore.studies.localization import study as study_module
 from rescore.studies.localization.kept_class import kept_table_class
-from rescore.studies.localization.learned import TableClass, TableClassConfig, _most_usual, learn_table_class
+from rescore.studies.localization.learned import (
+    TableClass,
+    TableClassConfig,
+    _most_usual,
+    learn_class,
+    learn_front_and_rear,
+)
 from rescore.studies.localization.result_file import read_localization
 from rescore.studies.localization.scores import METHODS, Score, markdown_table, summary
 from rescore.studies.localization.segment import empty_table, segment_table
@@ -41,6 +48,7 @@ from rescore.studies.localization.trials import TrialConfig, localize_placement
 from tests.exact_primitives import exact_library
 
 CARS = cars_of_splits()
+SEDANS = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))][:4]
 SMALL = TableClassConfig(
     elevations_rad=(float(np.deg2rad(35)),),
     view_px=120,
@@ -54,9 +62,9 @@ SMALL = TableClassConfig(
 
 @lru_cache(maxsize=1)
 def small_class() -> TableClass:
-    sedans = [c for c in CARS["train"] if c.shape_id.startswith(("sedan", "estate"))]
     library = exact_library(ViewBins(12, SMALL.elevations_rad[0]))
-    return learn_table_class(sedans[:4], SMALL, 1, library, others=[sedan().car])
+    known = learn_class(SEDANS, SMALL, 1, library)
+    return replace(known, heading=learn_front_and_rear(known.space, SEDANS, [sedan().car], SMALL, 1))
 
 
 @dataclass(frozen=True)
@@ -203,32 +211,76 @@ def test_a_stopped_run_goes_on_and_another_study_starts_anew(
     assert replace(study, seed=1).kept(tmp_path).missing(2) == [0, 1]
 
 
-def test_what_was_learned_is_kept_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
+@dataclass
+class Steps:
+    """What is learned: the class as ``small_class`` has it, front and rear anew unless that is stopped."""
 
-    def learn(*arguments: object, **named: object) -> TableClass:
-        calls.append(arguments)
-        return small_class()
+    done: list[str]
+    stop: bool = False
 
-    monkeypatch.setattr(kept_class, "learn_table_class", learn)
-    cars, others = CARS["train"][:2], CARS["calibration"][:1]
-    first = kept_table_class(tmp_path / "learned", cars, SMALL, 1, others)
-    again = kept_table_class(tmp_path / "learned", cars, SMALL, 1, others)
-    assert len(calls) == 1
+    def learn_class(self, *arguments: object) -> TableClass:
+        self.done.append("class")
+        return replace(small_class(), heading=None)
+
+    def learn_front_and_rear(self, *arguments: Any) -> Heading:
+        if self.stop:
+            raise KeyboardInterrupt
+        self.done.append("front and rear")
+        return learn_front_and_rear(*arguments)
+
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch) -> Steps:
+    found = Steps([])
+    for name in ("learn_class", "learn_front_and_rear"):
+        monkeypatch.setattr(kept_class, name, getattr(found, name))
+    return found
+
+
+def test_what_was_learned_is_kept_and_read_again(tmp_path: Path, steps: Steps) -> None:
+    folder, others = tmp_path / "out" / "learned", [sedan().car]
+    both = ["class", "front and rear"]
+    steps.stop = True
+    with pytest.raises(KeyboardInterrupt):
+        kept_table_class(folder, SEDANS, SMALL, 1, others)
+    steps.stop = False
+    first = kept_table_class(folder, SEDANS, SMALL, 1, others)
+    again = kept_table_class(folder, SEDANS, SMALL, 1, others)
+    assert steps.done == both
     # the first call too takes what the files hold
     assert again.digest == first.digest
     assert np.allclose(first.space.mean, small_class().space.mean, atol=2e-3)
+    # a run that was stopped learns the same as one that was not
     assert first.heading is not None
     assert first.heading.as_json == small_class().heading.as_json
-    # other settings, or files that are damaged, are learned anew
-    kept_table_class(tmp_path / "learned", cars[:1], SMALL, 1, others)
-    assert len(calls) == 2
-    (tmp_path / "learned" / "heading.json").unlink()
-    kept_table_class(tmp_path / "learned", cars[:1], SMALL, 1, others)
-    assert len(calls) == 3
-    (tmp_path / "learned" / "class_model.json").write_text("{")
-    kept_table_class(tmp_path / "learned", cars[:1], SMALL, 1, others)
-    assert len(calls) == 4
+    assert sorted(f.name for f in folder.iterdir()) == ["class_model.json", "heading.json", "settings.json"]
+
+
+def test_what_was_learned_otherwise_or_is_damaged_is_learned_anew(
+    tmp_path: Path, steps: Steps, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = replace(SMALL, heading_pictures=1)
+    monkeypatch.setattr(kept_class, "learn_front_and_rear", lambda *_: small_class().heading)
+    kept_table_class(tmp_path, SEDANS, SMALL, 1)
+    kept_table_class(tmp_path, SEDANS, SMALL, 1)
+    assert steps.done == ["class"]
+    kept_table_class(tmp_path, SEDANS, config, 1)
+    assert len(steps.done) == 2
+    for file, content in (("heading.json", ""), ("class_model.json", "{")):
+        (tmp_path / file).write_text(content)
+        before = len(steps.done)
+        kept_table_class(tmp_path, SEDANS, config, 1)
+        assert len(steps.done) == before + 1
+
+
+def test_a_folder_is_there_from_the_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*arguments: object) -> TableClass:
+        assert (tmp_path / "out" / "learned").is_dir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(kept_class, "learn_class", stop)
+    with pytest.raises(KeyboardInterrupt):
+        kept_table_class(tmp_path / "out" / "learned", SEDANS, SMALL, 1)
 
 
 def test_fewer_placements_than_cars_are_refused_before_anything_is_learned(tmp_path: Path) -> None:
