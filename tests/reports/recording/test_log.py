@@ -379,8 +379,8 @@ def test_a_recording_without_its_end_gets_no_name(
 ):
     write = log._Writer.write
 
-    def cut(self: object, path: Path, chosen: object, show: bool) -> None:
-        write(self, path, chosen, show)
+    def cut(self: object, path: Path, *rest: object) -> None:
+        write(self, path, *rest)
         # nothing more reaches the file
         path.unlink()
         path.write_bytes(b"RRF2")

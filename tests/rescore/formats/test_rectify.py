@@ -161,6 +161,9 @@ def test_import_rectifies_and_the_doctor_agrees(
     rows = next(f for f in examine_pairs(data, data.frames) if f.what.startswith("rows of"))
     assert rows.level == "ok"
     assert run("import", source, "--rectify", "--out", out) == 1
+    assert "annotations.json: expected no data set here yet" in capsys.readouterr().err
+    (out / "annotations.json").unlink()
+    assert run("import", source, "--rectify", "--out", out) == 1
     assert "left: expected no pictures here yet" in capsys.readouterr().err
 
 
