@@ -32,6 +32,7 @@ from recon.learning.learn import learn_class_model
 from recon.localization.localize import PartsConfig, localize_by_parts
 from recon.localization.standing_box import StandingBox, cam_from_ground, turn
 from recon.part_views import PartView
+from recon.reconstruction.occluded_parts import TransformConfig
 from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
 from rescore.files import write_json
@@ -51,6 +52,11 @@ from rescore.results.sweep_file import StudyPart
 from rescore.studies.localization.segment import empty_table, segment_table
 from rescore.studies.localization.trials import TrialConfig
 
+_BODY = TransformConfig(
+    calibrated_ground=True, outline_directions=4, outline_error=0.01, outline_outlier=100.0
+)
+"""How the outline of the body places the instance: by its box, whose sides are all meant. The class model has
+two views, so that its outline in other directions is not the basket's."""
 TAUGHT, OTHER = "rectangular_00", "rectangular_01"
 """The basket that the class model is made of, and the one that it has never seen."""
 VIEW_BINS = (7, 8)
@@ -207,7 +213,7 @@ def find_handle(shot: HiddenHandle, model: ClassModel) -> FoundHandle | Failure:
             return regions
         ring = _convex_ring(np.any([r.mask for r in regions], axis=0) & ~shot.card)
         body = _without_handle(model, shot.view_bin)
-        found = localize_by_parts(shot.rgb, ring, body, SEEN_FROM, PartsConfig())
+        found = localize_by_parts(shot.rgb, ring, body, SEEN_FROM, PartsConfig(transform=_BODY))
     if isinstance(found, Failure):
         return found
     pose = cam_from_ground(SEEN_FROM.ground)
