@@ -18,6 +18,7 @@ from recon.localization.shape_fit import FittedShape
 from recon.pixels import sample_bilinear
 from reports.objects.part_colours import part_colours
 from reports.objects.picture_mesh import PictureMesh
+from reports.objects.solid_mesh import lines_of_sight
 
 _FACING = 0.15
 """Least cosine of the angle to the ray at which a place is seen."""
@@ -157,10 +158,7 @@ def _seen(
         o3d.core.Tensor.from_numpy(xyz.astype(np.float32)),
         o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
     )
-    distance = np.linalg.norm(xyz, axis=1)
-    direction = xyz / distance[:, None]
-    rays = np.concatenate([np.zeros_like(direction), direction], axis=1).astype(np.float32)
-    hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))["t_hit"].numpy()
+    direction, distance, hit = lines_of_sight(xyz, scene)
     seen = hit > distance - _BEFORE * float(np.linalg.norm(np.ptp(xyz, axis=0)))
     seen &= -(normal * direction).sum(axis=1) > _FACING
     uv = camera.project(xyz)

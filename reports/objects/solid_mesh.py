@@ -183,10 +183,7 @@ def _seen(
     camera: PinholeCamera,
 ) -> tuple[FloatArray, FloatArray]:
     """How well the photograph shows each place (h, w), in [0, 1], and where, (h, w, 2)."""
-    distance = np.linalg.norm(at, axis=2)
-    direction = at / distance[..., None]
-    rays = np.concatenate([np.zeros_like(direction), direction], axis=-1).astype(np.float32)
-    hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))["t_hit"].numpy()
+    direction, distance, hit = lines_of_sight(at, scene)
     facing = -(normal * direction).sum(axis=2)
     seen = np.clip((facing - _FACING[0]) / (_FACING[1] - _FACING[0]), 0, 1)
     seen *= hit > distance - 0.01 * np.ptp(distance)
@@ -199,6 +196,16 @@ def _seen(
     in_picture = ((uv > -0.5) & (uv < [matte.shape[1] - 0.5, matte.shape[0] - 0.5])).all(axis=2)
     seen *= in_picture & (away[pixel[..., 1], pixel[..., 0]] < reach_px)
     return seen, uv
+
+
+def lines_of_sight(
+    at: FloatArray, scene: o3d.t.geometry.RaycastingScene
+) -> tuple[FloatArray, FloatArray, Float32Array]:
+    """Directions from the camera to places (..., 3), their distances, and those of what is hit first."""
+    distance = np.linalg.norm(at, axis=-1)
+    direction = at / distance[..., None]
+    rays = np.concatenate([np.zeros_like(direction), direction], axis=-1).astype(np.float32)
+    return direction, distance, scene.cast_rays(o3d.core.Tensor.from_numpy(rays))["t_hit"].numpy()
 
 
 def _parts(net: _Net, shape: FittedShape) -> IntArray:
