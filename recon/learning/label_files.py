@@ -62,7 +62,7 @@ def read_labelled_views(path: Path, bins: ViewBins | None = None) -> LabelledVie
         if (folder / LABELS_FILE).is_file():
             views = load_part_views(folder)
             return LabelledViews(views, None, warnings_of(views))
-    if any(path.glob("*.json")):
+    if any(path.glob("[!.]*.json")):
         return read_labelme_polygons(path, bins)
     raise RescoreError(
         f"{path}: expected {LABELS_FILE}, a COCO segmentation file or a folder of LabelMe files, found none; "
@@ -105,7 +105,7 @@ def read_labelme_polygons(folder: Path, bins: ViewBins) -> LabelledViews:
     Raises:
         RescoreError: a file has another shape, or a picture or polygon cannot be used; it is named.
     """
-    files = sorted(folder.glob("*.json"))
+    files = sorted(folder.glob("[!.]*.json"))
     if not files:
         raise RescoreError(f"{folder}: expected LabelMe files (*.json), found none; check the path")
     images = [_labelme_image(path) for path in files]

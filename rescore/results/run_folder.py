@@ -175,7 +175,7 @@ class Run:
 
     def class_model_path(self) -> Path | None:
         """The class model of the run; None where the run folder holds none."""
-        found = sorted((self.root / "models").glob("*.json"))
+        found = sorted((self.root / "models").glob("[!.]*.json"))
         return next((p for p in found if read_json_object(p, "a model").get("part_names")), None)
 
     def row(self, detector: str, mode: str) -> Row:

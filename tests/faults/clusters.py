@@ -1,6 +1,6 @@
 """Clusters on the loopback address that are started by their own commands, to be killed."""
 
-import os
+import signal
 import socket
 import subprocess
 import sys
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.faults.processes import alive, descendants, until
+from tests.faults.processes import alive, descendants, send, until
 
 
 def free_port() -> int:
@@ -34,8 +34,7 @@ def started(command: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"
 def end(processes: list[int]) -> None:
     """Kill processes and what they started."""
     every = [pid for first in processes for pid in (first, *descendants(first))]
-    for pid in filter(alive, every):
-        os.kill(pid, 9)
+    send([pid for pid in every if alive(pid)], signal.SIGKILL)
 
 
 @contextmanager

@@ -1,7 +1,10 @@
 """Processes that a process started, and whether they run, as Linux tells."""
 
+import os
+import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -32,6 +35,13 @@ def name_of(process: int) -> str:
         return Path(f"/proc/{process}/comm").read_text().strip()
     except OSError:
         return ""
+
+
+def send(processes: list[int], how: signal.Signals) -> None:
+    """A signal for all of them that are not gone."""
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.kill(process, how)
 
 
 def until(condition: Callable[[], bool], limit_s: float) -> float:

@@ -14,7 +14,7 @@ import pytest
 
 from rescore.large import run as run_module
 from tests.faults.clusters import dask_scheduler, free_port
-from tests.faults.processes import alive, descendants, name_of, until
+from tests.faults.processes import alive, descendants, name_of, send, until
 from tests.faults.small_parts import FRAMES_A_PART, detect, parts_in, start, write_street
 from tests.rescore.conftest import Run
 
@@ -109,8 +109,12 @@ def test_ctrl_c_and_the_death_of_rays_head(
     kept = len(parts_in(out))
     process = start(command)
     helpers = begun(process, out, kept + 1)
-    for head in (pid for pid in helpers if name_of(pid) in ("gcs_server", "raylet")):
-        os.kill(head, signal.SIGKILL)
+    heads = [pid for pid in helpers if name_of(pid) in ("gcs_server", "raylet")]
+    workers = [pid for pid in helpers if pid not in heads]
+    # workers stand still until the head is dead, or they might finish all parts before
+    send(workers, signal.SIGSTOP)
+    send(heads, signal.SIGKILL)
+    send(workers, signal.SIGCONT)
     error = process.communicate(timeout=60)[1]
     assert process.returncode == 1
     # lines of Ray's own may stand before and behind
