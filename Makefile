@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test fuzz setup paper streets published published-streets published-localization published-real-cars \
+.PHONY: demo test lint test-tools fuzz setup paper streets published published-streets published-localization published-real-cars \
 	published-grasping \
 	published-models published-weight published-evidence published-stereo published-recording \
 	published-report published-defaults published-street published-real published-prose published-bench \
@@ -27,16 +27,21 @@ streets: setup
 	$(BIN)/rescore reproduce --preset streets --out runs/streets --jobs $(JOBS)
 
 test: setup
-	VENV=$(VENV) sh .ci/setup-tests
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(MAKE) --jobs 2 lint test-tools
 	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadfile
 
 # figures in README and docs, from the published JSON; every target that makes such JSON calls it
 PROSE = $(BIN)/python -m reports.publishing.prose
 published-prose: setup
 	$(PROSE)
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test-tools: setup
+	VENV=$(VENV) sh .ci/setup-tests
 
 # damaged files of every kind that is read; `make test` has a slice of it
 CASES ?= 5250

@@ -55,7 +55,7 @@ def gone(processes: list[int]) -> "Iterator[bool]":
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Path:
-    splits = {name: {"n_images": 5, "n_cars": 5} for name in ("train", "calibration", "validation", "test")}
+    splits = {name: {"n_images": 3, "n_cars": 3} for name in ("train", "calibration", "validation", "test")}
     return own.write_text(tmp_path / "small.json", json.dumps({"synth": {"n_pictures": 1, "splits": splits}}))
 
 
@@ -90,7 +90,7 @@ def test_a_stopped_build_says_so_goes_on_and_is_locked_meanwhile(tmp_path: Path,
     last = start(*build)
     last.communicate(timeout=120)
     assert last.returncode == 0
-    assert len(list((out / "records").glob("[!.]*.json"))) == 20
+    assert len(list((out / "records").glob("[!.]*.json"))) == 12
     again = {p.stem for p, t in kept.items() if p.stat().st_mtime_ns != t}
     assert again <= {"test_0000"}
     assert is_whole_png_file(out / "left" / "test_0000.png")
