@@ -107,10 +107,8 @@ class BodyLines:
         """Rounding of the nose."""
         tall = self.shape.body_type in ("van", "suv", "pickup")
         form, rake = self.shape.form, 0.10 if tall else 0.14
-        round_ = form.end_round
-        return Ends(
-            0.42 * round_, 0.20 * round_, 0.16 * round_, form.end_tuck, rake, self.shape.clearance + 0.27
-        )
+        radius_t, radius_y, sag = (v * form.end_round for v in (0.42, 0.20, 0.16))
+        return Ends(radius_t, radius_y, sag, form.end_tuck, rake, self.shape.clearance + 0.27)
 
     @property
     def rear(self) -> Ends:
