@@ -95,7 +95,8 @@ class BodyLines:
         if s.body_type in ("van", "pickup"):
             roof = 0.085
         knots = [0.0, s.cowl_t, 0.5 * (s.cowl_t + s.roof_front_t), s.roof_front_t, s.roof_rear_t, s.tail_t]
-        return np.interp(t, [*knots, s.length], [hood, hood, screen, roof, roof, deck, deck])
+        usual = np.interp(t, [*knots, s.length], [hood, hood, screen, roof, roof, deck, deck])
+        return np.asarray(s.form.crown * usual)
 
     def edge_z(self, t: FloatArray) -> FloatArray:
         """Height where the side ends and the top begins, at stations t."""
@@ -105,21 +106,25 @@ class BodyLines:
     def front(self) -> Ends:
         """Rounding of the nose."""
         tall = self.shape.body_type in ("van", "suv", "pickup")
-        return Ends(0.42, 0.20, 0.16, 0.10, 0.10 if tall else 0.14, self.shape.clearance + 0.27)
+        form, rake = self.shape.form, 0.10 if tall else 0.14
+        radius_t, radius_y, sag = (v * form.end_round for v in (0.42, 0.20, 0.16))
+        return Ends(radius_t, radius_y, sag, form.end_tuck, rake, self.shape.clearance + 0.27)
 
     @property
     def rear(self) -> Ends:
         """Rounding of the tail."""
         flat = self.shape.body_type in ("van", "pickup")
-        radius = 0.12 if flat else 0.26
-        return Ends(radius, 0.5 * radius, 0.05 if flat else 0.10, 0.10, 0.07, self.shape.clearance + 0.30)
+        form = self.shape.form
+        radius = (0.12 if flat else 0.26) * form.end_round
+        sag = (0.05 if flat else 0.10) * form.end_round
+        return Ends(radius, 0.5 * radius, sag, form.end_tuck, 0.07, self.shape.clearance + 0.30)
 
     def half_width(self, t: FloatArray, z: FloatArray) -> FloatArray:
         """Distance of the side from the middle plane at stations t and heights z (broadcast)."""
         s = self.shape
         belt = self.belt_z(t)
         h = np.clip((z - s.clearance) / (belt - s.clearance), 0, None)
-        y = self._plan_half_width(t) - 0.075 * np.clip(1 - h / 0.4, 0, 1) ** 2
+        y = self._plan_half_width(t) - s.form.sill_tuck * np.clip(1 - h / 0.4, 0, 1) ** 2
         # A shallow hollow under the shoulder line, a tuck over the sill: doors look like sheet metal.
         y = y - 0.018 * np.exp(-(((h - 0.62) / 0.14) ** 2)) - 0.02 * np.clip((h - 0.82) / 0.18, 0, 1) ** 2
         soft = 0.02
@@ -251,8 +256,8 @@ def _sections(lines: BodyLines, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     belt = np.minimum(lines.belt_z(t), s.clearance + 0.86 * (edge - s.clearance))
     bottom = (
         s.clearance
-        + 0.05 * np.clip(1 - t / 0.5, 0, 1) ** 2
-        + 0.08 * np.clip(1 - (s.length - t) / 0.6, 0, 1) ** 2
+        + 0.05 * s.form.end_rise * np.clip(1 - t / 0.5, 0, 1) ** 2
+        + 0.08 * s.form.end_rise * np.clip(1 - (s.length - t) / 0.6, 0, 1) ** 2
     )
     low = np.linspace(0, 1, _SIDE_ROWS_LOW + 1)
     high = np.linspace(0, 1, lines.side_rows_high + 1)[1:]

@@ -30,6 +30,22 @@ class AddOns:
 
 
 @dataclass(frozen=True)
+class BodyForm:
+    """How a body is rounded and how it ends below: what cars of one kind and size still differ in."""
+
+    sill_tuck: float = 0.075
+    """How far the sill lies inside the side, in metres."""
+    end_tuck: float = 0.10
+    """How far the lower edges of nose and tail lie behind the bumpers, in metres."""
+    end_rise: float = 1.0
+    """How much the underside rises towards nose and tail, in multiples of the usual."""
+    end_round: float = 1.0
+    """How much nose and tail are rounded as seen from above, in multiples of the usual."""
+    crown: float = 1.0
+    """How much higher than its sides the middle of the top is, in multiples of the usual."""
+
+
+@dataclass(frozen=True)
 class CarShape:
     """Measures of one car in metres. Stations (t) count from the nose, heights (z) from the ground."""
 
@@ -70,6 +86,7 @@ class CarShape:
     """Number of side doors: 2, 4, or 0 for a racer that one climbs into."""
     spokes: int
     add_ons: AddOns = AddOns()
+    form: BodyForm = BodyForm()
 
     @property
     def size_m(self) -> tuple[float, float, float]:

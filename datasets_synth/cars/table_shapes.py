@@ -6,7 +6,7 @@ They stand apart from `datasets_synth.cars.shapes.car_shapes`, so that streets k
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from datasets_synth.cars.shapes import AddOns, CarShape, shape_of
+from datasets_synth.cars.shapes import AddOns, BodyForm, CarShape, shape_of
 from datasets_synth.meshes.families import Ranges, latin_hypercube
 
 SHAPES_PER_KIND = 4
@@ -166,6 +166,19 @@ _KINDS: dict[str, _Kind] = {
     }),
 }  # fmt: skip
 
+_FORMS: Ranges = {
+    "sill_tuck": (0.0, 0.10),
+    "end_tuck": (-0.02, 0.14),
+    "end_rise": (0.0, 1.5),
+    "end_round": (0.6, 1.5),
+    "crown": (0.6, 1.6),
+    "skirt": (0.0, 0.7),
+}
+"""What the forms of shapes to learn from vary in, so that the class does not take one underside for that of
+all cars: ``BodyForm``, and by how much of the clearance skirts lower the body."""
+_FORMED = (0, 2)
+"""Numbers of the shapes of a kind that have forms of their own."""
+
 KINDS = tuple(_KINDS)
 """Names of the kinds; shapes are called after them."""
 
@@ -173,11 +186,22 @@ KINDS = tuple(_KINDS)
 @lru_cache(maxsize=1)
 def table_shapes() -> tuple[CarShape, ...]:
     """Further shapes for the table, always the same: `SHAPES_PER_KIND` of each kind."""
-    return tuple(
+    plain = [
         _shape(name, i, draw)
         for k, (name, kind) in enumerate(_KINDS.items())
         for i, draw in enumerate(latin_hypercube(kind.ranges, SHAPES_PER_KIND, [20091130, k]))
+    ]
+    forms = iter(latin_hypercube(_FORMS, len(_FORMED) * len(_KINDS), [20091201]))
+    return tuple(
+        _formed(shape, next(forms)) if i % SHAPES_PER_KIND in _FORMED else shape
+        for i, shape in enumerate(plain)
     )
+
+
+def _formed(shape: CarShape, draw: dict[str, float]) -> CarShape:
+    """The shape with a form of its own."""
+    form = BodyForm(**{n: draw[n] for n in BodyForm.__annotations__})
+    return replace(shape, clearance=shape.clearance * (1 - draw["skirt"]), form=form)
 
 
 def _shape(name: str, number: int, draw: dict[str, float]) -> CarShape:

@@ -1,5 +1,7 @@
 """The further cars of the table: racers and other kinds, beside the family that streets show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from datasets_synth.cars.body_extent import body_extent
 from datasets_synth.cars.cars import car_mesh
 from datasets_synth.cars.models import cars_of_splits, table_cars
 from datasets_synth.cars.parts import CAR_PARTS, PART_LABEL
-from datasets_synth.cars.shapes import AddOns, CarShape, car_shapes
+from datasets_synth.cars.shapes import AddOns, BodyForm, CarShape, car_shapes
 from datasets_synth.cars.table_shapes import KINDS, table_shapes
 from datasets_synth.meshes.mesh import Mesh
 from rescore.data.frames import SPLITS
@@ -91,3 +93,22 @@ def test_a_spare_wheel_lengthens_the_car_behind() -> None:
     wheels = np.concatenate([corners_of(mesh, p) for p in CAR_PARTS if p.startswith("front_left_w")])
     assert shape.size_m[0] == pytest.approx(shape.length + shape.add_ons.spare)
     assert wheels[..., 0].mean() == pytest.approx(0.5 * shape.size_m[0] - shape.axles_t[0], abs=0.02)
+
+
+def test_only_shapes_to_learn_from_have_forms_of_their_own() -> None:
+    learned = {c.shape_id for c in table_cars()["train"]}
+    assert {s.shape_id for s in SHAPES if s.form != BodyForm()} == {s.shape_id for s in SHAPES} & learned
+    assert all(s.form == BodyForm() for s in car_shapes())
+
+
+def test_a_form_moves_sill_ends_and_crown_by_what_it_says() -> None:
+    shape = FIRST[0]
+    usual = BodyLines(replace(shape, form=BodyForm()))
+    other = BodyLines(replace(shape, form=BodyForm(sill_tuck=0.015, end_tuck=0.03, crown=1.5)))
+    t, z = np.array([0.5 * shape.length]), np.array([shape.clearance])
+    # at the height of the underside all of the tuck counts: 0.075 - 0.015
+    assert other.half_width(t, z) - usual.half_width(t, z) == pytest.approx(0.06)
+    # the lowest point of the nose in the middle: 0.10 - 0.03 less far back
+    nose, middle = np.array([0.0]), np.array([0.0])
+    assert usual.end_shift(nose, middle, z) - other.end_shift(nose, middle, z) == pytest.approx(0.07)
+    assert other.top_z(t) - other.edge_z(t) == pytest.approx(1.5 * (usual.top_z(t) - usual.edge_z(t)))
