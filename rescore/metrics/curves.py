@@ -61,16 +61,12 @@ def candidate_roc(match: MatchTable) -> Curve:
 
     Cars that no candidate found do not appear here; see ``recall_curve``.
     """
-    hits, false, threshold = _cumulative(match)
-    with np.errstate(invalid="ignore"):
-        return Curve(false / false[-1], hits / hits[-1], threshold)
+    return _roc(*_cumulative(match))
 
 
 def recall_curve(match: MatchTable) -> Curve:
     """Recall over all images and all annotated cars: x, false positives per image; y, true-positive rate."""
-    hits, false, threshold = _cumulative(match)
-    cars = match.n_cars or np.nan
-    return Curve(false / max(match.n_images, 1), hits / cars, threshold)
+    return _recall(match, *_cumulative(match))
 
 
 def area_under_roc(curve: Curve) -> float:
@@ -90,30 +86,35 @@ def average_precision(match: MatchTable) -> float:
     equal ranking count one after another in the order given, and recalls are compared exactly, as in
     COCO's own tool.
     """
-    return _precision(match, np.argsort(-match.ranking, kind="stable"))
+    hit, false = _kinds(match.outcome[np.argsort(-match.ranking, kind="stable")])
+    return _precision(np.cumsum(false)[hit], match.n_cars)
 
 
 def ties(match: MatchTable) -> Ties:
     """What depends on the order in which hits and false positives of equal ranking are given."""
-    hit, false = _kinds(match.outcome)
-    _, place = np.unique(match.ranking, return_inverse=True)
-    mixed = (np.bincount(place, hit) > 0) & (np.bincount(place, false) > 0)
-    hits_last, hits_first = (_precision(match, np.lexsort((key, -match.ranking))) for key in (hit, ~hit))
-    return Ties(int((mixed[place] & (hit | false)).sum()), hits_last, hits_first)
+    hits, falses, _ = _cumulative(match)
+    # of each distinct ranking that a candidate has which counts
+    n_hits, n_falses = np.diff(hits).astype(np.int64), np.diff(falses).astype(np.int64)
+    mixed = (n_hits > 0) & (n_falses > 0)
+    hits_first, hits_last = (np.repeat(ahead, n_hits) for ahead in (falses[:-1], falses[1:]))
+    return Ties(
+        int((n_hits + n_falses)[mixed].sum()),
+        _precision(hits_last, match.n_cars),
+        _precision(hits_first, match.n_cars),
+    )
 
 
-def _precision(match: MatchTable, order: IntArray) -> float:
-    """Average precision of candidates that count in an order (n,)."""
-    if not match.n_cars:
+def _precision(false_ahead: FloatArray | IntArray, n_cars: int) -> float:
+    """Average precision where so many false positives count before each hit (k,), the best hit first.
+
+    Precision falls from one hit to the next, so that of the hits alone is looked at.
+    """
+    if not n_cars:
         return float("nan")
-    hit, false = _kinds(match.outcome[order])
-    hits, falses = np.cumsum(hit), np.cumsum(false)
-    found = hits + falses > 0
-    recall = hits[found] / match.n_cars
-    precision = hits[found] / (hits + falses)[found]
-    best_beyond = np.maximum.accumulate(precision[::-1])[::-1]
-    at = np.searchsorted(recall, COCO_RECALLS, side="left")
-    return float(np.append(best_beyond, 0.0)[np.minimum(at, len(best_beyond))].mean())
+    hits = np.arange(1, len(false_ahead) + 1)
+    best_beyond = np.maximum.accumulate((hits / (hits + false_ahead))[::-1])[::-1]
+    at = np.searchsorted(hits / n_cars, COCO_RECALLS, side="left")
+    return float(np.append(best_beyond, 0.0)[at].mean())
 
 
 def index_at_recall(curve: Curve, recall: float) -> int | None:
@@ -141,9 +142,10 @@ def recall_ceiling(curve: Curve) -> float:
 
 def summarise(match: MatchTable) -> Summary:
     """The figures of one match table."""
-    recall = recall_curve(match)
+    counted = _cumulative(match)
+    recall = _recall(match, *counted)
     return Summary(
-        area_under_roc(candidate_roc(match)),
+        area_under_roc(_roc(*counted)),
         average_precision(match),
         recall_ceiling(recall),
         {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS},
@@ -153,6 +155,16 @@ def summarise(match: MatchTable) -> Summary:
 def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
     """Masks of the rows that are hits, and of those that are false positives."""
     return outcome == HIT, (outcome == FALSE_ALARM) | (outcome == DUPLICATE)
+
+
+def _roc(hits: FloatArray, false: FloatArray, threshold: FloatArray) -> Curve:
+    with np.errstate(invalid="ignore"):
+        return Curve(false / false[-1], hits / hits[-1], threshold)
+
+
+def _recall(match: MatchTable, hits: FloatArray, false: FloatArray, threshold: FloatArray) -> Curve:
+    cars = match.n_cars or np.nan
+    return Curve(false / max(match.n_images, 1), hits / cars, threshold)
 
 
 def _cumulative(match: MatchTable) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -91,8 +91,14 @@ def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clu
 
 def _ranks(value: FloatArray) -> FloatArray:
     """Ranks of the values (n,) from 1, equal ones the mean of theirs."""
-    _, of_level, count = np.unique(value, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(count) - (count - 1) / 2)[of_level])
+    # what is ranked comes best first, where a sort of the negatives has nothing to do
+    order = np.argsort(-value, kind="stable")
+    falling = value[order]
+    begins = np.flatnonzero(np.append(True, falling[1:] != falling[:-1]))
+    count = np.diff(np.append(begins, len(value)))
+    rank = np.empty(len(value))
+    rank[order] = np.repeat(len(value) - begins - (count - 1) / 2, count)
+    return rank
 
 
 def _sums(cluster: IntArray, value: FloatArray, n_clusters: int) -> FloatArray:
