@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first
 
 RECALL_LEVELS = (0.5, 0.6, 0.7, 0.8)
 """Where false positives per image are read off."""
@@ -86,7 +86,7 @@ def average_precision(match: MatchTable) -> float:
     equal ranking count one after another in the order given, and recalls are compared exactly, as in
     COCO's own tool.
     """
-    hit, false = _kinds(match.outcome[np.argsort(-match.ranking, kind="stable")])
+    hit, false = _kinds(match.outcome[best_first(match.ranking)])
     return _precision(np.cumsum(false)[hit], match.n_cars)
 
 
@@ -171,9 +171,10 @@ def _cumulative(match: MatchTable) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Hits and false positives at and above each distinct ranking (t,), with a first point of none."""
     hit, false = _kinds(match.outcome)
     counts = hit | false
-    order = np.argsort(-match.ranking[counts], kind="stable")
-    ranking = match.ranking[counts][order]
-    last_of_tie = np.append(np.diff(ranking) != 0, True) if len(ranking) else np.zeros(0, bool)
+    ranking = match.ranking[counts]
+    order = best_first(ranking)
+    ranking = ranking[order]
+    last_of_tie = np.append(ranking[1:] != ranking[:-1], True) if len(ranking) else np.zeros(0, bool)
     hits = np.cumsum(hit[counts][order])[last_of_tie]
     falses = np.cumsum(false[counts][order])[last_of_tie]
     return (

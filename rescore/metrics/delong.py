@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ def _of_table(match: MatchTable) -> _Placements:
 def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clusters: int) -> _Placements:
     """A hit beats as many false positives as its rank among all is higher than that among hits."""
     of_hits, of_false = cluster[is_hit], cluster[~is_hit]
-    with_hits, with_false = len(np.unique(of_hits)), len(np.unique(of_false))
+    with_hits, with_false = _n_of(of_hits), _n_of(of_false)
     if with_hits < 2 or with_false < 2:
         raise ValueError(
             f"area test: expected hits and false positives in at least two images each, got {with_hits} and "
@@ -91,14 +91,18 @@ def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clu
 
 def _ranks(value: FloatArray) -> FloatArray:
     """Ranks of the values (n,) from 1, equal ones the mean of theirs."""
-    # what is ranked comes best first, where a sort of the negatives has nothing to do
-    order = np.argsort(-value, kind="stable")
+    order = best_first(value)
     falling = value[order]
     begins = np.flatnonzero(np.append(True, falling[1:] != falling[:-1]))
     count = np.diff(np.append(begins, len(value)))
     rank = np.empty(len(value))
     rank[order] = np.repeat(len(value) - begins - (count - 1) / 2, count)
     return rank
+
+
+def _n_of(cluster: IntArray) -> int:
+    """Number of different clusters."""
+    return int(np.count_nonzero(np.bincount(cluster)))
 
 
 def _sums(cluster: IntArray, value: FloatArray, n_clusters: int) -> FloatArray:

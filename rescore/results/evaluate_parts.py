@@ -45,6 +45,7 @@ from rescore.metrics.matching import (
     MatchTable,
     Overlaps,
     TruthTable,
+    falling_ranks,
     ranked_order,
     ranking_of,
 )
@@ -451,8 +452,7 @@ class _Detector:
             return MatchTable(n_images, n_cars, image, ranking, outcome, unknown)
         # what is in order once is sorted again in no time; kinds would have to follow
         order, fresh = ranked_order(score, self.columns["score"])
-        ranking = np.float64(len(order)) - np.cumsum(fresh)
-        return MatchTable(n_images, n_cars, image[order], ranking, outcome[order], unknown)
+        return MatchTable(n_images, n_cars, image[order], falling_ranks(fresh), outcome[order], unknown)
 
     @property
     def kind(self) -> NDArray[np.object_]:
