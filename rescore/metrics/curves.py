@@ -142,10 +142,12 @@ def recall_ceiling(curve: Curve) -> float:
 
 def summarise(match: MatchTable) -> Summary:
     """The figures of one match table."""
+    # one curve after the other: of very many candidates each takes hundreds of megabytes
     counted = _cumulative(match)
+    area = area_under_roc(_roc(*counted))
     recall = _recall(match, *counted)
     return Summary(
-        area_under_roc(_roc(*counted)),
+        area,
         average_precision(match),
         recall_ceiling(recall),
         {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS},

@@ -91,13 +91,17 @@ def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clu
 
 def _ranks(value: FloatArray) -> FloatArray:
     """Ranks of the values (n,) from 1, equal ones the mean of theirs."""
-    order = best_first(value)
+    n, order = len(value), best_first(value)
     falling = value[order]
     begins = np.flatnonzero(np.append(True, falling[1:] != falling[:-1]))
-    count = np.diff(np.append(begins, len(value)))
-    rank = np.empty(len(value))
-    rank[order] = np.repeat(len(value) - begins - (count - 1) / 2, count)
-    return rank
+    ends = np.append(begins[1:], n)
+    of_level = np.subtract(n, (begins + ends - 1) / 2)
+    ranks = np.repeat(of_level, ends - begins)
+    if isinstance(order, slice):
+        return ranks
+    found = np.empty(n)
+    found[order] = ranks
+    return found
 
 
 def _n_of(cluster: IntArray) -> int:
