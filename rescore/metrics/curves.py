@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first, kept_rows
 
 RECALL_LEVELS = (0.5, 0.6, 0.7, 0.8)
 """Where false positives per image are read off."""
@@ -76,7 +76,11 @@ def area_under_roc(curve: Curve) -> float:
     """
     if np.isnan(curve.x[-1] + curve.y[-1]):
         return float("nan")
-    return float(np.trapezoid(curve.y, curve.x))
+    # as np.trapezoid, in place: curves may have many million points
+    areas = np.diff(curve.x)
+    areas *= curve.y[1:] + curve.y[:-1]
+    areas /= 2
+    return float(areas.sum())
 
 
 def average_precision(match: MatchTable) -> float:
@@ -87,7 +91,7 @@ def average_precision(match: MatchTable) -> float:
     COCO's own tool.
     """
     hit, false = _kinds(match.outcome[best_first(match.ranking)])
-    return _precision(np.cumsum(false)[hit], match.n_cars)
+    return _precision(np.cumsum(false, dtype=np.int64)[hit], match.n_cars)
 
 
 def ties(match: MatchTable) -> Ties:
@@ -144,14 +148,13 @@ def summarise(match: MatchTable) -> Summary:
     """The figures of one match table."""
     # one curve after the other: of very many candidates each takes hundreds of megabytes
     counted = _cumulative(match)
-    area = area_under_roc(_roc(*counted))
-    recall = _recall(match, *counted)
-    return Summary(
-        area,
-        average_precision(match),
-        recall_ceiling(recall),
-        {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS},
-    )
+    ceiling, fppi = _readings(_recall(match, *counted))
+    return Summary(area_under_roc(_roc(*counted)), average_precision(match), ceiling, fppi)
+
+
+def _readings(recall: Curve) -> tuple[float, dict[float, float | None]]:
+    """The recall ceiling, and false positives an image at each recall level."""
+    return recall_ceiling(recall), {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS}
 
 
 def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
@@ -160,8 +163,11 @@ def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
 
 
 def _roc(hits: FloatArray, false: FloatArray, threshold: FloatArray) -> Curve:
+    """The ROC, in the arrays that are given."""
     with np.errstate(invalid="ignore"):
-        return Curve(false / false[-1], hits / hits[-1], threshold)
+        hits /= hits[-1]
+        false /= false[-1]
+    return Curve(false, hits, threshold)
 
 
 def _recall(match: MatchTable, hits: FloatArray, false: FloatArray, threshold: FloatArray) -> Curve:
@@ -172,7 +178,7 @@ def _recall(match: MatchTable, hits: FloatArray, false: FloatArray, threshold: F
 def _cumulative(match: MatchTable) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Hits and false positives at and above each distinct ranking (t,), with a first point of none."""
     hit, false = _kinds(match.outcome)
-    counts = hit | false
+    counts = kept_rows(hit | false)
     ranking = match.ranking[counts]
     order = best_first(ranking)
     ranking = ranking[order]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first, kept_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class _Placements:
 
 def _of_table(match: MatchTable) -> _Placements:
     is_hit = match.outcome == HIT
-    counts = is_hit | (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
+    counts = kept_rows(is_hit | (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE))
     return _placements(match.ranking[counts], is_hit[counts], match.image[counts], match.n_images)
 
 
@@ -94,9 +94,12 @@ def _ranks(value: FloatArray) -> FloatArray:
     n, order = len(value), best_first(value)
     falling = value[order]
     begins = np.flatnonzero(np.append(True, falling[1:] != falling[:-1]))
-    ends = np.append(begins[1:], n)
-    of_level = np.subtract(n, (begins + ends - 1) / 2)
-    ranks = np.repeat(of_level, ends - begins)
+    count = np.diff(begins, append=n)
+    # twice the mean place of each level, counted from 0; in place, since levels may be many millions
+    begins *= 2
+    begins += count - 1
+    of_level = begins / 2
+    ranks = np.repeat(np.subtract(n, of_level, out=of_level), count)
     if isinstance(order, slice):
         return ranks
     found = np.empty(n)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from recon.arrays import FloatArray, Int32Array, IntArray
 from rescore.metrics.bootstrap import Bootstrap, BootstrapConfig, check_tables, of_figures
 from rescore.metrics.curves import COCO_RECALLS
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first, kept_rows
 from rescore.metrics.resampled import Levels, weighted_figures
 
 Counts = NDArray[np.integer]
@@ -96,14 +96,15 @@ class Steps:
         from rescore.metrics.image_sum_loops import by_image  # noqa: PLC0415 (compiles a loop)
 
         false = (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
-        counts = false | (match.outcome == HIT)
+        counts = kept_rows(false | (match.outcome == HIT))
         cell = steps_of(match.ranking[counts])
         cell *= 2
         cell += false[counts]
         n_cells = 2 * (int(cell.max()) // 2 + 1) if len(cell) else 0
         whole = np.bincount(cell, minlength=n_cells).astype(np.int64)
         sums = np.zeros((n_cells, n_resamples), np.int32)
-        return Steps(*by_image(match.image[counts], cell, match.n_images), sums, whole)
+        cell, first = by_image(match.image[counts], cell, match.n_images)
+        return Steps(cell, first, sums, whole)
 
     def add(self, first: int, weight: Int32Array) -> None:
         """Add the candidates of a block of images that begins with ``first``, by their weights (block, r)."""

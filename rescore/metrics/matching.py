@@ -133,7 +133,8 @@ def falling_ranks(fresh: BoolArray) -> FloatArray:
     does."""
     # exact below 2^53; in place, since rows may be many millions
     ranks = np.cumsum(fresh, dtype=float)
-    return np.subtract(ranks[-1] if len(ranks) else 0.0, ranks, out=ranks)
+    np.subtract(ranks[-1] if len(ranks) else 0.0, ranks, out=ranks)
+    return ranks
 
 
 def best_first(ranking: FloatArray) -> IntArray | slice:
@@ -142,6 +143,11 @@ def best_first(ranking: FloatArray) -> IntArray | slice:
     if (ranking[1:] <= ranking[:-1]).all():
         return slice(None)
     return np.argsort(-ranking, kind="stable")
+
+
+def kept_rows(mask: BoolArray) -> BoolArray | slice:
+    """A mask (n,) of rows, or a slice where it keeps all: that copies nothing."""
+    return slice(None) if mask.all() else mask
 
 
 def ranked_order(*keys: FloatArray) -> tuple[IntArray, BoolArray]:
