@@ -21,7 +21,7 @@ from rescore.metrics.kitti_precision import (
     kitti_precision,
     orientation_similarity,
 )
-from rescore.metrics.matching import HIT, MatchTable, TruthTable, pairs_of_image, take_cars
+from rescore.metrics.matching import HIT, MatchTable, TruthTable, kept_rows, pairs_of_image, take_cars
 from rescore.results.metrics_file import (
     BoxErrorFigures,
     Boxes3DRow,
@@ -313,7 +313,7 @@ def _precision(
         key = f"{min_iou:g}"
         flat = Judged(ranking, small, flags[f"region {key}"], left_out)
         for name, judged in zip(_OVERLAPS, (flat, solid, solid), strict=True):
-            found = kitti_precision(judged, pairs[name][pairs[name].overlap > min_iou])
+            found = kitti_precision(judged, pairs[name][kept_rows(pairs[name].overlap > min_iou)])
             figures[name][key] = finite(found.average_precision)
             if judged is flat:
                 figures["orientation"][key] = finite(found.orientation_similarity)
