@@ -9,11 +9,9 @@ Figures are those of the evaluation in memory, to the last digit; intervals agre
 by.
 """
 
-import ctypes
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -36,6 +34,7 @@ from rescore.formats.parts.frames import data_of, data_parts, has_instances, tru
 from rescore.formats.parts.table import Part, PartTable, refuse_as_table, write_part
 from rescore.fusion.fuse import RULES, LearnedFusion, posterior_of
 from rescore.fusion.tune import Tuning
+from rescore.memory import give_back
 from rescore.metrics.bootstrap import BootstrapConfig
 from rescore.metrics.curves import fppi_at_recall, recall_ceiling, recall_curve, summarise, ties
 from rescore.metrics.image_sums import bootstrap_by_sums
@@ -190,9 +189,9 @@ def evaluate_parts(
         one = _Detector.empty(own, frames, tunings, hard=not usual)
         written += _written(run_dir / CANDIDATES, one.matched(min_iou), schema, len(written))
         # what was read goes back before, and 3D boxes after their figures: the others take most memory
-        _give_back()
+        give_back()
         found.boxes3d.extend(one.boxes3d_rows())
-        _give_back()
+        give_back()
         found.add(one, seed, drawn)
     metrics = Metrics(
         n_images=frames.truth.n_images,
@@ -213,15 +212,6 @@ def evaluate_parts(
     PartTable(run_dir / CANDIDATES, CANDIDATES, {}, tuple(written)).write()
     write_metrics(RunFolder(run_dir).metrics, metrics)
     return metrics
-
-
-def _give_back() -> None:
-    """Give the system the memory that Arrow and the C library hold for later: of what was made of some parts
-    at a time, gaps stay between what is kept, a gigabyte of a million frames."""
-    pa.default_memory_pool().release_unused()
-    # other C libraries have no such function, or none to be found so
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _written(root: Path, groups: Iterable[dict[str, Any]], schema: pa.Schema, n_before: int) -> list[Part]:
