@@ -47,7 +47,7 @@ FLOORS = {
     "rescore": (
         *(
             "speech defaults",
-            "files parallel locks stopping engines",
+            "files parallel locks memory stopping engines",
             "data",
             "metrics",
             "cues",

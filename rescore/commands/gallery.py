@@ -6,7 +6,16 @@ from typing import Annotated
 
 import typer
 
-from rescore.commands.base import Seed, app, folder_target
+from rescore.commands.base import (
+    ALL_PROCESSORS,
+    Address,
+    Engine,
+    Jobs,
+    Seed,
+    app,
+    folder_target,
+    workers_of,
+)
 from rescore.speech import say
 
 
@@ -18,6 +27,9 @@ def gallery(
         Path | None, typer.Option(help="Folder where the class models are kept from run to run.")
     ] = None,
     bins: Annotated[int, typer.Option(min=1, max=12, help="View bins of each class in the table.")] = 12,
+    jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """Reconstruct photographs of test shapes of every class, and compare with their truth.
 
@@ -27,4 +39,6 @@ def gallery(
     from rescore.studies.reconstructions import study
 
     command = f"rescore gallery --out {out} --seed {seed} --bins {bins}"
-    say(f"gallery: {write_reconstructions(study(seed, bins, models, SHOWN_BINS), out, command)}")
+    workers = workers_of(engine, address, jobs)
+    shown = study(seed, bins, models, SHOWN_BINS, workers)
+    say(f"gallery: {write_reconstructions(shown, out, command)}")

@@ -152,6 +152,9 @@ def study_views(
     out: Annotated[Path, typer.Option(help="Folder for the tables and pictures.", callback=folder_target)],
     photos: Annotated[int, typer.Option(min=1, help="Photographs of each class and elevation.")] = 72,
     seed: Seed = 0,
+    jobs: Jobs = ALL_PROCESSORS,
+    engine: Engine = "joblib",
+    address: Address = None,
 ) -> None:
     """How often the class model chooses the right view bin on rendered photographs of test shapes.
 
@@ -163,7 +166,7 @@ def study_views(
     from rescore.studies.view_bins import LEARNED_SHAPES, VIEW_STUDIES
     from rescore.studies.view_bins import study_views as study
 
-    study(out, photos, seed)
+    study(out, photos, seed, workers_of(engine, address, jobs))
     command = f"rescore study-views --out {out} --photos {photos} --seed {seed}"
     say(f"view bins: {write_view_study(out, list(VIEW_STUDIES), LEARNED_SHAPES, command)}")
 

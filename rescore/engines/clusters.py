@@ -5,6 +5,7 @@ import re
 import socket
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.util import find_spec
 
 from recon.errors import RescoreError
@@ -34,13 +35,34 @@ def require(module: str, extra: str) -> None:
         )
 
 
-def wait_for_answer(address: str, form: str, start: str) -> None:
-    """Nothing, once an address of a cluster takes connections.
+@dataclass(frozen=True)
+class Greeting:
+    """The first words of a connection to a cluster, by which it is known from any other server.
 
-    ``form`` is that of addresses, and ``start`` the command that starts what is to answer there.
+    The engines themselves wait for minutes for one that takes the connection and says nothing.
+    """
+
+    sent: bytes
+    """What is said to it; nothing where it speaks first."""
+    is_known: Callable[[bytes], bool]
+    """Whether the first ``GREETED`` bytes are of such a cluster."""
+
+
+GREETED = 9
+"""Bytes by which a cluster is known."""
+
+
+def wait_for_answer(address: str, form: str, start: str, greeting: Greeting | None) -> None:
+    """Nothing, once an address of a cluster takes connections and greets as such a cluster does.
+
+    Args:
+        address: where.
+        form: what addresses look like.
+        start: the command that starts what is to answer there.
+        greeting: how it greets; None where the connection is encrypted: then that it takes one will do.
 
     Raises:
-        RescoreError: it is no address, or nothing answers there within seconds.
+        RescoreError: it is no address, or nothing answers there within seconds, or something else does.
     """
     found = _ADDRESS.fullmatch(address)
     if found is None or int(found["port"]) > 65535:
@@ -48,20 +70,41 @@ def wait_for_answer(address: str, form: str, start: str) -> None:
             f"--address: expected {form}, got {address!r}; name host and port, or leave it out"
         )
     end_s = now_s() + CONNECT_S
+    told = f"--address {address}: expected {form} that answers, got"
     while True:
         try:
-            return _connect(found["host"].strip("[]"), int(found["port"]), end_s - now_s())
+            words = _greeted(found["host"].strip("[]"), int(found["port"]), end_s, greeting)
         except OSError as error:
             if now_s() + _PAUSE_S >= end_s:
                 raise RescoreError(
-                    f"--address {address}: expected {form} that answers, got {error.strerror or error} for "
-                    f"{CONNECT_S:g} s; start it by `{start}`, or leave the option out"
+                    f"{told} {error.strerror or error} for {CONNECT_S:g} s; start it by `{start}`, or leave "
+                    "the option out"
                 ) from error
             time.sleep(_PAUSE_S)
+            continue
+        if greeting is not None and not greeting.is_known(words):
+            raise RescoreError(f"{told} a server of another kind; name the port of `{start}`")
+        return
 
 
-def _connect(host: str, port: int, patience_s: float) -> None:
-    socket.create_connection((host, port), timeout=patience_s).close()
+def _greeted(host: str, port: int, end_s: float, greeting: Greeting | None) -> bytes:
+    """The first bytes that a server says until then; none where it is not asked to greet.
+
+    Raises:
+        OSError: it takes no connection, says nothing or hangs up.
+    """
+    with socket.create_connection((host, port), timeout=max(end_s - now_s(), _PAUSE_S)) as connection:
+        if greeting is None:
+            return b""
+        connection.sendall(greeting.sent)
+        words = b""
+        while len(words) < GREETED:
+            connection.settimeout(max(end_s - now_s(), _PAUSE_S))
+            more = connection.recv(GREETED - len(words))
+            if not more:
+                raise OSError("a closed connection")
+            words += more
+        return words
 
 
 def quiet_ray(local: bool) -> None:

@@ -17,13 +17,16 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin
 
 from recon.errors import RescoreError
-from rescore.engines.clusters import CONNECT_S, Crew, wait_for_answer
+from rescore.engines.clusters import CONNECT_S, Crew, Greeting, wait_for_answer
 from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
 
 _PATIENCE_S = 60
 """Seconds that a cluster has to have a worker."""
+_MOST_BYTES = 2**20
+_GREETING = Greeting(b"", lambda words: int.from_bytes(words[:8], "little") < _MOST_BYTES)
+"""A scheduler speaks first: the length of its message in 8 bytes, and some hundred bytes of what it can."""
 
 
 @dataclass
@@ -210,11 +213,17 @@ def _local(jobs: int) -> LocalCluster:
         ) from error
 
 
+def wait_for_scheduler(address: str) -> None:
+    """Nothing, once a scheduler answers; RescoreError where none does within seconds."""
+    greeting = None if address.startswith("tls://") else _GREETING
+    wait_for_answer(address, "tcp://HOST:PORT of a Dask scheduler", "dask scheduler --port PORT", greeting)
+
+
 def _connected(where: Any) -> Client:
     # of a scheduler that is gone, one line is told here
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL + 1)
     if isinstance(where, str):
-        wait_for_answer(where, "tcp://HOST:PORT of a Dask scheduler", "dask scheduler --port PORT")
+        wait_for_scheduler(where)
     try:
         client = Client(where, timeout=CONNECT_S, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE_S)

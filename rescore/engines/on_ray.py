@@ -16,7 +16,7 @@ import ray
 from ray.exceptions import RayError
 
 from recon.errors import RescoreError
-from rescore.engines.clusters import Crew, wait_for_answer
+from rescore.engines.clusters import Crew, Greeting, wait_for_answer
 from rescore.engines.engine import TRIES, Ended
 from rescore.engines.executor import Executor
 from rescore.engines.shared import pickled, run_with
@@ -24,6 +24,13 @@ from rescore.engines.shared import pickled, run_with
 _PATIENCE_S = 20
 """Seconds that the head has to take a connection."""
 _START = "ray start --head"
+_SETTINGS = 4
+_GREETING = Greeting(
+    b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, _SETTINGS, 0, 0, 0, 0, 0]),
+    lambda words: words[3] == _SETTINGS,
+)
+"""A head speaks gRPC, so HTTP/2 (RFC 9113, section 3.4): each side begins with a frame of settings, whose
+kind is its fourth byte."""
 _LOOK_S = 2.0
 """Seconds without a result after which it is asked whether the head still lives."""
 
@@ -155,12 +162,18 @@ def address_of(named: str) -> str:
     return found
 
 
+def wait_for_head(address: str) -> None:
+    """Nothing, once a head answers; RescoreError where none does within seconds."""
+    encrypted = os.environ.get("RAY_USE_TLS", "0").lower() in {"1", "true"}
+    wait_for_answer(address, "HOST:PORT of a Ray head", _START, None if encrypted else _GREETING)
+
+
 def _connect(executor: Executor) -> None:
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "CRITICAL"}
     try:
         if executor.address is not None:
             address = address_of(executor.address)
-            wait_for_answer(address, "HOST:PORT of a Ray head", _START)
+            wait_for_head(address)
             ray.init(address, **quiet)
             return
         # a record that needs more memory than there is must not be tried for ever

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first, kept_rows
 
 RECALL_LEVELS = (0.5, 0.6, 0.7, 0.8)
 """Where false positives per image are read off."""
@@ -61,16 +61,12 @@ def candidate_roc(match: MatchTable) -> Curve:
 
     Cars that no candidate found do not appear here; see ``recall_curve``.
     """
-    hits, false, threshold = _cumulative(match)
-    with np.errstate(invalid="ignore"):
-        return Curve(false / false[-1], hits / hits[-1], threshold)
+    return _roc(*_cumulative(match))
 
 
 def recall_curve(match: MatchTable) -> Curve:
     """Recall over all images and all annotated cars: x, false positives per image; y, true-positive rate."""
-    hits, false, threshold = _cumulative(match)
-    cars = match.n_cars or np.nan
-    return Curve(false / max(match.n_images, 1), hits / cars, threshold)
+    return _recall(match, *_cumulative(match))
 
 
 def area_under_roc(curve: Curve) -> float:
@@ -80,7 +76,11 @@ def area_under_roc(curve: Curve) -> float:
     """
     if np.isnan(curve.x[-1] + curve.y[-1]):
         return float("nan")
-    return float(np.trapezoid(curve.y, curve.x))
+    # as np.trapezoid, in place: curves may have many million points
+    areas = np.diff(curve.x)
+    areas *= curve.y[1:] + curve.y[:-1]
+    areas /= 2
+    return float(areas.sum())
 
 
 def average_precision(match: MatchTable) -> float:
@@ -90,30 +90,35 @@ def average_precision(match: MatchTable) -> float:
     equal ranking count one after another in the order given, and recalls are compared exactly, as in
     COCO's own tool.
     """
-    return _precision(match, np.argsort(-match.ranking, kind="stable"))
+    hit, false = _kinds(match.outcome[best_first(match.ranking)])
+    return _precision(np.cumsum(false, dtype=np.int64)[hit], match.n_cars)
 
 
 def ties(match: MatchTable) -> Ties:
     """What depends on the order in which hits and false positives of equal ranking are given."""
-    hit, false = _kinds(match.outcome)
-    _, place = np.unique(match.ranking, return_inverse=True)
-    mixed = (np.bincount(place, hit) > 0) & (np.bincount(place, false) > 0)
-    hits_last, hits_first = (_precision(match, np.lexsort((key, -match.ranking))) for key in (hit, ~hit))
-    return Ties(int((mixed[place] & (hit | false)).sum()), hits_last, hits_first)
+    hits, falses, _ = _cumulative(match)
+    # of each distinct ranking that a candidate has which counts
+    n_hits, n_falses = np.diff(hits).astype(np.int64), np.diff(falses).astype(np.int64)
+    mixed = (n_hits > 0) & (n_falses > 0)
+    hits_first, hits_last = (np.repeat(ahead, n_hits) for ahead in (falses[:-1], falses[1:]))
+    return Ties(
+        int((n_hits + n_falses)[mixed].sum()),
+        _precision(hits_last, match.n_cars),
+        _precision(hits_first, match.n_cars),
+    )
 
 
-def _precision(match: MatchTable, order: IntArray) -> float:
-    """Average precision of candidates that count in an order (n,)."""
-    if not match.n_cars:
+def _precision(false_ahead: FloatArray | IntArray, n_cars: int) -> float:
+    """Average precision where so many false positives count before each hit (k,), the best hit first.
+
+    Precision falls from one hit to the next, so that of the hits alone is looked at.
+    """
+    if not n_cars:
         return float("nan")
-    hit, false = _kinds(match.outcome[order])
-    hits, falses = np.cumsum(hit), np.cumsum(false)
-    found = hits + falses > 0
-    recall = hits[found] / match.n_cars
-    precision = hits[found] / (hits + falses)[found]
-    best_beyond = np.maximum.accumulate(precision[::-1])[::-1]
-    at = np.searchsorted(recall, COCO_RECALLS, side="left")
-    return float(np.append(best_beyond, 0.0)[np.minimum(at, len(best_beyond))].mean())
+    hits = np.arange(1, len(false_ahead) + 1)
+    best_beyond = np.maximum.accumulate((hits / (hits + false_ahead))[::-1])[::-1]
+    at = np.searchsorted(hits / n_cars, COCO_RECALLS, side="left")
+    return float(np.append(best_beyond, 0.0)[at].mean())
 
 
 def index_at_recall(curve: Curve, recall: float) -> int | None:
@@ -141,13 +146,15 @@ def recall_ceiling(curve: Curve) -> float:
 
 def summarise(match: MatchTable) -> Summary:
     """The figures of one match table."""
-    recall = recall_curve(match)
-    return Summary(
-        area_under_roc(candidate_roc(match)),
-        average_precision(match),
-        recall_ceiling(recall),
-        {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS},
-    )
+    # one curve after the other: of very many candidates each takes hundreds of megabytes
+    counted = _cumulative(match)
+    ceiling, fppi = _readings(_recall(match, *counted))
+    return Summary(area_under_roc(_roc(*counted)), average_precision(match), ceiling, fppi)
+
+
+def _readings(recall: Curve) -> tuple[float, dict[float, float | None]]:
+    """The recall ceiling, and false positives an image at each recall level."""
+    return recall_ceiling(recall), {level: fppi_at_recall(recall, level) for level in RECALL_LEVELS}
 
 
 def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
@@ -155,13 +162,27 @@ def _kinds(outcome: NDArray[np.int8]) -> tuple[BoolArray, BoolArray]:
     return outcome == HIT, (outcome == FALSE_ALARM) | (outcome == DUPLICATE)
 
 
+def _roc(hits: FloatArray, false: FloatArray, threshold: FloatArray) -> Curve:
+    """The ROC, in the arrays that are given."""
+    with np.errstate(invalid="ignore"):
+        hits /= hits[-1]
+        false /= false[-1]
+    return Curve(false, hits, threshold)
+
+
+def _recall(match: MatchTable, hits: FloatArray, false: FloatArray, threshold: FloatArray) -> Curve:
+    cars = match.n_cars or np.nan
+    return Curve(false / max(match.n_images, 1), hits / cars, threshold)
+
+
 def _cumulative(match: MatchTable) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Hits and false positives at and above each distinct ranking (t,), with a first point of none."""
     hit, false = _kinds(match.outcome)
-    counts = hit | false
-    order = np.argsort(-match.ranking[counts], kind="stable")
-    ranking = match.ranking[counts][order]
-    last_of_tie = np.append(np.diff(ranking) != 0, True) if len(ranking) else np.zeros(0, bool)
+    counts = kept_rows(hit | false)
+    ranking = match.ranking[counts]
+    order = best_first(ranking)
+    ranking = ranking[order]
+    last_of_tie = np.append(ranking[1:] != ranking[:-1], True) if len(ranking) else np.zeros(0, bool)
     hits = np.cumsum(hit[counts][order])[last_of_tie]
     falses = np.cumsum(false[counts][order])[last_of_tie]
     return (

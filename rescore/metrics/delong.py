@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from recon.arrays import BoolArray, FloatArray, IntArray
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first, kept_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +61,14 @@ class _Placements:
 
 def _of_table(match: MatchTable) -> _Placements:
     is_hit = match.outcome == HIT
-    counts = is_hit | (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
+    counts = kept_rows(is_hit | (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE))
     return _placements(match.ranking[counts], is_hit[counts], match.image[counts], match.n_images)
 
 
 def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clusters: int) -> _Placements:
     """A hit beats as many false positives as its rank among all is higher than that among hits."""
     of_hits, of_false = cluster[is_hit], cluster[~is_hit]
-    with_hits, with_false = len(np.unique(of_hits)), len(np.unique(of_false))
+    with_hits, with_false = _n_of(of_hits), _n_of(of_false)
     if with_hits < 2 or with_false < 2:
         raise ValueError(
             f"area test: expected hits and false positives in at least two images each, got {with_hits} and "
@@ -91,8 +91,25 @@ def _placements(ranking: FloatArray, is_hit: BoolArray, cluster: IntArray, n_clu
 
 def _ranks(value: FloatArray) -> FloatArray:
     """Ranks of the values (n,) from 1, equal ones the mean of theirs."""
-    _, of_level, count = np.unique(value, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(count) - (count - 1) / 2)[of_level])
+    n, order = len(value), best_first(value)
+    falling = value[order]
+    begins = np.flatnonzero(np.append(True, falling[1:] != falling[:-1]))
+    count = np.diff(begins, append=n)
+    # twice the mean place of each level, counted from 0; in place, since levels may be many millions
+    begins *= 2
+    begins += count - 1
+    of_level = begins / 2
+    ranks = np.repeat(np.subtract(n, of_level, out=of_level), count)
+    if isinstance(order, slice):
+        return ranks
+    found = np.empty(n)
+    found[order] = ranks
+    return found
+
+
+def _n_of(cluster: IntArray) -> int:
+    """Number of different clusters."""
+    return int(np.count_nonzero(np.bincount(cluster)))
 
 
 def _sums(cluster: IntArray, value: FloatArray, n_clusters: int) -> FloatArray:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from recon.arrays import FloatArray, Int32Array, IntArray
 from rescore.metrics.bootstrap import Bootstrap, BootstrapConfig, check_tables, of_figures
 from rescore.metrics.curves import COCO_RECALLS
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first, kept_rows
 from rescore.metrics.resampled import Levels, weighted_figures
 
 Counts = NDArray[np.integer]
@@ -81,10 +81,10 @@ def drawn_blocks(
 class Steps:
     """Hits and false positives of a match table by steps of its ranking, the best first, weighted."""
 
-    image: Counts
-    """Image of each candidate that counts, rising, shape (k,)."""
     cell: Int32Array
-    """Twice its step, one more for a false positive, shape (k,)."""
+    """Twice the step of each candidate that counts, one more for a false positive, by image, shape (k,)."""
+    first: IntArray
+    """Place in ``cell`` of the first candidate of each image, and ``k``, shape (n_images + 1,)."""
     sums: Int32Array
     """Weighted candidates of each cell in each resample, shape (2 steps, r)."""
     whole: IntArray
@@ -93,22 +93,24 @@ class Steps:
     @staticmethod
     def of(match: MatchTable, n_resamples: int) -> "Steps":
         """The steps of a table, with sums of nothing yet."""
+        from rescore.metrics.image_sum_loops import by_image  # noqa: PLC0415 (compiles a loop)
+
         false = (match.outcome == FALSE_ALARM) | (match.outcome == DUPLICATE)
-        counts = np.flatnonzero(false | (match.outcome == HIT))
-        cell = 2 * steps_of(match.ranking[counts]) + false[counts]
-        by_image = np.argsort(match.image[counts], kind="stable")
-        image, cell = match.image[counts][by_image], cell[by_image].astype(np.int32)
+        counts = kept_rows(false | (match.outcome == HIT))
+        cell = steps_of(match.ranking[counts])
+        cell *= 2
+        cell += false[counts]
         n_cells = 2 * (int(cell.max()) // 2 + 1) if len(cell) else 0
         whole = np.bincount(cell, minlength=n_cells).astype(np.int64)
-        return Steps(image, cell, np.zeros((n_cells, n_resamples), np.int32), whole)
+        sums = np.zeros((n_cells, n_resamples), np.int32)
+        cell, first = by_image(match.image[counts], cell, match.n_images)
+        return Steps(cell, first, sums, whole)
 
     def add(self, first: int, weight: Int32Array) -> None:
         """Add the candidates of a block of images that begins with ``first``, by their weights (block, r)."""
         from rescore.metrics.image_sum_loops import add_weighted  # noqa: PLC0415 (compiles a loop)
 
-        begin, end = np.searchsorted(self.image, (first, first + len(weight)))
-        own = self.image[begin:end] - first
-        add_weighted(self.sums, self.cell[begin:end], own, weight)
+        add_weighted(self.sums, self.cell, self.first[first : first + len(weight) + 1], weight)
 
     def figures(
         self, exact: FloatArray, cars_of_image: IntArray, cars: IntArray, images: IntArray, levels: Levels
@@ -123,19 +125,29 @@ class Steps:
         return np.concatenate([exact, np.where(np.isfinite(off), sampled + off, sampled)])
 
 
-def steps_of(ranking: FloatArray) -> IntArray:
+def steps_of(ranking: FloatArray) -> Int32Array:
     """Step of each candidate (n,), 0 the best; those of equal ranking share one."""
     n = len(ranking)
-    order = np.argsort(-ranking, kind="stable")
-    fresh = np.append(True, np.diff(ranking[order]) != 0)[:n]
+    order = best_first(ranking)
+    falling = ranking[order]
+    fresh = np.append(True, falling[1:] != falling[:-1])[:n]
+    # a step begins with the first fresh candidate at or after each place where the level rises
     begins = np.flatnonzero(fresh)
-    step = np.empty(n, np.int64)
-    # the step at a place k of the ranking: single candidates first, then ever more of them
-    at = np.log1p(np.maximum(begins - FINENESS, 0) / FINENESS) * FINENESS
-    level = np.where(begins < FINENESS, begins, FINENESS + np.floor(at)).astype(np.int64)
-    dense = np.cumsum(np.append(0, np.diff(level) != 0)) if n else level
-    step[order] = dense[np.cumsum(fresh) - 1]
+    at = np.searchsorted(begins, _rises(n))
+    starts = np.zeros(n, np.bool_)
+    starts[begins[at[(at > 0) & (at < len(begins))]]] = True
+    step = np.empty(n, np.int32)
+    step[order] = np.cumsum(starts, dtype=np.int32)
     return step
+
+
+def _rises(n: int) -> IntArray:
+    """Places of a ranking (n,) where the level rises: single candidates first, then ever more of them."""
+    # the level at a place k >= F is F + floor(F log(k / F)), so the place of a level l is F exp((l - F) / F)
+    last = FINENESS + int(FINENESS * np.log(max(n / FINENESS, 1))) + 1
+    level = np.arange(last + 1)
+    place = np.ceil(FINENESS * np.exp(np.maximum(level - FINENESS, 0) / FINENESS))
+    return np.where(level < FINENESS, level, place).astype(np.int64)
 
 
 def _figures(sums: Counts, cars: IntArray, images: IntArray, levels: Levels) -> FloatArray:

@@ -62,8 +62,8 @@ class Touching:
         names = ("detection", "car", "overlap", "similarity")
         return Touching(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
 
-    def __getitem__(self, pairs: BoolArray | IntArray) -> "Touching":
-        """The pairs of a mask or an index."""
+    def __getitem__(self, pairs: BoolArray | IntArray | slice) -> "Touching":
+        """The pairs of a mask, an index or a slice."""
         return Touching(self.detection[pairs], self.car[pairs], self.overlap[pairs], self.similarity[pairs])
 
 

@@ -74,13 +74,14 @@ def reliability(
 def equal_count_bins(value: FloatArray, n_bins: int) -> IntArray:
     """Bin of each value (n,), 0, 1, ... without a gap; see ``reliability``."""
     order = np.argsort(value, kind="stable")
-    bins = np.empty(len(value), np.int64)
-    bins[order] = np.arange(len(value)) * n_bins // len(value)
-    _, same = np.unique(value, return_inverse=True)
+    rising = value[order]
+    begins = np.flatnonzero(np.append(True, rising[1:] != rising[:-1]))
     # equal values all go where the first of them goes
-    first = np.full(same.max() + 1, n_bins, np.int64)
-    np.minimum.at(first, same, bins)
-    return np.unique(first[same], return_inverse=True)[1].astype(np.int64)
+    of_run = begins * n_bins // len(value)
+    dense = np.cumsum(np.append(0, np.diff(of_run) != 0))
+    bins = np.empty(len(value), np.int64)
+    bins[order] = np.repeat(dense, np.diff(np.append(begins, len(value))))
+    return bins
 
 
 def clopper_pearson(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, IntArray
 from rescore.metrics.curves import COCO_RECALLS, RECALL_LEVELS
-from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable
+from rescore.metrics.matching import DUPLICATE, FALSE_ALARM, HIT, MatchTable, best_first
 
 Weights = NDArray[np.int32]
 
@@ -86,7 +86,7 @@ class _Standing:
 
     @staticmethod
     def of(match: MatchTable) -> "_Standing":
-        order = np.argsort(-match.ranking, kind="stable")
+        order = best_first(match.ranking)
         fall, outcome, image = -match.ranking[order], match.outcome[order], match.image[order]
         hit, false = outcome == HIT, (outcome == FALSE_ALARM) | (outcome == DUPLICATE)
         return _Standing(

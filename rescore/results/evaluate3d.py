@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet, Truth
 from rescore.formats.coco import DetectionFile
 from rescore.formats.labels import UNKNOWN_OCCLUSION
+from rescore.memory import give_back
 from rescore.metrics.boxes3d import BoxErrors, box_errors, box_overlaps
 from rescore.metrics.kitti_precision import (
     N_RECALLS,
@@ -21,7 +24,7 @@ from rescore.metrics.kitti_precision import (
     kitti_precision,
     orientation_similarity,
 )
-from rescore.metrics.matching import HIT, MatchTable, TruthTable, pairs_of_image, take_cars
+from rescore.metrics.matching import HIT, MatchTable, TruthTable, kept_rows, pairs_of_image, take_cars
 from rescore.results.metrics_file import (
     BoxErrorFigures,
     Boxes3DRow,
@@ -264,20 +267,29 @@ class Found3D:
         """
         flags = {name: np.concatenate(self._flags.pop(name)) for name in list(self._flags)}
         pairs = {name: Touching.joined(self._pairs.pop(name)).by_car() for name in _OVERLAPS}
-        return [
-            Boxes3DRow(
-                detector=detector,
-                mode=mode,
-                n_boxes=int(flags["known"].sum()),
-                precision=tuple(
-                    _precision(level, self._cars.left_out[level.name], flags, pairs, ranking)
-                    for level in self._cars.levels
-                ),
-                errors=self._error_figures(mode),
-                poses=_poses(_Hits.joined(self._hits.pop(mode))),
-            )
-            for mode, ranking in rankings
-        ]
+        give_back()
+        # by starmap, which lets the ranking of a mode go before it asks for the next
+        return list(starmap(partial(self._row, detector, flags, pairs), rankings))
+
+    def _row(
+        self,
+        detector: str,
+        flags: Mapping[str, BoolArray],
+        pairs: Mapping[str, Touching],
+        mode: str,
+        ranking: FloatArray,
+    ) -> Boxes3DRow:
+        return Boxes3DRow(
+            detector=detector,
+            mode=mode,
+            n_boxes=int(flags["known"].sum()),
+            precision=tuple(
+                _precision(level, self._cars.left_out[level.name], flags, pairs, ranking)
+                for level in self._cars.levels
+            ),
+            errors=self._error_figures(mode),
+            poses=_poses(_Hits.joined(self._hits.pop(mode))),
+        )
 
     def _error_figures(self, mode: str) -> BoxErrorFigures:
         """Errors of the detections that are taken, best first, by the nearest free car within 2 m: nuScenes'
@@ -313,7 +325,7 @@ def _precision(
         key = f"{min_iou:g}"
         flat = Judged(ranking, small, flags[f"region {key}"], left_out)
         for name, judged in zip(_OVERLAPS, (flat, solid, solid), strict=True):
-            found = kitti_precision(judged, pairs[name][pairs[name].overlap > min_iou])
+            found = kitti_precision(judged, pairs[name][kept_rows(pairs[name].overlap > min_iou)])
             figures[name][key] = finite(found.average_precision)
             if judged is flat:
                 figures["orientation"][key] = finite(found.orientation_similarity)

@@ -34,6 +34,7 @@ from rescore.formats.parts.frames import data_of, data_parts, has_instances, tru
 from rescore.formats.parts.table import Part, PartTable, refuse_as_table, write_part
 from rescore.fusion.fuse import RULES, LearnedFusion, posterior_of
 from rescore.fusion.tune import Tuning
+from rescore.memory import give_back
 from rescore.metrics.bootstrap import BootstrapConfig
 from rescore.metrics.curves import fppi_at_recall, recall_ceiling, recall_curve, summarise, ties
 from rescore.metrics.image_sums import bootstrap_by_sums
@@ -45,6 +46,7 @@ from rescore.metrics.matching import (
     MatchTable,
     Overlaps,
     TruthTable,
+    falling_ranks,
     ranked_order,
     ranking_of,
 )
@@ -187,8 +189,9 @@ def evaluate_parts(
         one = _Detector.empty(own, frames, tunings, hard=not usual)
         written += _written(run_dir / CANDIDATES, one.matched(min_iou), schema, len(written))
         # what was read goes back before, and 3D boxes after their figures: the others take most memory
-        pa.default_memory_pool().release_unused()
+        give_back()
         found.boxes3d.extend(one.boxes3d_rows())
+        give_back()
         found.add(one, seed, drawn)
     metrics = Metrics(
         n_images=frames.truth.n_images,
@@ -451,8 +454,7 @@ class _Detector:
             return MatchTable(n_images, n_cars, image, ranking, outcome, unknown)
         # what is in order once is sorted again in no time; kinds would have to follow
         order, fresh = ranked_order(score, self.columns["score"])
-        ranking = np.float64(len(order)) - np.cumsum(fresh)
-        return MatchTable(n_images, n_cars, image[order], ranking, outcome[order], unknown)
+        return MatchTable(n_images, n_cars, image[order], falling_ranks(fresh), outcome[order], unknown)
 
     @property
     def kind(self) -> NDArray[np.object_]:

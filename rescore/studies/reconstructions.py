@@ -25,6 +25,8 @@ from recon.learning.learn import learn_class_model
 from recon.localization.learn_shapes import with_shape_space
 from recon.localization.single_plane import single_plane
 from recon.reconstruction.view_selection import best_view_bin
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.library.single_picture import FoundObject, Photo, find_object
 from rescore.speech import say
 from rescore.studies.instance_accuracy import BoxTruth, InstanceErrors, instance_errors, surface_errors
@@ -82,7 +84,9 @@ class Reconstructions:
     """Other photographs with the view bin of the truth, on which nothing was tried while this was made."""
 
 
-def study(seed: int, bins: int, models: Path | None, wanted: Collection[tuple[str, int]]) -> Reconstructions:
+def study(
+    seed: int, bins: int, models: Path | None, wanted: Collection[tuple[str, int]], jobs: Workers = 1
+) -> Reconstructions:
     """Photograph and reconstruct test shapes of ``CLASSES``, and the occluded basket.
 
     Args:
@@ -90,18 +94,20 @@ def study(seed: int, bins: int, models: Path | None, wanted: Collection[tuple[st
         bins: View bins of each class, evenly spread.
         models: Folder where class models are kept from one study to the next; None for none.
         wanted: Classes and view bins that are photographed too.
+        jobs: Who reconstructs.
     """
     exhibits: dict[tuple[str, int], Exhibit] = {}
     known: dict[str, list[Measured]] = {}
     held_out: list[Exhibit] = []
+    spread = range(0, 12, 12 // bins)
     for name in CLASSES:
         say(f"{name}: learning the class model, {bins} photographs")
         model = learned_model(name, models)
-        known[name] = []
-        for view_bin in sorted({*range(0, 12, 12 // bins)} | {b for c, b in wanted if c == name}):
-            exhibits[name, view_bin], measured = _reconstructed(name, view_bin, model, seed)
-            known[name].append(measured)
-        held_out += [_exhibit(name, b, model, seed + 1)[0] for b in range(0, 12, 12 // bins)]
+        shown = [(name, b, seed) for b in sorted({*spread} | {b for c, b in wanted if c == name})]
+        found = list(map_frames(_reconstructed, shown, model, jobs))
+        exhibits |= {(name, exhibit.view_bin): exhibit for exhibit, _ in found}
+        known[name] = [measured for _, measured in found]
+        held_out += map_frames(_exhibit_alone, [(name, b, seed + 1) for b in spread], model, jobs)
     basket, handle = _basket(learned_model("basket", models), seed)
     return Reconstructions(exhibits, known, basket, handle, tuple(held_out))
 
@@ -115,8 +121,15 @@ def _exhibit(name: str, view_bin: int, model: ClassModel, seed: int) -> tuple[Ex
     return Exhibit(name, shape_id, view_bin, photo, found, beside), shot
 
 
-def _reconstructed(name: str, view_bin: int, model: ClassModel, seed: int) -> tuple[Exhibit, Measured]:
-    """One photograph, with the view bin of the truth and with the one that the class model chooses."""
+def _exhibit_alone(photographed: tuple[str, int, int], model: ClassModel) -> Exhibit:
+    name, view_bin, seed = photographed
+    return _exhibit(name, view_bin, model, seed)[0]
+
+
+def _reconstructed(photographed: tuple[str, int, int], model: ClassModel) -> tuple[Exhibit, Measured]:
+    """One photograph by class, view bin and seed, with the view bin of the truth and with the one that the
+    class model chooses."""
+    name, view_bin, seed = photographed
     exhibit, shot = _exhibit(name, view_bin, model, seed)
     given = _errors(shot, exhibit.found)
     choice = best_view_bin(shot.rgb, shot.xyxy_px, model)

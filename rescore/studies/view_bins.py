@@ -1,7 +1,7 @@
 """How often the class model chooses the right view bin: photographs of test shapes, and tables of choices."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -11,7 +11,7 @@ from pydantic import ValidationError, field_validator
 
 from datasets_synth.objects.object_classes import ObjectClass, labelled_views, object_class
 from datasets_synth.photos.single_object import Viewpoint, photograph
-from recon.arrays import BoolArray, IntArray
+from recon.arrays import BoolArray, FloatArray, IntArray, UInt8Array
 from recon.camera import PinholeCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
@@ -19,6 +19,8 @@ from recon.learning.learn import LearnConfig, learn_class_model
 from recon.outlines import largest_outline
 from recon.reconstruction.view_selection import best_view_bin
 from recon.view_bins import ViewBins
+from rescore.engines.executor import Workers
+from rescore.engines.map_frames import map_frames
 from rescore.files import read_json, write_json
 from rescore.formats.checked_json import first_difference
 from rescore.results.sweep_file import StudyPart
@@ -85,8 +87,21 @@ class Confusion:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Shot:
+    """A photograph of a known view."""
+
+    view_bin: int
+    rgb: UInt8Array
+    """Shape (h, w, 3)."""
+    xyxy_px: FloatArray
+    """The true box, shape (4,)."""
+    outline_px: FloatArray | None
+    """The true outline, shape (k, 2); None where nothing of the object is seen."""
+
+
 def view_confusion(
-    object_class: ObjectClass, model: ClassModel, n: int, rng: np.random.Generator
+    object_class: ObjectClass, model: ClassModel, n: int, rng: np.random.Generator, jobs: Workers = 1
 ) -> dict[str, Confusion]:
     """Choices of view bins on photographs of test shapes from the elevation of the model's views, true boxes.
 
@@ -95,25 +110,41 @@ def view_confusion(
         model: a model of the class, learned from training shapes.
         n: photographs; their azimuths go through the bins in turn, each anywhere in its bin.
         rng: source of shapes, azimuths and everything in the pictures.
+        jobs: who chooses; photographs are taken one after another.
 
     Returns:
         "level_set": as with any picture; "true_outline": with the true outline in place of the level set.
     """
+    shots = _photographs(object_class, model.bins, n, rng)
+    found = list(map_frames(_choices, shots, model, jobs))
+    true = [view_bin for view_bin, _ in found]
+    return {
+        name: count_choices(true, [choices[name] for _, choices in found], model.bins.count)
+        for name in ("level_set", "true_outline")
+    }
+
+
+def _photographs(
+    object_class: ObjectClass, bins: ViewBins, n: int, rng: np.random.Generator
+) -> Iterator[_Shot]:
     setting = "room" if object_class.indoors else "street"
-    half_bin = np.pi / model.bins.count
-    true: list[int] = []
-    chosen: dict[str, list[int | Failure]] = {"level_set": [], "true_outline": []}
+    half_bin = np.pi / bins.count
     for i in range(n):
-        view_bin = i % model.bins.count
-        azimuth = model.bins.azimuth_rad(view_bin) + float(rng.uniform(-half_bin, half_bin))
+        view_bin = i % bins.count
+        azimuth = bins.azimuth_rad(view_bin) + float(rng.uniform(-half_bin, half_bin))
         shape = object_class.test[int(rng.integers(len(object_class.test)))]
-        viewpoint = Viewpoint(azimuth, model.bins.elevation_rad)
+        viewpoint = Viewpoint(azimuth, bins.elevation_rad)
         photo = photograph(object_class, shape, viewpoint, CAMERA, rng, setting)
-        true.append(view_bin)
-        for name, outline in (("level_set", None), ("true_outline", largest_outline(photo.part_labels > 0))):
-            choice = best_view_bin(photo.rgb, photo.xyxy_px, model, outline_px=outline)
-            chosen[name].append(choice if isinstance(choice, Failure) else choice.view_bin)
-    return {name: count_choices(true, found, model.bins.count) for name, found in chosen.items()}
+        yield _Shot(view_bin, photo.rgb, photo.xyxy_px, largest_outline(photo.part_labels > 0))
+
+
+def _choices(shot: _Shot, model: ClassModel) -> tuple[int, dict[str, int | Failure]]:
+    """The true bin of a photograph, and what is chosen from the level set and with the true outline."""
+    chosen: dict[str, int | Failure] = {}
+    for name, outline in (("level_set", None), ("true_outline", shot.outline_px)):
+        choice = best_view_bin(shot.rgb, shot.xyxy_px, model, outline_px=outline)
+        chosen[name] = choice if isinstance(choice, Failure) else choice.view_bin
+    return shot.view_bin, chosen
 
 
 def learned_for_views(object_class: ObjectClass, elevation_rad: float) -> ClassModel:
@@ -205,12 +236,12 @@ def load_confusions(path: Path) -> tuple[dict[str, Confusion], str]:
     return {name: record.table() for name, record in file.tables.items()}, file.title
 
 
-def study_views(out: Path, photos: int, seed: int) -> None:
+def study_views(out: Path, photos: int, seed: int, jobs: Workers = 1) -> None:
     """Write the tables of ``VIEW_STUDIES`` to a folder, each of so many photographs of test shapes."""
     for name, (class_name, elevation_deg) in VIEW_STUDIES.items():
         title = f"{class_name}, {elevation_deg} degrees"
         say(f"{title}: learning the class model, {photos} photographs")
         shown = object_class(class_name)
         model = learned_for_views(shown, float(np.deg2rad(elevation_deg)))
-        tables = view_confusion(shown, model, photos, np.random.default_rng(seed))
+        tables = view_confusion(shown, model, photos, np.random.default_rng(seed), jobs)
         save_confusions(out / f"{name}.json", tables, title)

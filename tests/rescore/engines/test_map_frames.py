@@ -11,8 +11,11 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from http.server import SimpleHTTPRequestHandler
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from socketserver import BaseRequestHandler, ThreadingTCPServer
 from typing import Any
 
 import cv2
@@ -190,9 +193,53 @@ def test_an_address_where_nothing_answers(address: str, told: str, monkeypatch: 
     monkeypatch.setattr(clusters, "CONNECT_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as one:
         port = one.getsockname()[1]
-        clusters.wait_for_answer(f"tcp://127.0.0.1:{port}", "HOST:PORT", "ray start --head")
+        clusters.wait_for_answer(f"tcp://127.0.0.1:{port}", "HOST:PORT", "ray start --head", None)
     with pytest.raises(RescoreError, match=told):
-        clusters.wait_for_answer(address.format(port), "HOST:PORT", "ray start --head")
+        clusters.wait_for_answer(address.format(port), "HOST:PORT", "ray start --head", None)
+
+
+class _Speaks(BaseRequestHandler):
+    def handle(self) -> None:
+        self.request.sendall(b"SSH-2.0-OpenSSH_9.9\r\n")
+
+
+class _HangsUp(BaseRequestHandler):
+    def handle(self) -> None:
+        """Say nothing, and the connection ends."""
+
+
+class _Silent(BaseRequestHandler):
+    def handle(self) -> None:
+        while self.request.recv(1024):
+            pass
+
+
+@pytest.mark.parametrize(
+    ("engine", "wait"),
+    [
+        pytest.param("on_dask", "wait_for_scheduler", marks=missing("distributed", "dask")),
+        pytest.param("on_ray", "wait_for_head", marks=missing("ray", "ray")),
+    ],
+)
+@pytest.mark.parametrize(
+    ("server", "told"),
+    [
+        (_Silent, r"that answers, got timed out for 0\.5 s; start it by `"),
+        (SimpleHTTPRequestHandler, "that answers, got (timed out|a server of another kind)"),
+        (_Speaks, "that answers, got a server of another kind; name the port of `"),
+        (_HangsUp, r"that answers, got a closed connection for 0\.5 s; start it by `"),
+    ],
+)
+def test_an_address_of_another_server(
+    engine: str, wait: str, server: type[BaseRequestHandler], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clusters, "CONNECT_S", 0.5)
+    wait_for = getattr(import_module(f"rescore.engines.{engine}"), wait)
+    with ThreadingTCPServer(("127.0.0.1", 0), server) as one:
+        threading.Thread(target=one.serve_forever, daemon=True).start()
+        with pytest.raises(RescoreError, match=told):
+            wait_for(f"127.0.0.1:{one.server_address[1]}")
+        one.shutdown()
 
 
 def test_the_head_that_ray_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
