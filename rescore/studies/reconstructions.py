@@ -24,7 +24,7 @@ from recon.errors import Failure
 from recon.learning.learn import learn_class_model
 from recon.localization.learn_shapes import with_shape_space
 from recon.localization.single_plane import single_plane
-from recon.reconstruction.view_selection import best_view_bin
+from rescore.library.likeliest import choose_view
 from rescore.library.single_picture import FoundObject, Photo, find_object
 from rescore.speech import say
 from rescore.studies.instance_accuracy import BoxTruth, InstanceErrors, instance_errors, surface_errors
@@ -119,7 +119,7 @@ def _reconstructed(name: str, view_bin: int, model: ClassModel, seed: int) -> tu
     """One photograph, with the view bin of the truth and with the one that the class model chooses."""
     exhibit, shot = _exhibit(name, view_bin, model, seed)
     given = _errors(shot, exhibit.found)
-    choice = best_view_bin(shot.rgb, shot.xyxy_px, model)
+    choice = choose_view(shot.rgb, shot.xyxy_px, model)
     if isinstance(choice, Failure):
         return exhibit, Measured(given, None, (choice, choice))
     if choice.view_bin == view_bin:

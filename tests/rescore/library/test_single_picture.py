@@ -11,7 +11,8 @@ from recon.errors import Failure, Reason
 from recon.localization.shape_fit import Agreement
 from recon.reconstruction.view_selection import ViewChoice
 from rescore.library import single_picture
-from rescore.library.single_picture import FoundObject, Photo, doubt_of, find_likeliest, find_object
+from rescore.library.likeliest import doubt_of, find_likeliest
+from rescore.library.single_picture import FoundObject, Photo, find_object
 from tests.recon.localization.stepped_car import space
 from tests.single_car import CarPicture, car_from, quick_car_model
 
