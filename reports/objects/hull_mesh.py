@@ -1,7 +1,7 @@
 """The surface of a fitted shape whose limbs no single net wraps around: chairs, airplanes, bicycles.
 
-The surface is where the hull function is 0, less what the photograph shows the background through: between
-slats and spokes. What the photograph shows is taken from there; the other side, where the mirror image is in
+The surface is where the hull function is 0, less what the photograph shows the background at: between slats
+and spokes, and beside a limb. What the photograph shows is taken from there; the other side, where the mirror image is in
 the photograph, from that; the rest has the plain colour of its part.
 """
 
@@ -122,10 +122,8 @@ def _holes(
     shape: FittedShape,
     camera: PinholeCamera,
 ) -> FloatArray:
-    """How deep samples lie behind holes of the matte, in metres; negative beside them."""
-    hole = enclosed(matte > 0.5)
-    if not hole.any():
-        return np.full(values.shape, -np.inf)
+    """How deep samples lie behind what the matte leaves out, in metres; negative behind the object."""
+    hole = matte <= 0.5
     deep = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     beside = cv2.distanceTransform((~hole).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     index = np.stack(np.meshgrid(*(np.arange(n) for n in values.shape), indexing="ij"), axis=-1)
@@ -133,13 +131,6 @@ def _holes(
     xyz = (index.reshape(-1, 3) * step + origin) @ turn[:3, :3].T + turn[:3, 3]
     signed = sample_bilinear((deep - beside).astype(np.float32), camera.project(xyz), cv2.BORDER_REPLICATE)
     return np.asarray(signed * xyz[:, 2] / camera.fx_px, float).reshape(values.shape)
-
-
-def enclosed(own: BoolArray) -> BoolArray:
-    """Pixels (h, w) outside a region that it surrounds."""
-    outside = np.pad(~own, 1, constant_values=True).astype(np.uint8)
-    _, label = cv2.connectedComponents(outside, connectivity=4)
-    return np.asarray((~own) & (label[1:-1, 1:-1] != label[0, 0]))
 
 
 def _normals(xyz: FloatArray, faces: IntArray) -> FloatArray:

@@ -23,8 +23,8 @@ _CUT_PX = 2.0
 _DOUBTFUL_NATS = 7.0
 """Shapes that agree worse with picture and box are not to be believed."""
 _LEAST_BORDERS = 0.13
-"""Borders of shapes agree less than this with the edges of road, bushes and walls: of 28 cars of the first half
-of KITTI's road frames 5 % are below, of 29 boxes without a car 83 %."""
+"""Borders of shapes agree less than this with the edges of road, bushes and walls: of 28 cars of the first
+half of KITTI's road frames 5 % are below, of 29 boxes without a car 83 %."""
 _LAMP_CLASS = "car"
 
 
