@@ -1,8 +1,9 @@
 """The surface of a fitted shape whose limbs no single net wraps around: chairs, airplanes, bicycles.
 
 The surface is where the hull function is 0, less what the photograph shows the background at: between slats
-and spokes, and beside a limb. What the photograph shows is taken from there; the other side, where the mirror image is in
-the photograph, from that; the rest has the plain colour of its part.
+and spokes, and beside a limb. Limbs that it has not are sheets (``limb_sheets``). What the photograph shows
+is taken from there; the other side, where the mirror image is in the photograph, from that; the rest has the
+plain colour of its part.
 """
 
 from collections.abc import Mapping
