@@ -21,7 +21,7 @@ from recon.localization.outline_edges import outline_points
 from recon.localization.standing_box import cam_from_ground, turn
 from recon.outlines import largest_outline
 from recon.reconstruction.instance import NEAR_M, Instance3D
-from recon.reconstruction.matte import matte
+from recon.reconstruction.matte import matte, near_silhouette, open_matte
 from recon.shape_space import ShapeSpace
 
 _BORDER_PX = 2.0
@@ -187,11 +187,16 @@ def shape_in_box(
         expected_px: the outline that the class has in such a box, shape (m, 2), pixel centres; None where it
             is not known. Objects with thin limbs do without.
     """
-    firsts = [_fit_to(matte(rgb, inside, xyxy_px), xyxy_px, rough, space, seen_from, occluded)]
+    full = matte(rgb, inside, xyxy_px)
+    limbs = open_matte(rgb, full, xyxy_px) if space.is_thin else None
+    share = full if limbs is None else limbs
+    firsts = [_fit_to(share, xyxy_px, rough, space, seen_from, occluded)]
     if expected_px is not None and not space.is_thin:
         firsts.append(fit_shape(expected_px, xyxy_px, rough, space, seen_from, occluded))
     found = [
-        first if isinstance(first, Failure) else _along_shape(rgb, xyxy_px, first, space, seen_from, occluded)
+        first
+        if isinstance(first, Failure)
+        else _along_shape(rgb, xyxy_px, first, space, seen_from, occluded, limbs)
         for first in firsts
     ]
     by_colour = found[0]
@@ -209,16 +214,25 @@ def _along_shape(
     space: ShapeSpace,
     seen_from: GroundedCamera,
     occluded: BoolArray | None,
+    limbs: Float32Array | None,
 ) -> ShapeInBox | Failure:
-    """The matte (h, w) along the border of a shape, and the shape fitted again to it."""
-    second = matte(rgb, first.silhouette(seen_from.camera, xyxy_px), xyxy_px, fitted=True)
+    """The matte (h, w) along the border of a shape, and the shape fitted again to it.
+
+    That of an object that is seen through, ``limbs`` (h, w), is kept near the shape.
+    """
+    silhouette = first.silhouette(seen_from.camera, xyxy_px)
+    if limbs is None:
+        second = matte(rgb, silhouette, xyxy_px, fitted=True)
+    else:
+        second = near_silhouette(limbs, silhouette, xyxy_px)
     again = _fit_to(second, xyxy_px, first, space, seen_from, occluded)
     if isinstance(again, Failure):
         return again
     agreement = _agreement(second > 0.5, again, xyxy_px, seen_from.camera, occluded)
     filled = again.silhouette(seen_from.camera, xyxy_px)
     if space.is_thin:
-        return ShapeInBox(_thin_matte(rgb, filled, xyxy_px), again, agreement)
+        by_colour = matte(rgb, filled, xyxy_px) if limbs is None else second
+        return ShapeInBox(_with_lost_limbs(by_colour, filled, xyxy_px), again, agreement)
     if agreement.overlap < _LEAST_OVERLAP:
         return Failure(
             Reason.REGISTRATION_FAILED,
@@ -255,13 +269,12 @@ def _agreement(
     return Agreement(overlap, float(off.mean()) if len(off) else 0.0)
 
 
-def _thin_matte(rgb: UInt8Array, filled: BoolArray, xyxy_px: FloatArray) -> Float32Array:
-    """The matte of an object with thin limbs along its silhouette (h, w).
+def _with_lost_limbs(by_colour: Float32Array, filled: BoolArray, xyxy_px: FloatArray) -> Float32Array:
+    """The matte of an object with thin limbs (h, w), and its silhouette (h, w) where that has lost a limb.
 
     Colours tell slats and spokes from what is seen between them. Where they see no limb at all, the shape is
     believed.
     """
-    by_colour = matte(rgb, filled, xyxy_px)
     away = cv2.distanceTransform((by_colour <= 0.5).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     across = 2 * round(_BROAD * float(np.sqrt(np.prod(xyxy_px[2:] - xyxy_px[:2])))) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across))

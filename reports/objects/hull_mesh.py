@@ -1,8 +1,9 @@
 """The surface of a fitted shape whose limbs no single net wraps around: chairs, airplanes, bicycles.
 
-The surface is where the hull function is 0, less what the photograph shows the background through: between
-slats and spokes. What the photograph shows is taken from there; the other side, where the mirror image is in
-the photograph, from that; the rest has the plain colour of its part.
+The surface is where the hull function is 0, less what the photograph shows the background at: between slats
+and spokes, and beside a limb. Limbs that it has not are sheets (``limb_sheets``). What the photograph shows
+is taken from there; the other side, where the mirror image is in the photograph, from that; the rest has the
+plain colour of its part.
 """
 
 from collections.abc import Mapping
@@ -16,6 +17,7 @@ from recon.arrays import BoolArray, Float32Array, FloatArray, IntArray, UInt8Arr
 from recon.camera import PinholeCamera
 from recon.localization.shape_fit import FittedShape
 from recon.pixels import sample_bilinear
+from reports.objects.limb_sheets import limb_sheets
 from reports.objects.part_colours import part_colours
 from reports.objects.picture_mesh import PictureMesh
 from reports.objects.solid_mesh import lines_of_sight
@@ -37,7 +39,7 @@ def hull_meshes(
     camera: PinholeCamera,
     names: Mapping[int, str],
 ) -> list[PictureMesh]:
-    """The surface of a shape in the camera frame: what is seen, what is mirrored, and plain parts.
+    """The surface of a shape in the camera frame: what is seen, what is mirrored, plain parts, and sheets.
 
     Args:
         rgb: the photograph with nothing but the object's colours, shape (h, w, 3).
@@ -52,7 +54,8 @@ def hull_meshes(
     turn = shape.cam_from_object
     xyz = own @ turn[:3, :3].T + turn[:3, 3]
     normal = _normals(xyz, faces)
-    seen, uv = _seen(xyz, normal, faces, matte, camera)
+    scene = _scene(xyz, faces)
+    seen, uv = _seen(xyz, normal, scene, matte, camera)
     other = own * [1.0, -1.0, 1.0]
     # the mirror image of a place is the nearest vertex to where it would be
     gap, twin = cKDTree(own).query(other)
@@ -67,6 +70,8 @@ def hull_meshes(
     for k in np.unique(label):
         rest = faces[~by_photo & ~by_twin & (label == k)]
         out.append(PictureMesh(xyz, rest, None, colours.get(int(k), colours[0])))
+    sheets = limb_sheets(matte, scene, shape, camera)
+    out += [] if sheets is None else [sheets]
     return [_compact(m) for m in out if len(m.faces)]
 
 
@@ -118,10 +123,8 @@ def _holes(
     shape: FittedShape,
     camera: PinholeCamera,
 ) -> FloatArray:
-    """How deep samples lie behind holes of the matte, in metres; negative beside them."""
-    hole = enclosed(matte > 0.5)
-    if not hole.any():
-        return np.full(values.shape, -np.inf)
+    """How deep samples lie behind what the matte leaves out, in metres; negative behind the object."""
+    hole = matte <= 0.5
     deep = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     beside = cv2.distanceTransform((~hole).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     index = np.stack(np.meshgrid(*(np.arange(n) for n in values.shape), indexing="ij"), axis=-1)
@@ -129,13 +132,6 @@ def _holes(
     xyz = (index.reshape(-1, 3) * step + origin) @ turn[:3, :3].T + turn[:3, 3]
     signed = sample_bilinear((deep - beside).astype(np.float32), camera.project(xyz), cv2.BORDER_REPLICATE)
     return np.asarray(signed * xyz[:, 2] / camera.fx_px, float).reshape(values.shape)
-
-
-def enclosed(own: BoolArray) -> BoolArray:
-    """Pixels (h, w) outside a region that it surrounds."""
-    outside = np.pad(~own, 1, constant_values=True).astype(np.uint8)
-    _, label = cv2.connectedComponents(outside, connectivity=4)
-    return np.asarray((~own) & (label[1:-1, 1:-1] != label[0, 0]))
 
 
 def _normals(xyz: FloatArray, faces: IntArray) -> FloatArray:
@@ -149,15 +145,24 @@ def _normals(xyz: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12))
 
 
-def _seen(
-    xyz: FloatArray, normal: FloatArray, faces: IntArray, matte: Float32Array, camera: PinholeCamera
-) -> tuple[BoolArray, FloatArray]:
-    """Whether the photograph shows each vertex (n,), and where, (n, 2)."""
+def _scene(xyz: FloatArray, faces: IntArray) -> o3d.t.geometry.RaycastingScene:
+    """Triangles ready for rays."""
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(
         o3d.core.Tensor.from_numpy(xyz.astype(np.float32)),
         o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
     )
+    return scene
+
+
+def _seen(
+    xyz: FloatArray,
+    normal: FloatArray,
+    scene: o3d.t.geometry.RaycastingScene,
+    matte: Float32Array,
+    camera: PinholeCamera,
+) -> tuple[BoolArray, FloatArray]:
+    """Whether the photograph shows each vertex (n,), and where, (n, 2)."""
     direction, distance, hit = lines_of_sight(xyz, scene)
     seen = hit > distance - _BEFORE * float(np.linalg.norm(np.ptp(xyz, axis=0)))
     seen &= -(normal * direction).sum(axis=1) > _FACING

@@ -17,7 +17,6 @@ from recon.camera import DEFAULT_GROUND, GroundedCamera
 from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
 from recon.files import atomic_path
-from recon.reconstruction.view_selection import best_view_bin
 from recon.stereo.sgbm import SgbmConfig
 from reports.objects.mesh_files import gltf_from_object, write_glb
 from reports.objects.object_mesh import object_layers
@@ -27,7 +26,8 @@ from rescore.data.frames import FrameRecord, load_frame
 from rescore.files import read_json
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
-from rescore.library.single_picture import FoundObject, Photo, doubt_of, find_likeliest, load_class
+from rescore.library.likeliest import choose_view, doubt_of, find_likeliest
+from rescore.library.single_picture import FoundObject, Photo, load_class
 
 LEAST_PX = 90.0
 """Lower boxes show too little of a car."""
@@ -97,7 +97,7 @@ def _photo(record: FrameRecord) -> Photo:
 def _real_car(photo: Photo, box: dict[str, Any], model: ClassModel) -> RealCar:
     x, y, w, h = box["bbox"]
     xyxy_px = np.array([x, y, x + w, y + h])
-    choice = best_view_bin(photo.rgb, xyxy_px, model)
+    choice = choose_view(photo.rgb, xyxy_px, model)
     found = choice if isinstance(choice, Failure) else find_likeliest(photo, xyxy_px, choice, model)
     return RealCar(str(box.get("shows", "car")), photo, xyxy_px, found)
 

@@ -372,8 +372,8 @@ def _page(command: str, shown: Sequence[Shown], study: Reconstructions) -> str:
         "",
         "## Failures",
         "",
-        "On photographs of real streets fewer cars hold together from beside: 3 of 6 by eye, 2 of another",
-        "5. [What fails, with pictures and a car as GLB](real_cars.md), made by `make published-real-cars`.",
+        "On photographs of real streets fewer cars hold together from beside. [How many, what fails, with",
+        "pictures and a car as GLB](real_cars.md), made by `make published-real-cars`.",
         "",
     ]
     lines += _failures(beside)

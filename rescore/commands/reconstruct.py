@@ -74,11 +74,11 @@ def reconstruct(
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
-    found = _found(photo, box, view_bin, classes, say if as_json else typer.echo)
+    found, doubt = _found(photo, box, view_bin, classes, say if as_json else typer.echo)
     turn = gltf_from_object(found.instance)
     layers = object_layers(photo.rgb, found, photo.seen_from.camera)
     moved = [(mesh.moved(turn), picture) for mesh, picture in layers]
-    write_json(out / "instance.json", instance_json(found.instance))
+    write_json(out / "instance.json", instance_json(found.instance, doubt))
     write_glb(out / "object.glb", [(f"{class_name}_{k}", *layer) for k, layer in enumerate(moved)])
     write_ply(out / "object.ply", moved)
     write_png(
@@ -86,7 +86,7 @@ def reconstruct(
         instance_overlay(photo.rgb, found.picture, found.instance, photo.seen_from.camera),
     )
     if as_json:
-        print_json(instance_json(found.instance))
+        print_json(instance_json(found.instance, doubt))
     else:
         typer.echo(_table(found.instance))
     say(f"3D object: {out / 'object.glb'}")
@@ -131,13 +131,14 @@ def popup(
             f"--view-bin: expected one for all boxes or {len(box)}, one a box, got {len(bins)}; mend them"
         )
     tell = say if as_json else typer.echo
-    found = [_found(photo, text, bins[i % len(bins)], classes, tell) for i, text in enumerate(box)]
+    told = [_found(photo, text, bins[i % len(bins)], classes, tell) for i, text in enumerate(box)]
+    found = [one for one, _ in told]
     layers = scene_layers(photo, found)
     write_glb(out / "scene.glb", in_scene_axes(layers, photo.seen_from.ground))
     write_turntable(out, photo, found, layers)
     likeness = source_similarity(photo, found, layers)
     if as_json:
-        objects = [instance_json(one.instance) for one in found]
+        objects = [instance_json(one.instance, doubt) for one, doubt in told]
         print_json({"objects": objects, "structural_similarity": likeness})
     for one in () if as_json else found:
         typer.echo(_table(one.instance))
@@ -147,10 +148,11 @@ def popup(
 
 def _found(
     photo: "Photo", box: str, view_bin: int | None, model: "ClassModel", tell: "Callable[[str], None]"
-) -> "FoundObject":
-    """The object in a box, view bin and any doubt said aloud; a failure is an error with its reason."""
+) -> "tuple[FoundObject, str | None]":
+    """The object in a box and any doubt, said aloud with its view bin; a failure is an error."""
     from recon.errors import Failure
-    from rescore.library.single_picture import doubt_of, find_object, parse_box
+    from rescore.library.likeliest import doubt_of
+    from rescore.library.single_picture import find_object, parse_box
 
     camera = photo.seen_from.camera
     xyxy = parse_box(box, camera.width_px, camera.height_px)
@@ -162,7 +164,7 @@ def _found(
         raise RescoreError(f"box {box}: {found.reason.value}: {found.detail}")
     if doubt := doubt_of(found, xyxy, camera):
         tell(f"box {box}: not to be believed: {doubt}")
-    return found
+    return found, doubt
 
 
 def _likeliest(
@@ -170,10 +172,9 @@ def _likeliest(
 ) -> "FoundObject | Failure":
     """The object from where it is explained best, and that view bin said aloud; without one an error."""
     from recon.errors import Failure, Reason
-    from recon.reconstruction.view_selection import best_view_bin
-    from rescore.library.single_picture import find_likeliest
+    from rescore.library.likeliest import choose_view, find_likeliest
 
-    choice = best_view_bin(photo.rgb, xyxy_px, model)
+    choice = choose_view(photo.rgb, xyxy_px, model)
     if isinstance(choice, Failure):
         # a box is outside for every bin
         outside = choice.reason is Reason.BOX_OUTSIDE_IMAGE

@@ -84,6 +84,7 @@ def solid_of(car: TableCar) -> Solid | Refusal:
     if solid is None:
         return Refusal(
             Cause.NOT_CLOSED,
-            f"{car.model.shape_id}: a surface around a body expected, got one that bounds next to nothing",
+            f"{car.model.shape_id}: a surface around a body expected, got one that bounds next to nothing; "
+            "close its large openings, as with a floor, or leave the car out",
         )
     return replace(solid, breaks_at_n=BREAKS_AT_N) if car.fragile else solid

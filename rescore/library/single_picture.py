@@ -13,7 +13,8 @@ from recon.class_model import ClassModel
 from recon.errors import Failure, RescoreError
 from recon.localization.shape_fit import Agreement, FittedShape, shape_in_box
 from recon.outlines import fill_polygon, largest_outline
-from recon.reconstruction.instance import Instance3D, InstancePart, build_instance
+from recon.reconstruction.border_evidence import EdgeWindow, EdgeWindowConfig
+from recon.reconstruction.instance import NEAR_M, Instance3D, InstancePart, build_instance
 from recon.reconstruction.matte import matte
 from recon.reconstruction.part_registration import RegistrationConfig
 from recon.reconstruction.reconstruct import (
@@ -23,7 +24,6 @@ from recon.reconstruction.reconstruct import (
     reconstruct_outline,
 )
 from recon.reconstruction.segment import SegmentConfig
-from recon.reconstruction.view_selection import ViewChoice
 from rescore.data.pictures import decode_picture, turned_by_exif
 from rescore.files import read_json
 
@@ -44,16 +44,6 @@ _JOINED = 0.04
 _ASTRAY = 0.04
 """An outline whose sides are farther than this from the drawn box, as shares of its extent, has lost a limb;
 a foot that is missing moves the whole object away."""
-_VIEWS_TRIED = 4
-_VIEWS_WITHIN = 6.0
-"""View bins that cost more nats than the best by this much are not tried."""
-_VIEW_WEIGHT = 1.5
-"""Weight of what the view bins say beside the shape: the silhouette hardly tells a nose from a tail."""
-_LEAST_PROBABILITY = 1e-6
-_CUT_PX = 2.0
-"""Boxes this near to the left or right edge of the picture are cut by it."""
-_DOUBTFUL_NATS = 7.0
-"""Shapes that agree worse with picture and box are not to be believed."""
 _CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
@@ -84,6 +74,9 @@ class FoundObject:
     """How well the closed shape goes with picture and box; None without one."""
     closed_failure: Failure | None = None
     """Why no closed shape fits, where the class model knows closed shapes."""
+    borders: float | None = None
+    """Correlation in [-1, 1] of the picture's edges in the box with the borders of the closed shape and of
+    its parts; None without one, and for shapes of thin limbs."""
 
 
 def read_photo(path: Path) -> UInt8Array:
@@ -265,64 +258,8 @@ def find_object(
     if isinstance(solid, Failure):
         return FoundObject(found, instance, share, None, occluded, closed_failure=solid)
     whole = _as_shape(instance, solid.shape, model)
-    return FoundObject(found, whole, solid.matte, solid.shape, occluded, solid.agreement)
-
-
-def find_likeliest(
-    photo: Photo,
-    xyxy_px: FloatArray,
-    choice: ViewChoice,
-    model: ClassModel,
-    occluded: BoolArray | None = None,
-) -> FoundObject | Failure:
-    """The object in a box (4,) in 3D, seen from where it is explained best, or why there is none.
-
-    How a box looks does not always tell a side from a corner. Where the class has closed shapes, one is
-    fitted from each of the likeliest view bins, and what is known of the view is weighed against how well the
-    shape goes with picture and box.
-
-    Args:
-        photo: the picture.
-        xyxy_px: the box, drawn tightly.
-        choice: what ``best_view_bin`` says of the box.
-        model: the class model.
-        occluded: pixels (h, w) where something else hides the object (see ``build_instance``).
-    """
-    solid = model.shape_space is not None and not model.shape_space.is_thin
-    near = choice.cost[choice.order] <= choice.cost[choice.view_bin] + _VIEWS_WITHIN
-    tried = choice.order[near][: _VIEWS_TRIED if solid else 1].tolist()
-    found = [find_object(photo, xyxy_px, view_bin, model, occluded) for view_bin in tried]
-    fitted = [one for one in found if isinstance(one, FoundObject) and one.agreement is not None]
-    if fitted:
-        return min(fitted, key=lambda one: _against(one, choice, model))
-    return next((one for one in found if isinstance(one, FoundObject)), found[0])
-
-
-def _against(one: FoundObject, choice: ViewChoice, model: ClassModel) -> float:
-    """What speaks against an object with a closed shape, nats; the view is that of the fitted shape."""
-    assert one.agreement is not None
-    at, count = one.instance.azimuth_rad / (2 * np.pi) * model.bins.count, model.bins.count
-    view = float(np.interp(at, np.arange(count), choice.probability, period=count))
-    return one.agreement.nats - _VIEW_WEIGHT * float(np.log(max(view, _LEAST_PROBABILITY)))
-
-
-def doubt_of(found: FoundObject, xyxy_px: FloatArray, camera: PinholeCamera) -> str | None:
-    """Why an object in a box (4,) is not to be believed, in a line; None where nothing speaks against it.
-
-    Of classes without closed shapes nothing is said.
-    """
-    if found.agreement is None:
-        return (
-            None if found.closed_failure is None else f"no closed shape fits: {found.closed_failure.detail}"
-        )
-    if xyxy_px[0] < _CUT_PX or xyxy_px[2] > camera.width_px - _CUT_PX:
-        return "the picture cuts the box, so that length and view are guesses"
-    if found.agreement.nats > _DOUBTFUL_NATS:
-        return (
-            f"silhouette and outline share {found.agreement.overlap:.0%}, and its sides are "
-            f"{found.agreement.beside:.0%} off those of the box"
-        )
-    return None
+    borders = None if model.shape_space.is_thin else shape_borders(photo, xyxy_px, solid.shape, whole)
+    return FoundObject(found, whole, solid.matte, solid.shape, occluded, solid.agreement, borders=borders)
 
 
 def _as_shape(instance: Instance3D, shape: FittedShape, model: ClassModel) -> Instance3D:
@@ -339,6 +276,27 @@ def _as_shape(instance: Instance3D, shape: FittedShape, model: ClassModel) -> In
         parts.append(InstancePart(label, model.part_names[label - 1], plane, flat, label in seen))
     ordered = tuple(sorted(parts, key=lambda p: p.label))
     return replace(instance, parts=ordered, cam_from_object=turn, size_m=shape.size_m)
+
+
+def shape_borders(photo: Photo, xyxy_px: FloatArray, shape: FittedShape, instance: Instance3D) -> float:
+    """Correlation in [-1, 1] of the edges in a box (4,) with the borders of a shape and of its visible parts.
+
+    Colours find something in any box and a shape is fitted to it; the borders of windows, wheels and lamps
+    are where a car is.
+    """
+    camera = photo.seen_from.camera
+    ring = largest_outline(shape.silhouette(camera, xyxy_px))
+    if ring is None:
+        return 0.0
+    far = np.array([camera.width_px - 1.0, camera.height_px - 1.0])
+    corners = np.clip(xyxy_px.reshape(2, 2) - 0.5, 0, far)
+    borders = [ring]
+    for part in instance.parts:
+        normal, middle = part.plane[:3], part.outline_m.mean(axis=0)
+        outward = normal * np.sign(normal @ (middle - instance.centroid_m))
+        if outward @ middle < 0 and (part.outline_m[:, 2] > NEAR_M).all():
+            borders.append(camera.project(part.outline_m))
+    return float(EdgeWindow(photo.rgb, corners, EdgeWindowConfig()).agreement([borders])[0])
 
 
 def _along_matte(
@@ -362,8 +320,13 @@ def _along_matte(
     return found if isinstance(again, Failure) else again
 
 
-def instance_json(instance: Instance3D) -> dict[str, Any]:
-    """Everything of an instance for a JSON file: metres, radians, the camera frame unless a name says so."""
+def instance_json(instance: Instance3D, doubt: str | None) -> dict[str, Any]:
+    """Everything of an instance for a JSON file: metres, radians, the camera frame unless a name says so.
+
+    Args:
+        instance: the instance.
+        doubt: why it is not to be believed; None where nothing speaks against it.
+    """
     moved = instance.class_to_instance
     return {
         "format": "instance-3d 1",
@@ -399,5 +362,6 @@ def instance_json(instance: Instance3D) -> dict[str, Any]:
             "registration_cost": instance.quality.registration_cost,
             "placed_share": instance.quality.placed_share,
             "transform_residual_m": instance.quality.transform_residual_m,
+            "doubt": doubt,
         },
     }

@@ -24,9 +24,9 @@ from recon.errors import Failure
 from recon.learning.learn import learn_class_model
 from recon.localization.learn_shapes import with_shape_space
 from recon.localization.single_plane import single_plane
-from recon.reconstruction.view_selection import best_view_bin
 from rescore.engines.executor import Workers
 from rescore.engines.map_frames import map_frames
+from rescore.library.likeliest import choose_view
 from rescore.library.single_picture import FoundObject, Photo, find_object
 from rescore.speech import say
 from rescore.studies.instance_accuracy import BoxTruth, InstanceErrors, instance_errors, surface_errors
@@ -132,7 +132,7 @@ def _reconstructed(photographed: tuple[str, int, int], model: ClassModel) -> tup
     name, view_bin, seed = photographed
     exhibit, shot = _exhibit(name, view_bin, model, seed)
     given = _errors(shot, exhibit.found)
-    choice = best_view_bin(shot.rgb, shot.xyxy_px, model)
+    choice = choose_view(shot.rgb, shot.xyxy_px, model)
     if isinstance(choice, Failure):
         return exhibit, Measured(given, None, (choice, choice))
     if choice.view_bin == view_bin:

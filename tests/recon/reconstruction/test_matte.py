@@ -3,7 +3,7 @@
 import numpy as np
 
 from recon.arrays import BoolArray, UInt8Array
-from recon.reconstruction.matte import matte
+from recon.reconstruction.matte import matte, near_silhouette, open_matte
 
 BOX = np.array([40.0, 30.0, 120.0, 110.0])
 
@@ -51,3 +51,44 @@ def test_nothing_lies_beyond_the_box_or_far_from_a_fitted_silhouette() -> None:
 def test_no_outline_gives_no_object() -> None:
     rgb, mask = stool()
     assert not matte(rgb, np.zeros_like(mask), BOX).any()
+
+
+def wheel() -> tuple[UInt8Array, BoolArray]:
+    """A blue rim, 6 pixels wide, before grey noise that is darker in the lower half; and where it is."""
+    v, u = np.mgrid[:150, :160]
+    radius = np.hypot(u - 79.5, v - 69.5)
+    mask = (radius < 40) & (radius > 34)
+    rgb = np.random.default_rng(0).integers(90, 130, (150, 160, 3)).astype(np.uint8)
+    rgb[75:] -= 40
+    rgb[mask] = (40, 60, 180)
+    return rgb, mask
+
+
+def test_a_rim_is_told_from_what_is_seen_through_it() -> None:
+    rgb, mask = wheel()
+    v, u = np.mgrid[:150, :160]
+    full = (np.hypot(u - 79.5, v - 69.5) < 40).astype(np.float32)
+    share = open_matte(rgb, full, BOX)
+    assert share is not None
+    found = share > 0.5
+    # the camera's blur is imitated, so that the border is off by a pixel
+    assert (found & mask).sum() > 0.9 * mask.sum()
+    assert (found & ~mask).sum() < 0.4 * mask.sum()
+    assert not found[60:80, 70:90].any()
+
+
+def test_what_is_not_seen_through_has_no_open_matte() -> None:
+    rgb, mask = stool()
+    assert open_matte(rgb, mask.astype(np.float32), BOX) is None
+    # nothing is left to compare with
+    assert open_matte(rgb, mask.astype(np.float32), np.array([-2.0, -2.0, 162.0, 152.0])) is None
+
+
+def test_shadows_far_from_the_silhouette_are_left_out() -> None:
+    _, mask = stool()
+    share = np.ones(mask.shape, np.float32)
+    near = near_silhouette(share, mask, BOX)
+    # a tenth of 80 pixels
+    assert near[60, 30] == 0
+    assert near[60, 36] == 1
+    assert near[mask].all()

@@ -13,7 +13,7 @@ from recon.outlines import largest_outline
 from recon.reconstruction.instance import Instance3D, InstanceQuality
 from recon.reconstruction.occluded_parts import ClassToInstance
 from recon.shape_space import ShapeSpace
-from reports.objects.hull_mesh import enclosed, hull_meshes, surface
+from reports.objects.hull_mesh import hull_meshes, surface
 
 SIZE_M = np.array([0.5, 0.5, 0.9])
 SEEN_FROM = GroundedCamera(PinholeCamera(500.0, 500.0, 159.5, 119.5, 320, 240), GroundPlane(1.2, 0.3))
@@ -93,16 +93,6 @@ def test_the_surface_of_a_ball_is_closed_and_faces_out() -> None:
     assert abs(ball.volume - 4.19) < 0.1
 
 
-def test_a_hole_is_surrounded() -> None:
-    own = np.zeros((7, 9), bool)
-    own[1:6, 1:6] = True
-    own[3, 3] = False
-    own[2, 5] = False
-    expected = np.zeros_like(own)
-    expected[3, 3] = True
-    np.testing.assert_array_equal(enclosed(own), expected)
-
-
 def test_what_is_seen_through_a_stool_is_open() -> None:
     shape, camera = stool(1.0), SEEN_FROM.camera
     mask = shape.silhouette(camera, np.array([0.0, 0.0, 320.0, 240.0]))
@@ -117,6 +107,26 @@ def test_what_is_seen_through_a_stool_is_open() -> None:
     points = np.concatenate([m.xyz_m for m in meshes])
     off = np.abs(camera.project(points) - [u, v]).max(axis=1)
     assert off.min() > 2
+
+
+def test_a_limb_that_the_shape_has_not_stands_beside_it_and_a_shadow_does_not() -> None:
+    shape, camera = stool(1.0), SEEN_FROM.camera
+    mask = shape.silhouette(camera, np.array([0.0, 0.0, 320.0, 240.0]))
+    rows, columns = np.nonzero(mask)
+    left, foot = columns.min(), rows.max()
+    beside = mask.copy()
+    # at the height of the back, and below the feet
+    top = rows.min() + 4
+    beside[top : top + 6, left - 8 : left] = True
+    beside[foot + 4 : foot + 10, left : left + 10] = True
+    rgb = np.full((240, 320, 3), 120, np.uint8)
+    meshes = hull_meshes(rgb, beside.astype(np.float32), shape, camera, {1: "seat"})
+    at = np.concatenate([camera.project(m.xyz_m) for m in meshes])
+    assert (at[:, 0].min()) < left - 6
+    assert at[:, 1].max() < foot + 4
+    sheet = next(m for m in meshes if camera.project(m.xyz_m)[:, 0].min() < left - 6)
+    away = np.linalg.norm(sheet.xyz_m - shape.cam_from_object[:3, 3], axis=1)
+    assert away.max() < np.linalg.norm(SIZE_M)
 
 
 def test_the_instance_whose_legs_are_seen_is_found() -> None:

@@ -1,4 +1,4 @@
-"""The view of an object is the one whose shape agrees best, and what is not to be believed is said."""
+"""The view of an object is the one that agrees best, and what is not to be believed is said."""
 
 from dataclasses import replace
 
@@ -10,8 +10,9 @@ from recon.class_model import ClassModel
 from recon.errors import Failure, Reason
 from recon.localization.shape_fit import Agreement
 from recon.reconstruction.view_selection import ViewChoice
-from rescore.library import single_picture
-from rescore.library.single_picture import FoundObject, Photo, doubt_of, find_likeliest, find_object
+from rescore.library import likeliest
+from rescore.library.likeliest import choose_view, doubt_of, find_likeliest
+from rescore.library.single_picture import FoundObject, Photo, find_object
 from tests.recon.localization.stepped_car import space
 from tests.single_car import CarPicture, car_from, quick_car_model
 
@@ -51,6 +52,39 @@ def test_good_shapes_are_believed_and_others_are_not(found: FoundObject) -> None
     assert doubt_of(replace(lost, closed_failure=None), INSIDE, CAMERA) is None
 
 
+def test_a_shape_whose_borders_no_edges_meet_is_unlikely(found: FoundObject) -> None:
+    good = replace(found, agreement=Agreement(0.95, 0.02), closed_failure=None, borders=0.3)
+    assert doubt_of(good, INSIDE, CAMERA) is None
+    told = str(doubt_of(replace(good, borders=0.02), INSIDE, CAMERA))
+    assert told.startswith("unlikely to be a car: ")
+    assert "0.02" in told
+
+
+def test_a_box_of_road_is_doubted_and_a_car_is_not(car: CarPicture, model: ClassModel) -> None:
+    noise = np.random.default_rng(0).integers(90, 110, car.rgb.shape).astype(np.uint8)
+    on_car, on_road = (
+        find_object(Photo(rgb, car.seen_from), car.box_px, 2, model) for rgb in (car.rgb, noise)
+    )
+    assert isinstance(on_car, FoundObject)
+    assert isinstance(on_road, FoundObject)
+    camera = car.seen_from.camera
+    assert "unlikely" not in str(doubt_of(on_car, car.box_px, camera))
+    assert "unlikely" in str(doubt_of(on_road, car.box_px, camera))
+
+
+def test_red_lamps_turn_a_front_into_a_rear(car: CarPicture, model: ClassModel) -> None:
+    plain = choose_view(car.rgb, car.box_px, model)
+    red = car.rgb.copy()
+    left, top, right, bottom = car.box_px.round().astype(int)
+    row = (top + bottom) // 2
+    for column in (left + 8, right - 16):
+        red[row : row + 8, column : column + 8] = (230, 20, 20)
+    lit = choose_view(red, car.box_px, model)
+    assert isinstance(plain, ViewChoice)
+    assert isinstance(lit, ViewChoice)
+    assert lit.probability[4:9].sum() > plain.probability[4:9].sum()
+
+
 def turned(found: FoundObject, view_bin: int, overlap: float) -> FoundObject:
     """The object seen from the middle of a bin, with a shape that agrees so well."""
     angle = 2 * np.pi * view_bin / 12
@@ -84,7 +118,7 @@ def test_shapes_and_views_are_weighed(
         tried.append(view_bin)
         return turned(found, view_bin, overlaps[view_bin])
 
-    monkeypatch.setattr(single_picture, "find_object", fit)
+    monkeypatch.setattr(likeliest, "find_object", fit)
     one = find_likeliest(Photo(car.rgb, car.seen_from), car.box_px, choice, model)
     assert isinstance(one, FoundObject)
     assert one.instance.view_bin == best
