@@ -28,7 +28,7 @@ streets: setup
 
 test: setup
 	$(MAKE) --jobs 2 lint test-tools
-	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadfile
+	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 # figures in README and docs, from the published JSON; every target that makes such JSON calls it
 PROSE = $(BIN)/python -m reports.publishing.prose

@@ -166,4 +166,7 @@ def test_light_highlights_and_mirrors(rng: np.random.Generator, light: Light, su
     above = np.clip((shown[:, 2:] - 0.02) / 0.2, 0, 1)
     seen = colours.ground + (sky_by_arrays(shown, light) - colours.ground) * (above * above * (3 - 2 * above))
     expected[does] += (base + (1 - base) * (1 - cosine) ** 5) * (seen - expected[does])
-    np.testing.assert_array_equal(surfaces.colour, expected)
+    powered = (specular > 0) | (mirror > 0)
+    np.testing.assert_array_equal(surfaces.colour[~powered[material]], expected[~powered[material]])
+    # some processors give numpy powers that are rounded otherwise
+    np.testing.assert_allclose(surfaces.colour, expected, rtol=2e-6)
