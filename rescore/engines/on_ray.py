@@ -173,9 +173,9 @@ def _connect(executor: Executor) -> None:
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "CRITICAL"}
     try:
         if executor.address is not None:
-            address = address_of(executor.address)
-            wait_for_head(address)
-            ray.init(address, **quiet)
+            wait_for_head(address_of(executor.address))
+            # by its own word "auto", Ray also takes the token that this machine's head asks for
+            ray.init(executor.address, **quiet)
             return
         # a record that needs more memory than there is must not be tried for ever
         patience = {"task_oom_retries": TRIES - 1}
@@ -183,5 +183,6 @@ def _connect(executor: Executor) -> None:
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
         where, why = executor.address or "local", " ".join(str(error).split())
         raise RescoreError(
-            f"--address {where}: expected a Ray cluster, got {why}; start it, or leave the option out"
+            f"--address {where}: expected a Ray cluster, got {why}; start it, set RAY_AUTH_MODE=token where "
+            "its head asks for one, or leave the option out"
         ) from error
