@@ -157,12 +157,21 @@ def _words(stopped: Stopped) -> str:
     return f"{stopped.command or 'command'} stopped{at} ({stopped}); {kept}"
 
 
+def _refuse_empty(words: list[str]) -> None:
+    """Raises RescoreError where an argument is empty, which would mean this folder, or nothing at all."""
+    for before, word in zip(("", *words), words, strict=False):
+        if word == "":
+            at = before if before.startswith("--") else "an argument"
+            raise RescoreError(f"{at}: expected a value, got an empty text; set the variable it comes from")
+
+
 def main() -> None:
     """Run the command; an error that the user can mend is one line on standard error and exit code 1."""
     # joblib renews workers whose memory has grown; it costs nothing and needs no one's attention
     warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given")
     try:
         with stoppable():
+            _refuse_empty(sys.argv[1:])
             for word in sys.argv[1:]:
                 refuse_no_bucket(word)
             app()

@@ -53,7 +53,7 @@ STRIPS = {
     "strip_grasp": "A grasp with three fingers after the joint fit, from the approach to the car put down",
     "strip_jaw": "The same trial with the parallel jaw",
     "recording": "A trial in the Rerun viewer (`--show`): orange the estimated box, green the true one",
-    "strip_failed": "The first trial that fails after the joint fit",
+    "strip_failed": "The first trial that fails after the joint fit; a car that breaks is taken away",
     "strip_single_plane": "The first trial that fails after the single plane with the hand wide open",
     "strip_narrow": "The first trial that fails after the single plane, opened by its own width",
 }

@@ -13,6 +13,8 @@ from rescore.commands.parts.evaluating import run_to_show
 from rescore.speech import say, shown
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from recon.arrays import IntArray
     from rescore.large.query import Answer
     from rescore.results.changes import OperatingPoint
@@ -166,6 +168,7 @@ def query(
 
     answer = ask(run, sql)
     if as_json:
+        _refuse_equal_names(answer.columns)
         print_json([dict(zip(answer.columns, row, strict=True)) for row in answer.rows()])
     elif sys.stdout.isatty():
         _show_answer(answer)
@@ -173,6 +176,15 @@ def query(
         print(*answer.columns, sep="\t")
         for row in answer.rows():
             print(*(shown("" if v is None else str(v)) for v in row), sep="\t")
+
+
+def _refuse_equal_names(columns: "Sequence[str]") -> None:
+    """Raises RescoreError where an object of JSON would lose a column."""
+    for name in columns:
+        if columns.count(name) > 1:
+            raise RescoreError(
+                f"--json: expected columns of different names, got {name!r} twice; name one by AS"
+            )
 
 
 def _show_answer(answer: "Answer") -> None:

@@ -30,7 +30,9 @@ Calib = Annotated[
     Path | None, typer.Option(help="JSON with fx, fy, cx, cy and, if known, height_m, pitch_rad, roll_rad.")
 ]
 Height = Annotated[float | None, typer.Option(help="Metres of the camera above the ground. Default: 1.5.")]
-Pitch = Annotated[float | None, typer.Option(help="Degrees that the camera looks down. Default: 0.")]
+Pitch = Annotated[
+    float | None, typer.Option(min=-89, max=89, help="Degrees that the camera looks down. Default: 0.")
+]
 ViewBin = Annotated[
     int | None,
     typer.Option(
@@ -185,7 +187,7 @@ def _likeliest(
     others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[:3] if b != chosen)
     tell(
         f"view bin {chosen} chosen, probability {choice.probability[chosen]:.0%} before shapes are compared"
-        f" (next: {others or 'none'}); --view-bin sets another"
+        f" (others: {others or 'none'}); --view-bin sets another"
     )
     return found
 

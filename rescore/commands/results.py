@@ -59,12 +59,14 @@ def evaluate(
 
     Example: [bold]rescore evaluate data/demo rescored_hog.json rescored_boosted.json --out runs/mine[/bold]
     """
+    from recon.files import refuse_as_input
     from rescore.evidence.settings import RescoreConfig, with_stereo_for
     from rescore.fusion.tuning_file import load_tuning
     from rescore.locks import locked
     from rescore.results.run_config_file import write_run_config
     from rescore.results.run_folder import RunFolder
 
+    refuse_as_input(out, (dataset, *detections))
     tunings = {(t.detector, t.registration): t for t in (load_tuning(path) for path in tuned or [])}
     settings = {"detections": [str(p) for p in detections], "split": split, "min_iou": min_iou}
     settings |= predictions_behind(detections)

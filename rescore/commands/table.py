@@ -2,11 +2,12 @@
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from datasets_synth.cars import MESH_FORMS
+from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
     Address,
@@ -21,9 +22,14 @@ from rescore.commands.base import (
 )
 from rescore.speech import say
 
+if TYPE_CHECKING:
+    from datasets_synth.cars.mesh_axes import MeshAxes
+
 Meshes = Annotated[Path | None, typer.Option(help=f"Folder of {MESH_FORMS} cars to take instead.")]
-Up = Annotated[str, typer.Option(help="Axis of the meshes that points up: x, y, z, -x, -y or -z.")]
-Nose = Annotated[str, typer.Option(help="Axis of the meshes that the nose points along.")]
+Up = Annotated[
+    str | None, typer.Option(help="Axis of the meshes that points up: x, y, z, -x, -y or -z. Default: y.")
+]
+Nose = Annotated[str | None, typer.Option(help="Axis of the meshes that the nose points along. Default: z.")]
 
 
 @app.command()
@@ -39,8 +45,8 @@ def localize(
         int, typer.Option(min=1, help="Placements in all, spread evenly over the cars.")
     ] = 200,
     meshes: Meshes = None,
-    up: Up = "y",
-    nose: Nose = "z",
+    up: Up = None,
+    nose: Nose = None,
     seed: Seed = 0,
     jobs: Jobs = ALL_PROCESSORS,
     engine: Engine = "joblib",
@@ -56,14 +62,13 @@ def localize(
 
     Example: [bold]rescore localize --out runs/localize --cars 20 --placements 200[/bold]
     """
-    from datasets_synth.cars.mesh_axes import mesh_axes
     from reports.studies.localization_sheets import write_localization
     from rescore.studies.localization.result_file import outside_remark
     from rescore.studies.localization.scores import markdown_table
     from rescore.studies.localization.study import learned_study
 
     workers = workers_of(engine, address, jobs)
-    study = learned_study(cars, placements, meshes, seed, workers, out, mesh_axes(up, nose))
+    study = learned_study(cars, placements, meshes, seed, workers, out, _axes(meshes, up, nose))
     tally = write_localization(study, out, workers)
     tally.save(out, study, meshes)
     if as_json:
@@ -85,8 +90,8 @@ def grasp(
         int, typer.Option(min=0, help="Placements of each car for the joint fit, if more: for intervals.")
     ] = 0,
     meshes: Meshes = None,
-    up: Up = "y",
-    nose: Nose = "z",
+    up: Up = None,
+    nose: Nose = None,
     show: Annotated[
         int | None, typer.Option(min=0, help="Also write a recording of this trial (0 is the first).")
     ] = None,
@@ -104,14 +109,13 @@ def grasp(
 
     Example: [bold]rescore grasp --cars 20 --placements 3 --out runs/grasp[/bold]
     """
-    from datasets_synth.cars.mesh_axes import mesh_axes
     from reports.recording.grasp import write_grasp_recording
     from reports.studies.grasping import show_trial, write_grasping
     from rescore.grasping.experiment import Experiment
     from rescore.grasping.result_file import grasp_table
 
     workers = workers_of(engine, address, jobs)
-    experiment = Experiment.of(cars, placements, meshes, seed, mesh_axes(up, nose), fit_placements)
+    experiment = Experiment.of(cars, placements, meshes, seed, _axes(meshes, up, nose), fit_placements)
     experiment.require_trial(show)
     result = experiment.run(out, workers)
     write_grasping(experiment, result, out)
@@ -184,3 +188,13 @@ def grasp_basket(
     else:
         print(basket_table(result))
     say(f"baskets: {out / 'basket.json'}")
+
+
+def _axes(meshes: Path | None, up: str | None, nose: str | None) -> "MeshAxes":
+    from datasets_synth.cars.mesh_axes import mesh_axes
+
+    if meshes is None and (up or nose):
+        raise RescoreError(
+            "--up, --nose: expected --meshes too, got none; name the folder, or leave them out"
+        )
+    return mesh_axes(up or "y", nose or "z")

@@ -177,7 +177,25 @@ def test_errors_are_one_line(rescore: Command, tiny_run: Path, tmp_path: Path) -
     assert "expected an image of the data set" in wrong(stranger)
     assert "expected a run folder" in wrong(rescore("log", tmp_path))
     assert "expected a run folder" in wrong(rescore("report", tmp_path))
+    assert "--detector: expected a value, got an empty text" in wrong(
+        rescore("inspect", tiny_run, "--detector", "")
+    )
+    assert "expected another place than what is read" in wrong(
+        rescore("evaluate", data, detections, "--out", data)
+    )
+    assert "--up, --nose: expected --meshes too" in wrong(
+        rescore("localize", "--out", tmp_path / "cars", "--up", "z")
+    )
     assert sorted(p.name for p in tmp_path.iterdir()) == ["nan.json"]
+
+
+def test_answers_of_sql_as_json(rescore: Command, tiny_run: Path) -> None:
+    pytest.importorskip("duckdb", reason="no duckdb; pip install rescore[query]")
+    told = rescore("query", tiny_run, "SELECT 1.5 AS x, DATE '2009-05-01' AS day, NULL AS none", "--json")
+    assert json.loads(told.stdout) == [{"x": 1.5, "day": "2009-05-01", "none": None}]
+    assert "expected columns of different names, got 'a' twice" in wrong(
+        rescore("query", tiny_run, "SELECT 1 AS a, 2 AS a", "--json")
+    )
 
 
 def check_made_with(config: Path, weights: dict[str, float]) -> None:

@@ -77,7 +77,8 @@ def paired_pictures(
             f"{pairs[0][1]}: expected the right picture of {pairs[0][0]}, got the same picture; give each "
             "camera's pictures in a folder of their own"
         )
-    told = f"{partner}: left out {alone} of {len(lefts)} left pictures without a partner"
+    who = f"{alone} of {len(lefts)} left pictures without a partner"
+    told = f"{partner}: left out {who}; image ids count the rest"
     return pairs, (told,) if alone else ()
 
 

@@ -144,9 +144,9 @@ def test_leaving_cancels_what_waits(executor: Executor, tmp_path: Path) -> None:
     found.close()
     begun = len(list(tmp_path.iterdir()))
     assert begun < 2_000
-    # the engine is free again, and what was left is not done first
+    # the engine is free again, and what was left is not done first: no more than what two workers had begun
     assert list(map_frames(light_work.doubled, range(3), 0, executor)) == [0, 2, 4]
-    assert len(list(tmp_path.iterdir())) <= begun + 256
+    assert len(list(tmp_path.iterdir())) <= begun + 2 * 256
 
 
 @engines_with_workers
