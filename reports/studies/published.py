@@ -53,7 +53,7 @@ def _localization(file: Path) -> SimpleNamespace:
         report=result.report,
         n=len(rows),
         n_cars=len({row.car for row in rows}),
-        without_flips=mean_without_flips(result, "3dp_report"),
+        without_flips={name: mean_without_flips(result, name) for name in ("3dp", "3dp_report")},
     )
 
 
