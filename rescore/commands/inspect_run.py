@@ -123,6 +123,8 @@ def _show_failed(table: Path, as_json: bool) -> None:
     """List the frames of a table in parts that failed."""
     from rescore.formats.parts.table import PartTable
 
+    if not table.exists():
+        raise RescoreError(f"{table}: expected a table in parts, found nothing; check the path")
     _refuse_run(table)
     found = list(PartTable.read(table).failed_frames())
     if as_json:
@@ -141,7 +143,13 @@ def _refuse_run(folder: Path) -> None:
     run = RunFolder(folder)
     if run.metrics.is_file():
         made_of = read_run_config(run.config).as_json()["config"].get("detections", ())
-        which = f", one of {', '.join(made_of)}" if made_of else ""
+        parts = [name for name in made_of if not name.endswith(".json")]
+        if made_of and not parts:
+            raise RescoreError(
+                f"{folder}: expected a run of tables in parts, got one of JSON files, which hold no frame "
+                "that failed; rescore into a folder (--out without .json) to count them"
+            )
+        which = f", one of {', '.join(parts)}" if parts else ""
         raise RescoreError(
             f"{folder}: expected a table in parts, got a run folder; name the folder that `rescore apply` or "
             f"`rescore detect` wrote{which}"

@@ -177,8 +177,15 @@ def test_errors_are_one_line(rescore: Command, tiny_run: Path, tmp_path: Path) -
     assert "expected an image of the data set" in wrong(stranger)
     assert "expected a run folder" in wrong(rescore("log", tmp_path))
     assert "expected a run folder" in wrong(rescore("report", tmp_path))
+    rescore("evaluate", data, detections, "--out", tmp_path / "judged", "--no-report")
     assert "--detector: expected a value, got an empty text" in wrong(
         rescore("inspect", tiny_run, "--detector", "")
+    )
+    assert "expected a table in parts, found nothing" in wrong(
+        rescore("inspect", tmp_path / "no", "--failed")
+    )
+    assert "expected a run of tables in parts, got one of JSON" in wrong(
+        rescore("inspect", tmp_path / "judged", "--failed")
     )
     assert "expected another place than what is read" in wrong(
         rescore("evaluate", data, detections, "--out", data)
@@ -186,7 +193,7 @@ def test_errors_are_one_line(rescore: Command, tiny_run: Path, tmp_path: Path) -
     assert "--up, --nose: expected --meshes too" in wrong(
         rescore("localize", "--out", tmp_path / "cars", "--up", "z")
     )
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["nan.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["judged", "nan.json"]
 
 
 def test_answers_of_sql_as_json(rescore: Command, tiny_run: Path) -> None:
