@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.faults.processes import alive, descendants, send, until
+from tests.faults.processes import alive, descendants, name_of, send, until
 
 
 def free_port() -> int:
@@ -35,6 +35,15 @@ def end(processes: list[int]) -> None:
     """Kill processes and what they started."""
     every = [pid for first in processes for pid in (first, *descendants(first))]
     send([pid for pid in every if alive(pid)], signal.SIGKILL)
+
+
+def kill_ray_head(processes: list[int]) -> None:
+    """Kill Ray's head; all other processes stand still meanwhile, or they might finish the run before."""
+    heads = [pid for pid in processes if name_of(pid) in ("gcs_server", "raylet")]
+    others = [pid for pid in processes if pid not in heads]
+    send(others, signal.SIGSTOP)
+    send(heads, signal.SIGKILL)
+    send(others, signal.SIGCONT)
 
 
 @contextmanager

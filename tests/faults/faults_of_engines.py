@@ -18,7 +18,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -26,8 +25,8 @@ from rescore.engines.executor import Executor
 from rescore.engines.map_frames import Failed, map_frames
 from tests.conftest import ROOT
 from tests.faults import small_parts
-from tests.faults.clusters import dask_scheduler, free_port
-from tests.faults.processes import alive, descendants, name_of, until
+from tests.faults.clusters import dask_scheduler, free_port, kill_ray_head
+from tests.faults.processes import alive, descendants, until
 
 PACKAGES = {"joblib": "joblib", "dask": "distributed", "ray": "ray"}
 FRAME_S = 0.05
@@ -216,15 +215,13 @@ def stopped_runs(engine: str) -> Iterator[StoppedRun]:
             address = ["--engine", "dask", "--address", f"tcp://127.0.0.1:{port}"]
             command = small_parts.detect(street, folder / "out", *address)
             with dask_scheduler(port, folder / "log") as scheduler:
-                kill = partial(_kill_all, lambda _: [scheduler.pid])
-                found = _stopped("dask: the scheduler dies", command, folder / "out", None, kill)
+                found = _stopped(
+                    "dask: the scheduler dies", command, folder / "out", None, lambda *_: scheduler.kill()
+                )
             with dask_scheduler(port, folder / "log"):
                 yield replace(found, same=_goes_on(command, folder / "out", whole))
         elif engine == "ray":
-            kill = partial(
-                _kill_all, lambda all_: [p for p in all_ if name_of(p) in ("gcs_server", "raylet")]
-            )
-            yield _stopped("ray: the head dies", own, folder / "out", whole, kill)
+            yield _stopped("ray: the head dies", own, folder / "out", whole, _kill_head)
 
 
 def _stopped(
@@ -275,11 +272,8 @@ def _kill(process: "subprocess.Popen[str]", _helpers: list[int]) -> None:
     process.kill()
 
 
-def _kill_all(
-    chosen: Callable[[list[int]], list[int]], _process: "subprocess.Popen[str]", helpers: list[int]
-) -> None:
-    for pid in chosen(helpers):
-        os.kill(pid, signal.SIGKILL)
+def _kill_head(_process: "subprocess.Popen[str]", helpers: list[int]) -> None:
+    kill_ray_head(helpers)
 
 
 def main() -> None:

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from rescore.large import run as run_module
-from tests.faults.clusters import dask_scheduler, free_port
-from tests.faults.processes import alive, descendants, name_of, send, until
+from tests.faults.clusters import dask_scheduler, free_port, kill_ray_head
+from tests.faults.processes import alive, descendants, until
 from tests.faults.small_parts import FRAMES_A_PART, detect, parts_in, start, write_street
 from tests.rescore.conftest import Run
 
@@ -108,13 +108,7 @@ def test_ctrl_c_and_the_death_of_rays_head(
     interrupted(start(command), out)
     kept = len(parts_in(out))
     process = start(command)
-    helpers = begun(process, out, kept + 1)
-    heads = [pid for pid in helpers if name_of(pid) in ("gcs_server", "raylet")]
-    workers = [pid for pid in helpers if pid not in heads]
-    # workers stand still until the head is dead, or they might finish all parts before
-    send(workers, signal.SIGSTOP)
-    send(heads, signal.SIGKILL)
-    send(workers, signal.SIGCONT)
+    kill_ray_head(begun(process, out, kept + 1))
     error = process.communicate(timeout=60)[1]
     assert process.returncode == 1
     # lines of Ray's own may stand before and behind
