@@ -4,8 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 
-.PHONY: demo test lint test-tools fuzz setup paper streets published published-streets published-localization published-real-cars \
-	published-grasping \
+.PHONY: demo test lint test-tools fuzz setup paper streets published published-streets published-localization \
+	published-real-cars published-grasping \
 	published-models published-weight published-evidence published-stereo published-recording \
 	published-report published-defaults published-street published-real published-prose published-bench \
 	published-scale bench docs clean
@@ -30,11 +30,6 @@ test: setup
 	$(MAKE) --jobs 2 lint test-tools
 	RERUN_STRICT=1 $(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
-# figures in README and docs, from the published JSON; every target that makes such JSON calls it
-PROSE = $(BIN)/python -m reports.publishing.prose
-published-prose: setup
-	$(PROSE)
-
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -42,6 +37,11 @@ lint: setup
 
 test-tools: setup
 	VENV=$(VENV) sh .ci/setup-tests
+
+# figures in README and docs, from the published JSON; every target that makes such JSON calls it
+PROSE = $(BIN)/python -m reports.publishing.prose
+published-prose: setup
+	$(PROSE)
 
 # damaged files of every kind that is read; `make test` has a slice of it
 CASES ?= 5250

@@ -7,7 +7,6 @@ import platform
 import shutil
 from collections.abc import Mapping
 from contextlib import suppress
-from decimal import Decimal
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
@@ -43,15 +42,11 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def json_values(value: Any) -> Any:
-    """The value with null for every number that JSON cannot hold, as a rate of nothing; dates as text."""
+    """The value with null for every number that JSON cannot hold, as a rate of nothing."""
     if isinstance(value, dict):
         return {k: json_values(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [json_values(v) for v in value]
-    if isinstance(value, Decimal):
-        return json_values(float(value))
-    if value is not None and not isinstance(value, str | int | float):
-        return str(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

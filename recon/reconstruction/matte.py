@@ -52,19 +52,12 @@ def matte(rgb: UInt8Array, inside: BoolArray, xyxy_px: FloatArray, fitted: bool 
         fitted: whether ``inside`` is the silhouette of a fitted shape; then colours decide along its border
             alone.
     """
-    (x0, y0), extent = xyxy_px[:2], xyxy_px[2:] - xyxy_px[:2]
-    size = np.array(rgb.shape[1::-1])
-    low = np.clip(np.floor(xyxy_px[:2] - _MARGIN * extent), 0, size - 1).astype(int)
-    high = np.clip(np.ceil(xyxy_px[2:] + _MARGIN * extent), low + 1, size).astype(int)
-    window = np.s_[low[1] : high[1], low[0] : high[0]]
-    v, u = np.mgrid[window]
-    beyond = (u < x0 - _SLACK_PX) | (u >= xyxy_px[2] + _SLACK_PX)
-    beyond |= (v < y0 - _SLACK_PX) | (v >= xyxy_px[3] + _SLACK_PX)
+    window, beyond = _around(rgb, xyxy_px)
     own = inside[window] & ~beyond
     out = np.zeros(rgb.shape[:2], np.float32)
     if not own.any():
         return out
-    root = float(np.sqrt(np.prod(extent)))
+    root = _root_px(xyxy_px)
     marks = np.where(own, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     reach = _BAND if fitted else _REACH
     marks[beyond | (_distance(~own) > reach * root)] = cv2.GC_BGD
@@ -92,22 +85,18 @@ def open_matte(rgb: UInt8Array, full: Float32Array, xyxy_px: FloatArray) -> Floa
         full: ``matte`` of the same box, shape (h, w).
         xyxy_px: the box, shape (4,), pixel edges; nothing outside of it is the object.
     """
-    extent = xyxy_px[2:] - xyxy_px[:2]
-    root, size = float(np.sqrt(np.prod(extent))), np.array(rgb.shape[1::-1])
-    low = np.clip(np.floor(xyxy_px[:2] - _MARGIN * extent), 0, size - 1).astype(int)
-    high = np.clip(np.ceil(xyxy_px[2:] + _MARGIN * extent), low + 1, size).astype(int)
-    window = np.s_[low[1] : high[1], low[0] : high[0]]
-    v, u = np.mgrid[window]
-    inside = (u >= xyxy_px[0] - _SLACK_PX) & (u < xyxy_px[2] + _SLACK_PX)
-    inside &= (v >= xyxy_px[1] - _SLACK_PX) & (v < xyxy_px[3] + _SLACK_PX)
+    root = _root_px(xyxy_px)
+    window, beyond = _around(rgb, xyxy_px)
+    inside = ~beyond
     if inside.all() or not inside.any():
         return None
     crop = np.ascontiguousarray(rgb[window])
     lab = cv2.cvtColor(crop.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
     lab = cv2.GaussianBlur(lab, (0, 0), _GRAIN_PX)
+    v, u = np.mgrid[window]
     place = np.stack([u, v], axis=-1) * (_PLACE / root)
     described = np.concatenate([lab, place], axis=-1)
-    around = described[~inside]
+    around = described[beyond]
     around = around[np.random.default_rng(0).permutation(len(around))[:_SAMPLES]]
     half = len(around) // 2
     usual = _strangeness(around[half:], around[:half])
@@ -127,8 +116,25 @@ def open_matte(rgb: UInt8Array, full: Float32Array, xyxy_px: FloatArray) -> Floa
 
 def near_silhouette(share: Float32Array, silhouette: BoolArray, xyxy_px: FloatArray) -> Float32Array:
     """A matte (h, w) of limbs without what lies far beside a fitted silhouette (h, w) in a box (4,)."""
-    reach = _LIMB_REACH * float(np.sqrt(np.prod(xyxy_px[2:] - xyxy_px[:2])))
+    reach = _LIMB_REACH * _root_px(xyxy_px)
     return np.where(_distance(~silhouette) > reach, np.float32(0), share)
+
+
+def _around(rgb: UInt8Array, xyxy_px: FloatArray) -> tuple[tuple[slice, slice], BoolArray]:
+    """The part of a picture (h, w, 3) about a box (4,), rows and columns, and its pixels beyond the box."""
+    extent, size = xyxy_px[2:] - xyxy_px[:2], np.array(rgb.shape[1::-1])
+    low = np.clip(np.floor(xyxy_px[:2] - _MARGIN * extent), 0, size - 1).astype(int)
+    high = np.clip(np.ceil(xyxy_px[2:] + _MARGIN * extent), low + 1, size).astype(int)
+    window = slice(low[1], high[1]), slice(low[0], high[0])
+    v, u = np.mgrid[window]
+    beyond = (u < xyxy_px[0] - _SLACK_PX) | (u >= xyxy_px[2] + _SLACK_PX)
+    beyond |= (v < xyxy_px[1] - _SLACK_PX) | (v >= xyxy_px[3] + _SLACK_PX)
+    return window, beyond
+
+
+def _root_px(xyxy_px: FloatArray) -> float:
+    """Root of the area of a box (4,)."""
+    return float(np.sqrt(np.prod(xyxy_px[2:] - xyxy_px[:2])))
 
 
 def _strangeness(pixels: FloatArray, around: FloatArray) -> FloatArray:

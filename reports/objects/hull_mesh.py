@@ -20,7 +20,7 @@ from recon.pixels import sample_bilinear
 from reports.objects.limb_sheets import limb_sheets
 from reports.objects.part_colours import part_colours
 from reports.objects.picture_mesh import PictureMesh
-from reports.objects.solid_mesh import lines_of_sight
+from reports.objects.solid_mesh import lines_of_sight, ray_scene
 
 _FACING = 0.15
 """Least cosine of the angle to the ray at which a place is seen."""
@@ -54,7 +54,7 @@ def hull_meshes(
     turn = shape.cam_from_object
     xyz = own @ turn[:3, :3].T + turn[:3, 3]
     normal = _normals(xyz, faces)
-    scene = _scene(xyz, faces)
+    scene = ray_scene(xyz, faces)
     seen, uv = _seen(xyz, normal, scene, matte, camera)
     other = own * [1.0, -1.0, 1.0]
     # the mirror image of a place is the nearest vertex to where it would be
@@ -143,16 +143,6 @@ def _normals(xyz: FloatArray, faces: IntArray) -> FloatArray:
         for k in range(3):
             out[:, k] += np.bincount(faces[:, i], face[:, k], len(xyz))
     return np.asarray(out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12))
-
-
-def _scene(xyz: FloatArray, faces: IntArray) -> o3d.t.geometry.RaycastingScene:
-    """Triangles ready for rays."""
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(xyz.astype(np.float32)),
-        o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
-    )
-    return scene
 
 
 def _seen(

@@ -167,12 +167,9 @@ def _mesh(
     v, u = np.meshgrid(
         np.linspace(0, shape_px[0] - 1, rings), np.linspace(0, shape_px[1] - 1, meridians), indexing="ij"
     )
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(xyz.astype(np.float32)),
-        o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
+    return PictureMesh(xyz, faces.astype(np.int64), np.stack([u.ravel(), v.ravel()], axis=1)), ray_scene(
+        xyz, faces
     )
-    return PictureMesh(xyz, faces.astype(np.int64), np.stack([u.ravel(), v.ravel()], axis=1)), scene
 
 
 def _seen(
@@ -196,6 +193,16 @@ def _seen(
     in_picture = ((uv > -0.5) & (uv < [matte.shape[1] - 0.5, matte.shape[0] - 0.5])).all(axis=2)
     seen *= in_picture & (away[pixel[..., 1], pixel[..., 0]] < reach_px)
     return seen, uv
+
+
+def ray_scene(xyz: FloatArray, faces: IntArray) -> o3d.t.geometry.RaycastingScene:
+    """Triangles (m, 3) of vertices (n, 3), ready for rays."""
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(xyz.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
+    )
+    return scene
 
 
 def lines_of_sight(

@@ -1,9 +1,10 @@
 """The command ``inspect``: which candidates of a run rose or fell, and why."""
 
 # ruff: noqa: PLC0415 - imports inside commands keep `--help` quick; options are parameters to typer
+from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -177,13 +178,24 @@ def query(
     answer = ask(run, sql)
     if as_json:
         _refuse_equal_names(answer.columns)
-        print_json([dict(zip(answer.columns, row, strict=True)) for row in answer.rows()])
+        print_json([dict(zip(answer.columns, map(_as_json, row), strict=True)) for row in answer.rows()])
     elif sys.stdout.isatty():
         _show_answer(answer)
     else:
         print(*answer.columns, sep="\t")
         for row in answer.rows():
             print(*(shown("" if v is None else str(v)) for v in row), sep="\t")
+
+
+def _as_json(value: Any) -> Any:
+    """A value of SQL as JSON has it: decimals as numbers, dates and whatever else it lacks as text."""
+    if isinstance(value, dict):
+        return {str(k): _as_json(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_json(v) for v in value]
+    if isinstance(value, Decimal):
+        return float(value)
+    return value if value is None or isinstance(value, str | int | float) else str(value)
 
 
 def _refuse_equal_names(columns: "Sequence[str]") -> None:

@@ -191,10 +191,10 @@ def grasp_basket(
 
 
 def _axes(meshes: Path | None, up: str | None, nose: str | None) -> "MeshAxes":
-    from datasets_synth.cars.mesh_axes import mesh_axes
+    from datasets_synth.cars.mesh_axes import MeshAxes, mesh_axes
 
     if meshes is None and (up or nose):
         raise RescoreError(
             "--up, --nose: expected --meshes too, got none; name the folder, or leave them out"
         )
-    return mesh_axes(up or "y", nose or "z")
+    return mesh_axes(up or MeshAxes.up, nose or MeshAxes.nose)
