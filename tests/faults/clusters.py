@@ -1,5 +1,6 @@
 """Clusters on the loopback address that are started by their own commands, to be killed."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -9,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tests.faults.processes import alive, descendants, name_of, send, until
+
+_ROOT = Path(__file__).parents[2]
 
 
 def free_port() -> int:
@@ -22,8 +25,10 @@ def free_port() -> int:
 def started(command: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"]:
     """Inside, a command of the environment runs; with all that it started it ends then."""
     program = str(Path(sys.executable).parent / command[0])
+    # what workers are given to do may be of the tests, which are not installed
+    environment = os.environ | {"PYTHONPATH": str(_ROOT)}
     with log.open("ab") as file:
-        process = subprocess.Popen([program, *command[1:]], stdout=file, stderr=file)
+        process = subprocess.Popen([program, *command[1:]], stdout=file, stderr=file, env=environment)
     try:
         yield process
     finally:

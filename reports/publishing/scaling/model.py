@@ -1,4 +1,7 @@
-"""A model of a cluster: one process gives tasks out, workers die and are slow, and share a store."""
+"""A model of a cluster: one process gives tasks out, a scheduler passes them on, and workers share a store.
+
+Workers die, and some are slow.
+"""
 
 import heapq
 from collections import deque
@@ -20,6 +23,8 @@ class Cluster:
     """Seconds of the process that gives tasks out, a task; it does one at a time."""
     caller_frame_s: float
     """Seconds of that process, a frame."""
+    scheduler_task_s: float = 0.0
+    """Seconds of the scheduler, a task; it does one at a time too."""
     latency_s: float = 0.002
     """One way between that process and a worker."""
     store_bytes_s: float = 3e9
@@ -50,6 +55,8 @@ class Replayed:
     """Time in frames over the time of all workers."""
     caller_busy: float
     """Share of the time in which the process that gives tasks out was at work."""
+    scheduler_busy: float
+    """Share of the time in which the scheduler was."""
     store_busy: float
     """Share of what the store gives that was asked for."""
     deaths: int
@@ -76,6 +83,7 @@ def replay(frame_s: FloatArray, read_bytes: float, frames: int, cluster: Cluster
         makespan_s,
         total_s / (cluster.workers * makespan_s),
         n_tasks * run.caller_s / makespan_s,
+        n_tasks * cluster.scheduler_task_s / makespan_s,
         n_tasks * size * read_bytes / cluster.store_bytes_s / makespan_s,
         run.deaths,
     )
@@ -101,7 +109,7 @@ class _Run:
         """Tasks of dead workers, from when on they are given out again."""
         self._next, self._turn = 0, 0
         self._done: set[int] = set()
-        self._caller_free_s, self._store_free_s = 0.0, 0.0
+        self._caller_free_s, self._scheduler_free_s, self._store_free_s = 0.0, 0.0, 0.0
         self._has: list[deque[tuple[float, int]]] = [deque() for _ in range(cluster.workers)]
         """Tasks of each worker that have not begun, from when on it has them."""
         self._events: list[tuple[float, int, int, bool]] = []
@@ -165,7 +173,9 @@ class _Run:
         else:
             return False
         self._caller_free_s = max(self._caller_free_s, now_s) + self.caller_s
-        self._has[worker].append((self._caller_free_s + cluster.latency_s, task))
+        passed_on_s = max(self._scheduler_free_s, self._caller_free_s) + cluster.scheduler_task_s
+        self._scheduler_free_s = passed_on_s
+        self._has[worker].append((passed_on_s + cluster.latency_s, task))
         self._begin(worker, now_s)
         return True
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from reports.pages import write_figure, write_page
 from reports.publishing.scaling.model import Cluster, Replayed, replay
-from reports.publishing.scaling.recorded import Recorded, read_recorded
+from reports.publishing.scaling.recorded import EngineCost, Recorded, read_recorded
 from reports.run.curve_pictures import STYLE
 from reports.run.tables import Table
 from rescore.engines.clusters import seconds_of_a_task
@@ -28,7 +28,8 @@ MOST_OF_A_WORKER = 20_000
 WANTED = 0.9
 WANTED_AT = 256
 SEED = 0
-LONG = "Dask, in parts, ten times the frames"
+UNLIMITED = "a store without a limit"
+LONG = f"Dask, in parts, {UNLIMITED}, ten times the frames"
 
 
 @dataclass(frozen=True)
@@ -64,17 +65,23 @@ class Case:
 
 def cases(recorded: Recorded) -> tuple[Case, ...]:
     """Engines with tasks as ``map_frames`` makes them, and what would be without that."""
-    dask, ray = (Cluster(1, 0.0, c.caller_task_s, c.caller_frame_s) for c in recorded.engines)
+    dask, ray = (_cluster(c) for c in recorded.engines)
     without = replace(dask, store_bytes_s=float("inf"))
+    parts = _in_parts(without, recorded)
     return (
         Case("Dask", dask, "#1f5fa8"),
         Case("Ray", ray, "#b3541e"),
         Case("Dask, in parts", _in_parts(dask, recorded), "#2e7d32", FRAMES_A_PART),
         Case("Ray, in parts", _in_parts(ray, recorded), "#c9a227", FRAMES_A_PART),
-        Case("Dask, a store without a limit", without, "#5b9bd5"),
-        Case(LONG, _in_parts(dask, recorded), "#81c784", FRAMES_A_PART, times=10),
+        Case(f"Dask, {UNLIMITED}", without, "#5b9bd5"),
+        Case(f"Dask, in parts, {UNLIMITED}", parts, "#81c784", FRAMES_A_PART),
+        Case(LONG, parts, "#00695c", FRAMES_A_PART, times=10),
         Case("Dask, a task a frame", dask, "#777777", frames_a_task=1),
     )
+
+
+def _cluster(cost: EngineCost) -> Cluster:
+    return Cluster(1, 0.0, cost.caller_task_s, cost.caller_frame_s, cost.scheduler_task_s)
 
 
 def _in_parts(cluster: Cluster, recorded: Recorded) -> Cluster:
@@ -105,10 +112,12 @@ def publish_scaling(file: Path, folder: Path, command: str) -> Path:
 def draw(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded) -> Figure:
     """Efficiency over workers, with the points that were measured with two."""
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(8.5, 4.8), layout="constrained")
+        figure = Figure(figsize=(12, 4.8), layout="constrained")
         ax: Axes = figure.subplots()
         for case, found in runs.items():
-            ax.plot(WORKERS, [r.efficiency for r in found], ".-", color=case.colour, label=case.name)
+            # the two engines lie on each other where the store is what stops both
+            style = ".--" if case.name.startswith("Ray") else ".-"
+            ax.plot(WORKERS, [r.efficiency for r in found], style, color=case.colour, label=case.name)
         for cost, marker, colour in zip(recorded.engines, "os", ("#1f5fa8", "#b3541e"), strict=True):
             label = f"{cost.engine.capitalize()}, measured, frames of 100 ms"
             ax.plot([2], [cost.efficiency], marker, color=colour, mfc="white", ms=8, label=label)
@@ -118,7 +127,7 @@ def draw(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded) -> Figure:
         ax.set_ylim(0, 1.05)
         ax.set_xlabel("workers")
         ax.set_ylabel("time in frames / time of all workers")
-        ax.legend(loc="lower left")
+        ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 
 
@@ -130,24 +139,30 @@ def _table(runs: dict[Case, tuple[Replayed, ...]]) -> Table:
 
 def _limits(runs: dict[Case, tuple[Replayed, ...]]) -> Table:
     """What is busy at three sizes: a part that is busy all the time is what stops it."""
-    head = ("", "workers", "gives tasks out, busy", "store, busy", "deaths")
+    head = ("", "workers", "gives tasks out, busy", "scheduler, busy", "store, busy", "deaths")
     rows = []
     for case, found in runs.items():
         for n, r in zip(WORKERS, found, strict=True):
             if n in {256, 1024, 4096}:
-                busy = (f"{100 * min(b, 1):.0f} %" for b in (r.caller_busy, r.store_busy))
+                busy = (f"{100 * min(b, 1):.0f} %" for b in (r.caller_busy, r.scheduler_busy, r.store_busy))
                 rows.append((case.name, f"{n:,}", *busy, str(r.deaths)))
     return Table("What is busy", head, tuple(rows), text_columns=1)
+
+
+def _of_scheduler(cost: EngineCost) -> str:
+    taken = cost.scheduler_task_s
+    return f", its scheduler, a process of its own, {1e3 * taken:.2f} ms a task" if taken else ""
 
 
 def _page(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded, command: str) -> str:
     c = next(iter(runs)).cluster
     frame_s = np.array(recorded.frame_s)
+    given_hz = c.store_bytes_s / recorded.read_bytes
     held = {case.name: found[WORKERS.index(WANTED_AT)].efficiency for case, found in runs.items()}
     first = "; ".join(f"{name}: {100 * e:.0f} %" for name, e in held.items())
     costs = ", ".join(
         f"{cost.engine.capitalize()} {1e3 * cost.caller_task_s:.2f} ms a task and "
-        f"{1e3 * cost.caller_frame_s:.2f} ms a frame in it"
+        f"{1e3 * cost.caller_frame_s:.2f} ms a frame in it{_of_scheduler(cost)}"
         for cost in recorded.engines
     )
     parts = [
@@ -160,12 +175,16 @@ def _page(runs: dict[Case, tuple[Replayed, ...]], recorded: Recorded, command: s
         _table(runs).markdown().rstrip(),
         "## What stops it",
         "A part that is busy all the time is the limit: the process that gives tasks out does one at a time, "
-        "and the store gives all workers together so many bytes a second.",
+        "so does the scheduler, and the store gives all workers together so many bytes a second. "
+        f"{c.store_bytes_s / 1e9:g} GB/s are {given_hz:,.0f} frames a second, which keep "
+        f"{given_hz * frame_s.mean():.0f} workers busy: with {WANTED_AT}, the store is what stops the run. "
+        "The lines with a store without a limit say what would stop it then.",
         f"In parts, as `rescore apply` and `detect` write folders, a task is {FRAMES_A_PART} frames, and its "
         "worker writes the file: no more than its name comes back. The process that gives parts out reads "
-        "the frames' records and candidates and sends them. The end of the run then stops it: with "
-        f"{WANTED_AT} workers there are {FRAMES / FRAMES_A_PART / WANTED_AT:.0f} parts for each, the last of "
-        f"which, and slow ones, are waited for. With ten times the frames it is {100 * held[LONG]:.0f} %.",
+        "the frames' records and candidates and sends them. Where the store does not stop it, the end of the "
+        f"run does: {WANTED_AT} workers need {FRAMES * frame_s.mean() / WANTED_AT / 60:.0f} minutes for all, "
+        f"{FRAMES / FRAMES_A_PART / WANTED_AT:.0f} parts for each, the last of which, and slow ones, are "
+        f"waited for. With ten times the frames it is {100 * held[LONG]:.0f} %.",
         _limits(runs).markdown().rstrip(),
         "## What was recorded",
         f"{len(frame_s)} frames took {frame_s.mean():.3f} s of a processor each in the mean "

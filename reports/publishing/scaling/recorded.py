@@ -15,9 +15,11 @@ class EngineCost:
 
     engine: str
     caller_task_s: float
-    """In the process that gives tasks out, with the scheduler where it is there too, a task."""
+    """In the process that gives tasks out, a task."""
     caller_frame_s: float
     """What a frame in a task adds to it."""
+    scheduler_task_s: float
+    """In the scheduler, a process of its own, a task; 0 where the engine has none that all tasks pass."""
     efficiency: float
     """Time in frames of 100 ms over the time of all processes, two workers."""
 

@@ -44,6 +44,14 @@ def test_one_process_that_gives_tasks_out_is_a_limit() -> None:
     assert found.caller_busy == pytest.approx(1, abs=0.01)
 
 
+def test_a_scheduler_between_is_a_limit_of_its_own() -> None:
+    # 10 ms here and 20 ms there go on side by side: the slower one decides
+    found = run(replace(CALM, workers=10, caller_task_s=0.01, scheduler_task_s=0.02))
+    assert found.makespan_s == pytest.approx(1000 * 0.02, rel=0.01)
+    assert found.scheduler_busy == pytest.approx(1, abs=0.01)
+    assert found.caller_busy == pytest.approx(0.5, abs=0.01)
+
+
 def test_tasks_of_more_frames_move_that_limit() -> None:
     # ten frames a task: 20 ms a second of work, which ten workers do not feel
     found = run(replace(CALM, workers=10, caller_task_s=0.02, task_s=1.0))
@@ -80,7 +88,7 @@ def test_a_worker_that_is_alone_and_dies_ends_its_run_too() -> None:
 def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "FRAMES", 20_000)
     monkeypatch.setattr(page, "MOST_OF_A_WORKER", 500)
-    costs = tuple(EngineCost(name, 0.002, 0.0001, 0.93) for name in ("dask", "ray"))
+    costs = tuple(EngineCost(name, 0.002, 0.0001, 0.0005, 0.93) for name in ("dask", "ray"))
     recorded = Recorded("a command", (0.1, 0.2), 8e5, 5e3, costs, 0.0003)
     write_recorded(tmp_path / "recorded.json", recorded)
     assert read_recorded(tmp_path / "recorded.json") == recorded
