@@ -33,6 +33,8 @@ CUES = (*LOOKS, *FITS)
 
 _MOST = 6.0
 """A difference of one pixel beside the unit, at most: a lamp must not stand for all of its cell."""
+_ROUNDING = 1e-9
+"""A cue that never differs by more says nothing."""
 _RED, _LIGHT, _OTHER = range(3)
 _TOP, _SIDE, _ENDS = range(3)
 
@@ -61,7 +63,7 @@ class HeadingConfig:
     doubt: float = 0.1
     """Share of objects on which a cue of the looks misleads, however sure it is."""
     cue_ridge: float = 1.0
-    """Weight of the squared weights while weighing the cues."""
+    """Weight of the squared weights while weighing the cues, each scaled to a mean square of 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +183,10 @@ def weigh_cues(heading: Heading, pairs: Sequence[tuple[FitLooks, FitLooks]]) -> 
     """
     unweighed = Heading(heading.cells, heading.config)
     data = np.array([[unweighed.odds(*pair).log_odds, *_fits(*pair)] for pair in pairs])
-    looks, *fits = _logistic(data, heading.config.cue_ridge, lowest=0.0).tolist()
+    # a correlation differs by a tenth where log odds differ by one: the ridge must not forbid its weight
+    scale = np.maximum(np.sqrt((data**2).mean(axis=0)), _ROUNDING)
+    weights = _logistic(data / scale, heading.config.cue_ridge, lowest=0.0) / scale
+    looks, *fits = weights.tolist()
     return Heading(heading.cells, heading.config, looks, tuple(fits))
 
 

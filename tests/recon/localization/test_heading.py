@@ -134,6 +134,16 @@ def test_cues_are_weighed_by_fits_and_one_that_misleads_is_dropped() -> None:
     assert heading.odds(right, wrong).cues["outline"] == pytest.approx(odds.cues["outline"])
 
 
+def test_a_cue_of_small_numbers_weighs_as_much_as_one_of_large_numbers() -> None:
+    """A correlation that is right every time, by hundredths or by tenths."""
+    said = []
+    for step in (0.02, 0.2):
+        pairs = [pair(y, cost=25.0 + y / 10, agreement=0.3 - step) for y in (20.0, 100.0, 160.0, 290.0)]
+        said.append(weigh_cues(learned(), pairs).odds(*pairs[0]).cues["borders"])
+    assert said[0] > 0.1
+    assert said[0] == pytest.approx(said[1], rel=1e-3)
+
+
 def test_the_neutral_shape_is_alike_at_both_ends() -> None:
     hull = box_hull().copy()
     hull[40:, :, 12:] += 0.5  # a low nose
