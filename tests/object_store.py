@@ -1,25 +1,39 @@
-"""An object store on the loopback address (moto's server) that is slow or fails when it is told to."""
+"""Object stores on the loopback address that are slow or fail when they are told to.
 
+That of ``s3://`` is moto's server, that of ``gs://`` the gcp-storage-emulator.
+"""
+
+import json
+import re
+import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from recon.stores import objects
+from recon.stores import RemotePath, located, objects, remote
 
 SECRET = "the-secret-of-the-test"
 BUCKET = "fleet"
+
+
+_WRITE = {"s3": "PUT /fleet/", "gs": "POST /upload/storage/v1/b/fleet/o"}
+_READ = {"s3": "GET /fleet/", "gs": "GET /download/storage/v1/b/fleet/o/"}
+_LIST = {"s3": "list-type=2", "gs": "GET /storage/v1/b/fleet/o?"}
 
 
 @dataclass
 class Store:
     """The store with what it was asked, and what it is to do next."""
 
+    scheme: str = "s3"
     asked: list[str] = field(default_factory=list)
     """Method, path and query of each request."""
     failing: int = 0
@@ -29,21 +43,38 @@ class Store:
     every: int = 0
     """Where above 0, each so many-th request fails."""
 
-    def wrap(self, app: Any) -> Any:
-        """The application, with faults."""
+    def fails(self, request: str) -> bool:
+        """Whether this request is to fail; it is counted."""
+        self.asked.append(request)
+        time.sleep(self.delay_s)
+        self.failing -= self.failing > 0
+        return self.failing > 0 or bool(self.every and len(self.asked) % self.every == 0)
 
-        def faulty(environ: dict[str, Any], start: Any) -> Iterable[bytes]:
-            self.asked.append(f"{environ['REQUEST_METHOD']} {environ['PATH_INFO']}?{environ['QUERY_STRING']}")
-            time.sleep(self.delay_s)
-            self.failing -= self.failing > 0
-            if self.failing > 0 or (self.every and len(self.asked) % self.every == 0):
-                environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
-                start(self.status, [("Content-Length", "0")])
-                return [b""]
-            answer: Iterable[bytes] = app(environ, start)
-            return answer
+    def at(self, key: str) -> RemotePath:
+        """The path of an object in it."""
+        path = remote(located(f"{self.scheme}://{BUCKET}/{key}"))
+        assert path is not None
+        return path
 
-        return faulty
+    @property
+    def writes(self) -> list[str]:
+        """Requests that wrote an object."""
+        return [a for a in self.asked if a.startswith(_WRITE[self.scheme])]
+
+    @property
+    def reads(self) -> list[str]:
+        """Requests that read an object."""
+        return [a for a in self.asked if a.startswith(_READ[self.scheme])]
+
+    def lists(self, *prefixes: str) -> list[str]:
+        """Requests that listed names, of those with one of the prefixes; of all where there are none."""
+        found = [a for a in self.asked if _LIST[self.scheme] in a]
+        return [a for a in found if not prefixes or any(f"prefix={p}" in a for p in prefixes)]
+
+    @property
+    def whole_lists(self) -> list[str]:
+        """Requests that listed the whole bucket."""
+        return [a for a in self.lists() if not re.search("prefix=[^&]", a)]
 
     def fail(self, requests: int, status: str = "503 Slow Down") -> None:
         """Let so many requests fail from now on."""
@@ -51,24 +82,21 @@ class Store:
 
 
 @contextmanager
-def serving(monkeypatch: pytest.MonkeyPatch, cache: Path) -> Iterator[Store]:
-    """Inside, ``s3://fleet`` is a bucket of a server on the loopback address, with a secret to reach it.
+def serving(monkeypatch: pytest.MonkeyPatch, cache: Path, scheme: str = "s3") -> Iterator[Store]:
+    """Inside, ``SCHEME://fleet`` is a bucket of a server on the loopback address, with a secret to reach it.
 
     What is read is kept in the folder ``cache``, and nothing waits between two tries.
     """
-    pytest.importorskip("s3fs", reason="needs the extra s3")
-    server = pytest.importorskip("moto.server", reason="needs moto's server")
-    serving = pytest.importorskip("werkzeug.serving", reason="needs moto's server")
-
-    store = Store()
-    app = server.DomainDispatcherApplication(server.create_backend_app)
-    http = serving.make_server("127.0.0.1", 0, store.wrap(app), threaded=True)
+    store = Store(scheme)
+    http = {"s3": _moto, "gs": _emulator}[scheme](store)
     threading.Thread(target=http.serve_forever, daemon=True).start()
+    address = f"http://127.0.0.1:{http.server_port}"
     settings = {
         "AWS_ACCESS_KEY_ID": "key-of-the-test",
         "AWS_SECRET_ACCESS_KEY": SECRET,
         "AWS_DEFAULT_REGION": "us-east-1",
-        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{http.server_port}",
+        "AWS_ENDPOINT_URL": address,
+        "STORAGE_EMULATOR_HOST": address,
         "XDG_CACHE_HOME": str(cache),
     }
     for name, value in settings.items():
@@ -76,9 +104,10 @@ def serving(monkeypatch: pytest.MonkeyPatch, cache: Path) -> Iterator[Store]:
     monkeypatch.setattr(objects, "pause", lambda _seconds: None)
     _forget()
     try:
-        import boto3  # noqa: PLC0415
+        if scheme == "s3":
+            import boto3  # noqa: PLC0415
 
-        boto3.client("s3").create_bucket(Bucket=BUCKET)
+            boto3.client("s3").create_bucket(Bucket=BUCKET)
         store.asked.clear()
         yield store
     finally:
@@ -87,10 +116,53 @@ def serving(monkeypatch: pytest.MonkeyPatch, cache: Path) -> Iterator[Store]:
         _forget()
 
 
+def _moto(store: Store) -> Any:
+    pytest.importorskip("s3fs", reason="needs the extra s3")
+    server = pytest.importorskip("moto.server", reason="needs moto's server")
+    werkzeug = pytest.importorskip("werkzeug.serving", reason="needs moto's server")
+    app = server.DomainDispatcherApplication(server.create_backend_app)
+
+    def faulty(environ: dict[str, Any], start: Any) -> Iterable[bytes]:
+        if store.fails(f"{environ['REQUEST_METHOD']} {environ['PATH_INFO']}?{environ['QUERY_STRING']}"):
+            environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
+            start(store.status, [("Content-Length", "0")])
+            return [b""]
+        answer: Iterable[bytes] = app(environ, start)
+        return answer
+
+    return werkzeug.make_server("127.0.0.1", 0, faulty, threaded=True)
+
+
+def _emulator(store: Store) -> Any:
+    pytest.importorskip("gcsfs", reason="needs the extra gcs")
+    server = pytest.importorskip("gcp_storage_emulator.server", reason="needs gcp-storage-emulator")
+    storage = server.Storage(use_memory_fs=True)
+    server.buckets.create_bucket(BUCKET, storage)
+
+    class Faulty(server.RequestHandler):  # type: ignore[misc, name-defined] # which has no types
+        """The emulator's handler, with faults."""
+
+        def parse_request(self) -> bool:
+            if not super().parse_request():
+                return False
+            fails = store.fails(f"{self.command} {self.path}")
+            if fails:
+                self.rfile.read(int(self.headers.get("Content-Length") or 0))
+                code, _, word = store.status.partition(" ")
+                answer = json.dumps({"error": {"code": int(code), "message": word}}).encode()
+                self.send_response(int(code))
+                self.send_header("Content-Length", str(len(answer)))
+                self.end_headers()
+                self.wfile.write(answer)
+            return not fails
+
+    return ThreadingHTTPServer(("127.0.0.1", 0), partial(Faulty, storage))
+
+
 def _forget() -> None:
     """No file system and no state of another store is kept."""
-    import s3fs  # noqa: PLC0415
-
     objects._filesystem.cache_clear()
     objects._state.cache_clear()
-    s3fs.S3FileSystem.clear_instance_cache()
+    for module, name in (("s3fs", "S3FileSystem"), ("gcsfs", "GCSFileSystem")):
+        if module in sys.modules:
+            getattr(sys.modules[module], name).clear_instance_cache()

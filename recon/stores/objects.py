@@ -300,8 +300,10 @@ def _filesystem(scheme: str) -> Any:
     try:
         import fsspec  # noqa: PLC0415 (whoever works on this machine alone needs none)
 
-        if scheme != "s3":
-            return fsspec.filesystem(scheme, use_listings_cache=False)
+        if scheme == "gs":
+            from recon.stores.google import google_store  # noqa: PLC0415
+
+            return google_store()
         # tries are counted here, so that their number and time have a bound
         quick = {"retries": {"total_max_attempts": 1}, "connect_timeout": 10, "read_timeout": 60}
         s3 = fsspec.filesystem("s3", use_listings_cache=False, config_kwargs=quick)
