@@ -4,8 +4,9 @@ How the surface looks is read into cells: the top along x, the side along x, and
 class's mean with front and rear made alike, so that its shape says nothing; reading it with front and rear
 exchanged permutes the cells. Three things are read beside the paint around: redness, lightness, and how far a
 colour is from the paint's, whichever way, since glass and lamps have any colour. What the weights of cells
-sum up to is told by place: windows, ends, wheels, lamps. Beside it the fits themselves speak: which way round
-the outline and the borders of the parts fit better.
+sum up to is told by place: windows and lamps. Colours of ends and wheels differ too much from one object to
+the next: on objects that others drew they were wrong as often as right. Beside the looks the fits themselves
+speak: which way round the outline and the borders of the parts fit better.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,9 +25,8 @@ from recon.localization.standing_box import StandingBox, cam_from_ground, turn
 from recon.pixels import sample_bilinear
 from recon.reading import json_of, reading
 
-LOOKS = ("windows", "ends", "wheels", "lamps")
-"""Cues from how the surface looks: glass on top and on the upper side, front and rear, the lower side,
-and redness anywhere."""
+LOOKS = ("windows", "lamps")
+"""Cues from how the surface looks: glass on top and on the upper side, and redness anywhere."""
 FITS = ("outline", "borders")
 """Cues from the fits: their outlines, and the borders of their parts."""
 CUES = (*LOOKS, *FITS)
@@ -55,6 +55,8 @@ class HeadingConfig:
     """A difference of a (of Lab) from the paint that is much; larger ones count little more."""
     colour: float = 20.0
     """A difference of lightness or of colour from the paint that is much."""
+    outline: float = 0.33
+    """A logarithm of the ratio of two costs of outlines that is much; larger ones count little more."""
     clearance_m: float = 0.06
     """A point of the surface is hidden where the way to the camera lies deeper than this in the object,
     metres of the shape space."""
@@ -126,7 +128,7 @@ class Heading:
     def odds(self, fit: FitLooks, turned: FitLooks) -> NoseOdds:
         """Odds that the nose is where a fit has it and not where the one turned round has it."""
         looks = self.looks * self._looks(fit, turned)
-        said = np.array(self.fits) * _fits(fit, turned)
+        said = np.array(self.fits) * _fits(fit, turned, self.config)
         return NoseOdds(dict(zip(CUES, [*looks.tolist(), *said.tolist()], strict=True)))
 
     def _looks(self, fit: FitLooks, turned: FitLooks) -> FloatArray:
@@ -161,16 +163,18 @@ class Heading:
             return Heading(cells, config, float(value["looks"]), fits)
 
 
-def _fits(fit: FitLooks, turned: FitLooks) -> FloatArray:
+def _fits(fit: FitLooks, turned: FitLooks, config: HeadingConfig) -> FloatArray:
     """What the fits say before it is weighed, shape (len(FITS),)."""
-    # a shape that is none of the class costs much both ways: only the ratio counts
-    outline = np.log(turned.cost / fit.cost)
+    # a shape that is none of the class costs much both ways: only the ratio counts; for shapes that
+    # nothing was learned from it is small, though nearly as often right
+    outline = np.tanh(np.log(turned.cost / fit.cost) / config.outline)
     return np.array([outline, fit.agreement - turned.agreement])
 
 
 def learn_heading(readings: Sequence[FloatArray], config: HeadingConfig) -> Heading:
     """Ridge logistic regression on readings (3, cells) with the right heading."""
-    data = np.stack([_difference(r, config) for r in readings])
+    used = _cells_of_cues(config).any(axis=0)
+    data = np.stack([_difference(r, config) * used for r in readings])
     weights = _logistic(data.reshape(len(data), -1), config.ridge)
     return Heading(weights.reshape(3, -1), config)
 
@@ -182,7 +186,7 @@ def weigh_cues(heading: Heading, pairs: Sequence[tuple[FitLooks, FitLooks]]) -> 
     weight is below 0: a cue that misleads them is not believed the other way round.
     """
     unweighed = Heading(heading.cells, heading.config)
-    data = np.array([[unweighed.odds(*pair).log_odds, *_fits(*pair)] for pair in pairs])
+    data = np.array([[unweighed.odds(*pair).log_odds, *_fits(*pair, heading.config)] for pair in pairs])
     # a correlation differs by a tenth where log odds differ by one: the ridge must not forbid its weight
     scale = np.maximum(np.sqrt((data**2).mean(axis=0)), _ROUNDING)
     weights = _logistic(data / scale, heading.config.cue_ridge, lowest=0.0) / scale
@@ -268,9 +272,7 @@ def _cells_of_cues(config: HeadingConfig) -> BoolArray:
     row = np.concatenate([side, np.zeros(len(face) - len(side), int)])
     upper = (face == _SIDE) & (row >= config.up // 2)
     used = np.zeros((len(LOOKS), 3, len(face)), bool)
-    places = {"windows": (face == _TOP) | upper, "ends": face == _ENDS, "wheels": (face == _SIDE) & ~upper}
-    for cue, cells in places.items():
-        used[LOOKS.index(cue), _LIGHT:] = cells
+    used[LOOKS.index("windows"), _LIGHT:] = (face == _TOP) | upper
     used[LOOKS.index("lamps"), _RED] = True
     return used
 

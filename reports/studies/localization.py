@@ -47,8 +47,8 @@ box. Placements that a method loses are counted and have no error.
 
 - *3DP, joint fit*: pose and shape are fitted together, so that every ray through the outline grazes the
   object. The shape is one of a linear space, learned from part-labelled views. It is fitted both ways
-  round; which end is the nose is told by windows, ends, wheels and lamps, as pictures of the training cars
-  in usual and unusual looks taught, and by outline and borders of the parts. An outline that no shape of the
+  round; which end is the nose is told by outline and borders of the parts, and by windows and lamps, as
+  pictures of the training cars in usual and unusual looks taught. An outline that no shape of the
   space explains is expected to err by as much as the fit leaves; where it takes much bending, the car is
   marked as outside what was learned. This goes beyond the report.
 - *3DP, the report's construction*: parts are registered to the outline for the likeliest view bins,

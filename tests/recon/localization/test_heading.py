@@ -128,7 +128,7 @@ def test_cues_are_weighed_by_fits_and_one_that_misleads_is_dropped() -> None:
     assert borders == 0
     odds = heading.odds(*pairs[0])
     assert tuple(odds.cues) == CUES
-    assert odds.cues["outline"] == pytest.approx(outline * np.log(2))
+    assert odds.cues["outline"] == pytest.approx(outline * np.tanh(np.log(2) / CONFIG.outline))
     # a shape that is none of the class costs much both ways: the ratio counts
     right, wrong = (FitLooks(f.reading, 40 * f.cost, f.agreement) for f in pairs[0])
     assert heading.odds(right, wrong).cues["outline"] == pytest.approx(odds.cues["outline"])
