@@ -144,7 +144,8 @@ _KEPT = {
     "synth": "finished frames are kept; run the command again to go on",
     "apply": "parts of a table are kept; run the command again to go on",
     "detect": "parts of a table are kept; run the command again to go on",
-    "grasp": "finished trials are kept; run the command again to go on",
+    "localize": "what is learned and finished trials are kept; run the command again to go on",
+    "grasp": "what is learned and finished trials are kept; run the command again to go on",
     "study-weight": "candidates under --keep are kept; run the command again to go on",
 }
 """What of a command that was stopped is left, where something is."""

@@ -233,8 +233,9 @@ def _views_for_box(
 
 
 def _no_bin(failures: Mapping[int, Failure]) -> Failure:
-    first = failures[min(failures)]
-    return Failure(first.reason, f"a view bin that fits expected, none does; bin 0: {first.detail}")
+    view_bin = min(failures)
+    first = failures[view_bin]
+    return Failure(first.reason, f"a view bin that fits expected, none does; bin {view_bin}: {first.detail}")
 
 
 def _looks_cost(rgb: UInt8Array, xyxy_px: FloatArray, model: ClassModel) -> FloatArray:

@@ -11,7 +11,7 @@ from rescore.commands.base import AsJson, app, folder_target, print_json
 from rescore.speech import say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from recon.arrays import FloatArray
     from recon.class_model import ClassModel
@@ -133,7 +133,7 @@ def popup(
             f"--view-bin: expected one for all boxes or {len(box)}, one a box, got {len(bins)}; mend them"
         )
     tell = say if as_json else typer.echo
-    told = [_found(photo, text, bins[i % len(bins)], classes, tell) for i, text in enumerate(box)]
+    told, failed = _each_found(photo, box, bins, classes, tell)
     found = [one for one, _ in told]
     layers = scene_layers(photo, found)
     write_glb(out / "scene.glb", in_scene_axes(layers, photo.seen_from.ground))
@@ -141,11 +141,49 @@ def popup(
     likeness = source_similarity(photo, found, layers)
     if as_json:
         objects = [instance_json(one.instance, doubt) for one, doubt in told]
-        print_json({"objects": objects, "structural_similarity": likeness})
+        print_json({"objects": objects, "failed": failed, "structural_similarity": likeness})
     for one in () if as_json else found:
         typer.echo(_table(one.instance))
     tell(f"seen from the picture's camera: structural similarity {likeness:.3f} inside the outline")
     say(f"3D scene: {out / 'scene.glb'}, turntable: {out / 'turntable.gif'}")
+
+
+def _each_found(
+    photo: "Photo",
+    boxes: "Sequence[str]",
+    bins: "Sequence[int | None]",
+    model: "ClassModel",
+    tell: "Callable[[str], None]",
+) -> "tuple[list[tuple[FoundObject, str | None]], dict[str, str]]":
+    """The objects in boxes with any doubt, and why the other boxes have none, said aloud.
+
+    Raises:
+        RescoreError: a text that is no box of the picture, a view bin that the class has not, or no object in
+            any box.
+    """
+    from rescore.library.single_picture import parse_box
+
+    camera = photo.seen_from.camera
+    for text in boxes:
+        parse_box(text, camera.width_px, camera.height_px)
+    told, failed = [], {}
+    for i, text in enumerate(boxes):
+        try:
+            told.append(_found(photo, text, bins[i % len(bins)], model, tell))
+        except NoObjectError as error:
+            if len(boxes) == 1:
+                raise
+            failed[text] = str(error)
+            say(f"{error}; left out")
+    if not told:
+        raise RescoreError(f"expected an object in some box, got none in any of {len(boxes)}; mend --box")
+    if failed:
+        say(f"{len(failed)} of {len(boxes)} boxes failed and are left out of the scene")
+    return told, failed
+
+
+class NoObjectError(RescoreError):
+    """A box of the picture in which no object is found."""
 
 
 def _found(
@@ -163,7 +201,7 @@ def _found(
     else:
         found = find_object(photo, xyxy, view_bin, model)
     if isinstance(found, Failure):
-        raise RescoreError(f"box {box}: {found.reason.value}: {found.detail}")
+        raise NoObjectError(f"box {box}: {found.reason.value}: {found.detail}")
     if doubt := doubt_of(found, xyxy, camera):
         tell(f"box {box}: not to be believed: {doubt}")
     return found, doubt
@@ -181,7 +219,7 @@ def _likeliest(
         # a box is outside for every bin
         outside = choice.reason is Reason.BOX_OUTSIDE_IMAGE
         advice = "mend --box" if outside else "give --view-bin"
-        raise RescoreError(f"box {box}: {choice.reason.value}: {choice.detail}; {advice}")
+        raise NoObjectError(f"box {box}: {choice.reason.value}: {choice.detail}; {advice}")
     found = find_likeliest(photo, xyxy_px, choice, model)
     chosen = choice.view_bin if isinstance(found, Failure) else found.instance.view_bin
     others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[:3] if b != chosen)

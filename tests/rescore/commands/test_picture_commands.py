@@ -102,6 +102,26 @@ def test_popup_of_two_boxes(run: Run, folder: Path, tmp_path: Path) -> None:
     assert likeness > 0.9
 
 
+def test_popup_goes_on_without_a_box_in_which_nothing_is_found(
+    run: Run, folder: Path, tmp_path: Path
+) -> None:
+    box, sky = box_of(the_car()), "5,5,100,30"
+    given = ("popup", folder / "car.png", *options(folder), "--view-bin", 3, "--out", tmp_path / "out")
+    code, shown, error = run(*given, "--box", sky, "--box", box, "--json")
+    assert code == 0, error
+    found = json.loads(shown)
+    assert len(found["objects"]) == 1
+    assert "above_horizon" in found["failed"][sky]
+    assert "1 of 2 boxes failed and are left out of the scene" in error
+    assert (tmp_path / "out" / "scene.glb").is_file()
+    code, shown, error = run(*given, "--box", sky, "--box", sky)
+    assert (code, shown) == (1, "")
+    assert error.splitlines()[-1].endswith("got none in any of 2; mend --box")
+    # what is no box at all ends it before anything is looked for
+    code, _, error = run(*given, "--box", box, "--box", "10,10,50")
+    assert (code, error.count("\n")) == (1, 1)
+
+
 @pytest.mark.parametrize("command", ["reconstruct", "popup"])
 @pytest.mark.parametrize(
     ("change", "message"),
