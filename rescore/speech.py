@@ -47,6 +47,12 @@ def shown(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 
+def counted(n: int, thing: str) -> str:
+    """So many of a thing whose plural ends in s or, after x, in es: "1 frame", "2 boxes"."""
+    plural = "" if n == 1 else "es" if thing.endswith("x") else "s"
+    return f"{n} {thing}{plural}"
+
+
 def say(text: str) -> None:
     """Tell the user something on standard error, unless that is silenced."""
     if not _state.quiet:

@@ -156,7 +156,14 @@ def _emulator(store: Store) -> Any:
                 self.wfile.write(answer)
             return not fails
 
-    return ThreadingHTTPServer(("127.0.0.1", 0), partial(Faulty, storage))
+    return _Quiet(("127.0.0.1", 0), partial(Faulty, storage))
+
+
+class _Quiet(ThreadingHTTPServer):
+    """A server that is silent where its client hangs up, as that of Google does on one of two questions."""
+
+    def handle_error(self, *_: object) -> None:
+        """Nothing."""
 
 
 def _forget() -> None:

@@ -11,7 +11,7 @@ import typer
 from recon.errors import RescoreError
 from rescore.commands.base import AsJson, app, print_json
 from rescore.commands.parts.evaluating import run_to_show
-from rescore.speech import say, shown
+from rescore.speech import counted, say, shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,7 +133,7 @@ def _show_failed(table: Path, as_json: bool) -> None:
         return
     for image_id, reason in found:
         print(image_id, shown(reason), sep="\t")
-    say(f"{len(found)} frames failed")
+    say(f"{counted(len(found), 'frame')} failed")
 
 
 def _refuse_run(folder: Path) -> None:
@@ -279,7 +279,7 @@ def _export(inspection: "Inspection", rows: "IntArray", path: Path) -> None:
     from rescore.files import write_table
 
     write_table(path, {name: column[rows] for name, column in inspection.columns().items()})
-    say(f"{len(rows)} candidates: {path}")
+    say(f"{counted(len(rows), 'candidate')}: {path}")
 
 
 def _open(inspection: "Inspection", rows: "IntArray", run: Path, frame: int | None) -> None:

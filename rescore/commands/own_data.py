@@ -20,7 +20,7 @@ from rescore.commands.base import (
     print_json,
     read_data,
 )
-from rescore.speech import say, shown
+from rescore.speech import counted, say, shown
 
 
 def _boxes_target(out: Path) -> Path | None:
@@ -91,7 +91,7 @@ def import_dataset(
         else:
             file = write_dataset(out, data, copy=copy and data.root != out)
     boxes = sum(len(t.annotation_id) for t in data.truth.values())
-    say(f"{len(data.frames)} frames, {boxes} boxes: {file}")
+    say(f"{counted(len(data.frames), 'frame')}, {counted(boxes, 'box')}: {file}")
 
 
 @app.command()
@@ -125,7 +125,7 @@ def convert(
             raise RescoreError(f"{out}: expected a folder for KITTI's labels; `rescore import` writes JSON")
         data = read_data(dataset, class_name, maps or ())
         write_kitti_labels(out, data)
-        say(f"boxes of {len(data.frames)} frames: {out}")
+        say(f"boxes of {counted(len(data.frames), 'frame')}: {out}")
         return
     refuse_as_input(out, (dataset, dataset / "annotations.json", detections))
     data = read_data(dataset, class_name)
@@ -135,7 +135,7 @@ def convert(
     else:
         score = file.table.score if file.posterior is None else file.posterior
         write_kitti_detections(out, file.table, score, data)
-    say(f"{len(file.table)} detections in {len(data.frames)} frames: {out}")
+    say(f"{counted(len(file.table), 'detection')} in {counted(len(data.frames), 'frame')}: {out}")
 
 
 @app.command()

@@ -20,6 +20,7 @@ from rescore.formats.bags.unpack import unpacked
 from rescore.formats.calibration_files import doubts
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
+from rescore.speech import counted
 
 
 def examine_dataset(
@@ -48,7 +49,11 @@ def _examine(path: Path, read: Callable[[], DataSet], max_frames: int) -> list[F
     counts = Counter(f.split for f in data.frames)
     said = ", ".join(f"{counts[s]} {s}" for s in SPLITS if counts[s])
     found = [
-        Finding(Level.OK, str(path), f"{len(data.frames)} frames ({said}), {cars} boxes of {data.category!r}")
+        Finding(
+            Level.OK,
+            str(path),
+            f"{counted(len(data.frames), 'frame')} ({said}), {counted(cars, 'box')} of {data.category!r}",
+        )
     ]
     if not data.frames:
         return [*found, Finding(Level.ERROR, str(path), "no frames", "add some")]
@@ -146,7 +151,7 @@ def _boxes(data: DataSet) -> list[Finding]:
         boxes = data.truth[frame.image_id].xyxy_px
         gone = (boxes[:, :2] >= (frame.width_px, frame.height_px)).any(1) | (boxes[:, 2:] <= 0).any(1)
         return (
-            f"{int(gone.sum())} boxes outside the picture, as {boxes[gone][0].tolist()}"
+            f"{counted(int(gone.sum()), 'box')} outside the picture, as {boxes[gone][0].tolist()}"
             if gone.any()
             else None
         )
@@ -156,7 +161,7 @@ def _boxes(data: DataSet) -> list[Finding]:
         # a pixel beyond comes of rounding
         far = (boxes[:, :2] < -1).any(1) | (boxes[:, 2:] > (frame.width_px + 1, frame.height_px + 1)).any(1)
         return (
-            f"{int(far.sum())} boxes reach out of the picture, as {boxes[far][0].tolist()}"
+            f"{counted(int(far.sum()), 'box')} beyond the edge of the picture, as {boxes[far][0].tolist()}"
             if far.any()
             else None
         )

@@ -12,6 +12,7 @@ from rescore.data.frames import SPLITS, DataSet, FrameRecord
 from rescore.data.pictures import by_stem, picture_size
 from rescore.formats.calibration_files import Calibration, doubts
 from rescore.formats.labels import ClassMap, LabelRow, image_ids, refuse_other_truth, text_lines, truth_of
+from rescore.speech import counted
 
 NAME_FILES = ("classes.txt", "obj.names", "data.yaml", "dataset.yaml", "data.yml")
 """Where YOLO keeps the names of its class numbers."""
@@ -137,7 +138,7 @@ def splits_of(root: Path, stems: Sequence[str]) -> tuple[dict[str, str], tuple[s
                     f"{where}: {stem!r} is in split {split_of[stem]} and in {split}; give it to one"
                 )
     rest = len(known) - len(split_of)
-    return split_of, (f"{root / 'ImageSets'}: left out {rest} frames of no split",) if rest else ()
+    return split_of, (f"{root / 'ImageSets'}: left out {counted(rest, 'frame')} of no split",) if rest else ()
 
 
 def _split_files(folder: Path) -> dict[Path, str]:

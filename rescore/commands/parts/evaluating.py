@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from recon.errors import RescoreError
 from rescore.commands.base import detections_of, read_split
 from rescore.commands.parts.in_parts import frames_to_read, tell_failed
-from rescore.speech import say
+from rescore.speech import counted, say
 
 if TYPE_CHECKING:
     from rescore.data.frames import DataSet
@@ -82,5 +82,5 @@ class Evaluating:
         known = evaluated_frames(frames, self.split)
         metrics = evaluate_parts(known, tables, self.out, tunings=self.tunings, min_iou=self.min_iou)
         sample = write_sample(self.out, metrics, frames, tables, self.tunings, self.min_iou)
-        say(f"sample of {len(sample.frames)} frames to look at: {self.out / 'sample'}")
+        say(f"sample of {counted(len(sample.frames), 'frame')} to look at: {self.out / 'sample'}")
         return metrics, [str(t.about["detector"]) for t in tables], cameras_of(frames, self.split)

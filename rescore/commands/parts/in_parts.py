@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from recon.errors import RescoreError
 from rescore.commands.base import detections_of
 from rescore.commands.depth_source import Source
-from rescore.speech import say
+from rescore.speech import counted, say
 
 if TYPE_CHECKING:
     from recon.class_model import ClassModel
@@ -63,13 +63,14 @@ def detect_in_parts(
 def tell_reused(run: "RunParts") -> None:
     """Say how many parts were there before."""
     if run.reused:
-        say(f"{len(run.reused)} parts were there and are kept")
+        say(f"{counted(len(run.reused), 'part')} of before kept")
 
 
 def tell_failed(table: "PartTable") -> None:
     """Say how many frames failed, and how to see which."""
     if table.n_failed:
-        say(f"{table.n_failed} frames failed: `rescore inspect {table.root} --failed` says which and why")
+        failed = counted(table.n_failed, "frame")
+        say(f"{failed} failed: `rescore inspect {table.root} --failed` says which and why")
 
 
 def candidates_of(

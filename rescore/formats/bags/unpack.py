@@ -26,6 +26,7 @@ from rescore.formats.labels import ClassMap
 from rescore.formats.parts.manifest import refuse_data_set
 from rescore.formats.time_pairs import nearest_pairs
 from rescore.locks import locked
+from rescore.speech import counted
 
 DETECTIONS = "detections.json"
 """Name of the file of boxes that a recording's detector found."""
@@ -80,7 +81,7 @@ def _rectified(path: Path, wanted: Wanted, classes: ClassMap, out: Path) -> Data
                 "without --rectify"
             )
         boxes = 0 if found.detections is None else len(found.detections.table)
-        told = (f"{path}: left out {boxes} detections, which are of pictures as taken",) if boxes else ()
+        told = (f"{path}: left out {counted(boxes, 'detection')} made on pictures as taken",) if boxes else ()
         data = replace(found.data, root=out, notes=(*found.data.notes, *told))
         return rectified(data, found.raw, path, out)
 

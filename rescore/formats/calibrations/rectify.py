@@ -17,6 +17,7 @@ from rescore.formats.folders import calibration_notes
 from rescore.formats.labels import ClassMap
 from rescore.formats.pairs.plain import read_as_taken
 from rescore.locks import locked
+from rescore.speech import counted
 
 SIDES = ("left", "right")
 """Names of the folders of rectified pictures."""
@@ -65,7 +66,9 @@ def rectified(data: DataSet, raw: RawPair, path: Path, out: Path) -> DataSet:
     notes = [n for n in data.notes if "no calibration" not in n]
     gone = sum(len(t.annotation_id) - len(truth[i].annotation_id) for i, t in data.truth.items())
     if gone:
-        notes.append(f"{data.root}: left out {gone} boxes that rectification moves out of the picture")
+        notes.append(
+            f"{data.root}: left out {counted(gone, 'box')} that rectification moves out of the picture"
+        )
     if any(t.boxes3d is not None for t in data.truth.values()):
         notes.append(f"{data.root}: left out 3D boxes, which are of the camera as it stands")
     notes += calibration_notes(frames, data.root)

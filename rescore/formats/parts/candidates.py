@@ -18,6 +18,7 @@ from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import OTHER_SPLIT, DetectionFile
 from rescore.formats.parts.table import Columns, Part, PartTable
+from rescore.speech import counted
 
 DETECTIONS = "detections"
 RESCORED = "rescored"
@@ -152,7 +153,7 @@ def read_part_detections(root: Path, data: DataSet, most: int | None) -> Detecti
     rescored = table.kind == RESCORED
     posterior = np.concatenate([np.zeros(0), *(p for _, p in found if p is not None)])
     failed = table.n_failed
-    note = f"{root}: {failed} frames failed; `rescore inspect --failed` lists them"
+    note = f"{root}: {counted(failed, 'frame')} failed; `rescore inspect --failed` lists them"
     return DetectionFile(
         detector=str(table.about["detector"]),
         table=whole.take(rows),

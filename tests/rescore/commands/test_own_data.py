@@ -270,7 +270,7 @@ def test_splits_come_from_image_sets(tmp_path: Path) -> None:
     own.write_text(tmp_path / "ImageSets" / "val.txt", "000003\n")
     data = read_dataset(tmp_path)
     assert {f.image_id: f.split for f in data.frames} == {1: "train", 3: "validation"}
-    assert any("left out 1 frames of no split" in n for n in data.notes)
+    assert any("left out 1 frame of no split" in n for n in data.notes)
     own.write_text(tmp_path / "ImageSets" / "test.txt", "000003\n")
     with pytest.raises(
         RescoreError, match=r"'000003' is in split test and in|'000003' is in split validation"

@@ -92,7 +92,7 @@ ERRORS: list[tuple[Callable[[Path], object], str]] = [
     (camera(baseline_m=50), "baseline of 50 m .* in centimetres, write 0.5"),
     (camera(baseline_m=500), "baseline of 500 m .* in millimetres, write 0.5"),
     (camera(fx=8), "fx of 8 px is outside 0.3 to 4 picture widths"),
-    (box([200, 20, 30, 24]), "1 boxes outside the picture, as"),
+    (box([200, 20, 30, 24]), "1 box outside the picture, as"),
     (edit(lambda d: d["images"][1].update(width=90)), "has 96 x 64 pixels, the data set says 90 x 64"),
     (edit(lambda d: d["images"][1].pop("right_file_name")), "image 2: neither right picture nor measured"),
     (edit(lambda d: d["annotations"].append(d["annotations"][0])), "expected each annotation id once, got 1"),
@@ -117,7 +117,7 @@ def test_what_is_wrong_is_an_error(tmp_path: Path, spoil: Callable[[Path], objec
 
 WARNINGS: list[tuple[Callable[[Path], object], str]] = [
     (camera(cx=2), r"principal point \(2, 32\) is outside the middle half"),
-    (box([-9, 20, 30, 24]), "1 boxes reach out of the picture"),
+    (box([-9, 20, 30, 24]), "1 box beyond the edge of the picture"),
     (edit(lambda d: d["annotations"].append(d["annotations"][0] | {"id": 2})), "is there more than once"),
     (edit(lambda d: d.update(annotations=[])), "no boxes of 'car'"),
     (edit(lambda d: [i.pop("camera") for i in d["images"]]), "2 of 2 frames: no calibration"),

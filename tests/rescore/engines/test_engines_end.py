@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from rescore.large import run as run_module
+from rescore.speech import counted
 from tests.faults.clusters import dask_scheduler, free_port, kill_ray_head
 from tests.faults.processes import alive, descendants, until
 from tests.faults.small_parts import FRAMES_A_PART, detect, parts_in, start, write_street
@@ -49,7 +50,7 @@ def goes_on(run: Run, street: Path, out: Path, whole: dict[str, bytes], *who: ob
     assert 0 < len(there) < PARTS
     code, _, err = run(*detect(street, out, *who))
     assert code == 0, err
-    assert f"{len(there)} parts were there and are kept" in err
+    assert f"{counted(len(there), 'part')} of before kept" in err
     assert there.items() <= {p.name: p.stat().st_mtime_ns for p in parts_in(out)}.items()
     assert parts_of(out) == whole
 

@@ -324,7 +324,7 @@ def commands(run: Run, streets: Streets, out: Path, *who: object) -> dict[str, b
     for name, arguments in given.items():
         code, _, err = run(*arguments, "--out", out / name, *who)
         assert code == 0, err
-        assert ("1 frames failed" in err) == (name != "rescored.json"), err
+        assert ("1 frame failed" in err) == (name != "rescored.json"), err
         assert name != "found" or "in 6 of 7 frames" in err
     files = (p for p in out.rglob("*") if p.is_file())
     return {p.relative_to(out).as_posix(): p.read_bytes() for p in files}

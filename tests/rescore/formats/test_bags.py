@@ -290,7 +290,7 @@ def test_pictures_as_taken_are_refused_or_rectified(tmp_path: Path, run: Run) ->
     assert not (tmp_path / "no").exists()
     code, _, said = run("import", bag, "--rectify", "--out", out)
     assert code == 0, said
-    assert "left out 1 detections, which are of pictures as taken" in said
+    assert "left out 1 detection made on pictures as taken" in said
     assert sorted(p.name for p in out.iterdir()) == ["annotations.json", "left", "right"]
     (frame,) = read_dataset(out).frames
     loaded = load_frame(frame, bent.SgbmConfig(num_disparities=32))

@@ -117,7 +117,7 @@ def test_a_box_that_leaves_the_picture_is_counted(tmp_path: Path) -> None:
     own.write_text(source / "labels" / "a.txt", "0 0.004 0.004 0.008 0.008\n0 0.5 0.5 0.25 0.25\n")
     data = rectified_dataset(source, ClassMap("car"), tmp_path / "out")
     assert data.truth[1].annotation_id.tolist() == [2]
-    assert f"{source}: left out 1 boxes that rectification moves out of the picture" in data.notes
+    assert f"{source}: left out 1 box that rectification moves out of the picture" in data.notes
 
 
 def test_what_the_file_states_is_used(tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def test_as_detections_of_a_data_set(tmp_path: Path) -> None:
     assert found.posterior is None
     assert found.table.image_id.tolist() == [i for i in ids if i != 3]
     assert found.table.xyxy_px[0].tolist() == [1.0, 2.0, 27.0, 4.0]
-    assert "1 frames failed" in found.notes[0]
+    assert "1 frame failed" in found.notes[0]
     fewer = DataSet(tmp_path, 1, "car", frames[1:], dict.fromkeys(ids[1:], none))
     with pytest.raises(RescoreError, match="got image_id 24"):
         read_part_detections(tmp_path, fewer, 15)
