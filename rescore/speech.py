@@ -48,7 +48,7 @@ def shown(text: str) -> str:
 
 
 def counted(n: int, thing: str) -> str:
-    """So many of a thing whose plural ends in s or, after x, in es: "1 frame", "2 boxes"."""
+    """A number with a thing, whose plural ends in s or, after x, in es: "1 frame", "2 boxes"."""
     plural = "" if n == 1 else "es" if thing.endswith("x") else "s"
     return f"{n} {thing}{plural}"
 
