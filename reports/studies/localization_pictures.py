@@ -156,8 +156,8 @@ def save_png(path: Path, picture: UInt8Array) -> None:
         beside.write_bytes(png.tobytes())
 
 
-def save_reconstruction(path: Path, picture: UInt8Array, view: Instance3DView) -> None:
-    """One reconstruction in 3D beside its picture, as in figure 7 of the report."""
+def save_reconstruction(path: Path, picture: UInt8Array, view: Instance3DView, title: str) -> None:
+    """One reconstruction in 3D beside its picture under a title, as in figure 7 of the report."""
     with mpl.rc_context({"font.size": 9}):
         figure = Figure(figsize=(11, 4.6), dpi=120)
         scene = figure.add_subplot(1, 2, 1, projection="3d")
@@ -187,7 +187,7 @@ def save_reconstruction(path: Path, picture: UInt8Array, view: Instance3DView) -
         scene.xaxis.labelpad = scene.yaxis.labelpad = 10
         scene.locator_params(nbins=5)
         figure.legend(loc="upper left")
-        figure.suptitle(view.caption)
+        figure.suptitle(title)
         photo = figure.add_subplot(1, 2, 2)
         photo.imshow(picture)
         photo.set_axis_off()

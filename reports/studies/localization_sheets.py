@@ -74,7 +74,19 @@ def _save_typical(study: LocalizationStudy, tally: Tally, path: Path) -> None:
     car = study.cars[index % len(study.cars)]
     trial = run_trial(car, index, study.table_class, study.config, study.seed)
     view, camera = _view(trial, study), TableCamera(study.seen_from)
-    save_reconstruction(path, draw(trial.crop_rgb, trial.crop_xy_px, [view], camera, 3.0), view)
+    picture = draw(trial.crop_rgb, trial.crop_xy_px, [view], camera, 3.0)
+    save_reconstruction(path, picture, view, _in_words(trial))
+
+
+def _in_words(trial: Trial) -> str:
+    """What became of a placement, as the title of its figure."""
+    own, where = trial.scores["3dp"], f"{trial.shape_id}, placement {trial.index}"
+    if not isinstance(own, Score):
+        return f"{where}: lost ({own.reason})"
+    return (
+        f"{where}: boxes share {100 * (own.overlap or 0):.0f} %, their middles are {own.centroid_mm:.1f} mm "
+        f"apart, their noses {own.orientation_deg:.1f} degrees"
+    )
 
 
 def _badness(own: Score | Failure) -> float:

@@ -58,7 +58,7 @@ def test_tiles_have_one_size_and_lost_cars_no_estimate() -> None:
 
 def test_reconstruction_beside_its_picture(tmp_path: Path) -> None:
     path = tmp_path / "reconstruction.png"
-    save_reconstruction(path, np.full((60, 90, 3), 99, np.uint8), view(BOX))
+    save_reconstruction(path, np.full((60, 90, 3), 99, np.uint8), view(BOX), "a car")
     picture = cv2.imread(str(path))
     assert picture is not None
     assert picture.shape[1] > picture.shape[0] > 300
