@@ -14,8 +14,7 @@ _TIMEOUT = ClientTimeout(total=None, sock_connect=10, sock_read=60)
 class AskedOnce(GCSFileSystem):  # type: ignore[misc] # which has no types
     """The client without its own six tries, which take half a minute, and as many around each of a write.
 
-    It is the client of Google's JSON interface; zonal buckets, which that does not reach, are refused by the
-    store.
+    It is the client of Google's JSON interface, which does not reach zonal buckets.
     """
 
     async def _request(self, *arguments: Any, **named: Any) -> Any:
@@ -29,4 +28,5 @@ class AskedOnce(GCSFileSystem):  # type: ignore[misc] # which has no types
 
 def google_store() -> AskedOnce:
     """The store of the environment's account, or of ``STORAGE_EMULATOR_HOST``; listings are not kept."""
-    return AskedOnce(use_listings_cache=False, requests_timeout=_TIMEOUT)
+    # who asks for it keeps it, so that another address is another store
+    return AskedOnce(use_listings_cache=False, requests_timeout=_TIMEOUT, skip_instance_cache=True)

@@ -76,7 +76,8 @@ def reconstruct(
 
     classes = load_class(model, class_name)
     photo = open_photo(picture, camera, calib, height, pitch)
-    found, doubt = _found(photo, box, view_bin, classes, say if as_json else typer.echo)
+    told, _ = _each_found(photo, [box], [view_bin], classes, say if as_json else typer.echo)
+    found, doubt = told[0]
     turn = gltf_from_object(found.instance)
     layers = object_layers(photo.rgb, found, photo.seen_from.camera)
     moved = [(mesh.moved(turn), picture) for mesh, picture in layers]
@@ -164,53 +165,53 @@ def _each_found(
     from rescore.library.single_picture import parse_box
 
     camera = photo.seen_from.camera
-    for text in boxes:
-        parse_box(text, camera.width_px, camera.height_px)
+    asked = [(text, parse_box(text, camera.width_px, camera.height_px)) for text in boxes]
     told, failed = [], {}
-    for i, text in enumerate(boxes):
-        try:
-            told.append(_found(photo, text, bins[i % len(bins)], model, tell))
-        except NoObjectError as error:
-            if len(boxes) == 1:
-                raise
-            failed[text] = str(error)
-            say(f"{error}; left out")
+    for i, (text, xyxy) in enumerate(asked):
+        found = _found(photo, text, xyxy, bins[i % len(bins)], model, tell)
+        if isinstance(found, str):
+            failed[text] = found
+        else:
+            told.append(found)
+    if not told and len(boxes) == 1:
+        raise RescoreError(failed[boxes[0]])
+    for reason in failed.values():
+        say(f"{reason}; left out")
     if not told:
         raise RescoreError(f"expected an object in some box, got none in any of {len(boxes)}; mend --box")
     if failed:
-        say(f"{len(failed)} of {len(boxes)} boxes failed and are left out of the scene")
+        say(f"{len(boxes) - len(told)} of {len(boxes)} boxes failed and are left out of the scene")
     return told, failed
 
 
-class NoObjectError(RescoreError):
-    """A box of the picture in which no object is found."""
-
-
 def _found(
-    photo: "Photo", box: str, view_bin: int | None, model: "ClassModel", tell: "Callable[[str], None]"
-) -> "tuple[FoundObject, str | None]":
-    """The object in a box and any doubt, said aloud with its view bin; a failure is an error."""
+    photo: "Photo",
+    box: str,
+    xyxy_px: "FloatArray",
+    view_bin: int | None,
+    model: "ClassModel",
+    tell: "Callable[[str], None]",
+) -> "tuple[FoundObject, str | None] | str":
+    """The object in a box and any doubt, said aloud with its view bin; why there is none, in a line."""
     from recon.errors import Failure
     from rescore.library.likeliest import doubt_of
-    from rescore.library.single_picture import find_object, parse_box
+    from rescore.library.single_picture import find_object
 
-    camera = photo.seen_from.camera
-    xyxy = parse_box(box, camera.width_px, camera.height_px)
     if view_bin is None:
-        found = _likeliest(photo, box, xyxy, model, tell)
+        found = _likeliest(photo, xyxy_px, model, tell)
     else:
-        found = find_object(photo, xyxy, view_bin, model)
+        found = find_object(photo, xyxy_px, view_bin, model)
     if isinstance(found, Failure):
-        raise NoObjectError(f"box {box}: {found.reason.value}: {found.detail}")
-    if doubt := doubt_of(found, xyxy, camera):
+        return f"box {box}: {found.reason.value}: {found.detail}"
+    if doubt := doubt_of(found, xyxy_px, photo.seen_from.camera):
         tell(f"box {box}: not to be believed: {doubt}")
     return found, doubt
 
 
 def _likeliest(
-    photo: "Photo", box: str, xyxy_px: "FloatArray", model: "ClassModel", tell: "Callable[[str], None]"
+    photo: "Photo", xyxy_px: "FloatArray", model: "ClassModel", tell: "Callable[[str], None]"
 ) -> "FoundObject | Failure":
-    """The object from where it is explained best, and that view bin said aloud; without one an error."""
+    """The object from where it is explained best, and that view bin said aloud."""
     from recon.errors import Failure, Reason
     from rescore.library.likeliest import choose_view, find_likeliest
 
@@ -219,7 +220,7 @@ def _likeliest(
         # a box is outside for every bin
         outside = choice.reason is Reason.BOX_OUTSIDE_IMAGE
         advice = "mend --box" if outside else "give --view-bin"
-        raise NoObjectError(f"box {box}: {choice.reason.value}: {choice.detail}; {advice}")
+        return Failure(choice.reason, f"{choice.detail}; {advice}")
     found = find_likeliest(photo, xyxy_px, choice, model)
     chosen = choice.view_bin if isinstance(found, Failure) else found.instance.view_bin
     others = ", ".join(f"{b} {choice.probability[b]:.0%}" for b in choice.order[:3] if b != chosen)

@@ -63,7 +63,7 @@ def detect_in_parts(
 def tell_reused(run: "RunParts") -> None:
     """Say how many parts were there before."""
     if run.reused:
-        say(f"{counted(len(run.reused), 'part')} of before kept")
+        say(f"kept from before: {counted(len(run.reused), 'part')}")
 
 
 def tell_failed(table: "PartTable") -> None:

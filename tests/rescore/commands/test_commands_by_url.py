@@ -54,7 +54,7 @@ def test_a_frame_that_fails_is_a_row(street: tuple[Path, Path], tmp_path: Path, 
     assert "damaged.png: expected a picture" in text
     assert len(list((out / PARTS).iterdir())) == 1
     code, _, err = run("apply", data, found, "--out", out, "--jobs", 1)
-    assert "1 part of before kept" in err
+    assert "kept from before: 1 part\n" in err
     code, _, err = run("evaluate", data, out, "--out", made, "--no-report")
     assert code == 0, err
     assert json.loads((made / "metrics.json").read_text())["n_images"] == 2
@@ -112,7 +112,7 @@ def test_nothing_that_is_there_is_written_over(street: tuple[Path, Path], tmp_pa
     assert {p: p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()} == before
     # a run that was stopped goes on in its own folder
     (out / "parts.json").unlink()
-    assert "1 part of before kept" in run("apply", frames, found, "--out", out, "--jobs", 1)[2]
+    assert "kept from before: 1 part\n" in run("apply", frames, found, "--out", out, "--jobs", 1)[2]
 
 
 def test_questions_in_sql(street: tuple[Path, Path], tmp_path: Path, run: Run) -> None:

@@ -50,7 +50,7 @@ def goes_on(run: Run, street: Path, out: Path, whole: dict[str, bytes], *who: ob
     assert 0 < len(there) < PARTS
     code, _, err = run(*detect(street, out, *who))
     assert code == 0, err
-    assert f"{counted(len(there), 'part')} of before kept" in err
+    assert f"kept from before: {counted(len(there), 'part')}\n" in err
     assert there.items() <= {p.name: p.stat().st_mtime_ns for p in parts_in(out)}.items()
     assert parts_of(out) == whole
 
