@@ -14,7 +14,7 @@ from recon.errors import Failure
 from recon.files import atomic_path
 from recon.pixels import sample_bilinear
 from reports import palette
-from reports.objects.likeness import Likeness, likeness, source_similarity
+from reports.objects.likeness import Likeness, likeness
 from reports.objects.mesh_files import BACKGROUND, MeshView, turned_about, write_glb
 from reports.objects.object_mesh import object_layers
 from reports.objects.popup import close_camera, in_scene_axes, scene_layers
@@ -63,44 +63,39 @@ _POOR = 0.5
 
 def write_reconstructions(study: Reconstructions, out: Path, command: str) -> Path:
     """Write the pictures and README.md of the study to a folder; returns the page."""
+    beside = {key: likeness_beside(one) for key, one in study.exhibits.items()}
+
+    def kept(name: str, picture: UInt8Array | None, keys: Sequence[tuple[str, int]]) -> Shown | None:
+        captions = [_caption(study.exhibits[key], beside[key]) for key in keys]
+        return _kept(out, name, picture, "; ".join(c for c in captions if c))
+
     shown = []
-    for name, view_bin in STEPS:
-        one = study.exhibits[name, view_bin]
-        shown.append(_kept(out, f"steps_{name}_{view_bin:02d}", steps_strip(one), [one]))
+    for key in STEPS:
+        shown.append(kept("steps_{}_{:02d}".format(*key), steps_strip(study.exhibits[key]), [key]))
     for file, columns in SHEETS.items():
-        members = [study.exhibits[column] for column in columns]
-        shown.append(_kept(out, file, popup_sheet(members), members))
-    for name, view_bin in BESIDE:
-        one = study.exhibits[name, view_bin]
-        shown.append(_kept(out, f"beside_{name}_{view_bin:02d}", beside_sheet(one), [one]))
-    for name, view_bin in FILES:
-        write_popup(out / f"{name}.glb", study.exhibits[name, view_bin])
-    shown.append(_kept(out, "basket", popup_sheet([study.basket]), [study.basket], f". {study.handle}"))
-    return write_page(out, _page(command, [one for one in shown if one], study))
+        shown.append(kept(file, popup_sheet([study.exhibits[column] for column in columns]), columns))
+    for key in BESIDE:
+        shown.append(kept("beside_{}_{:02d}".format(*key), beside_sheet(study.exhibits[key]), [key]))
+    for key in FILES:
+        write_popup(out / f"{key[0]}.glb", study.exhibits[key])
+    basket = f"{study.basket.title}. {study.handle}"
+    shown.append(_kept(out, "basket", popup_sheet([study.basket]), basket))
+    pairs = [(study.exhibits[key], of) for key, of in beside.items()]
+    return write_page(out, _page(command, [one for one in shown if one], study, pairs))
 
 
-def _kept(
-    out: Path, name: str, picture: UInt8Array | None, exhibits: Sequence[Exhibit], more: str = ""
-) -> Shown | None:
+def _kept(out: Path, name: str, picture: UInt8Array | None, caption: str) -> Shown | None:
     """A picture, written with its caption; None where there is none."""
     if picture is None:
         return None
     write_small_png(out / f"{name}.png", picture)
-    alike = [(e.title, similarity(e)) for e in exhibits]
-    return Shown(
-        f"{name}.png", "; ".join(f"{title} (own view {s:.3f})" for title, s in alike if s is not None) + more
-    )
+    return Shown(f"{name}.png", caption)
 
 
-def similarity(exhibit: Exhibit) -> float | None:
-    """Structural similarity of the pop-up seen from its own camera, inside the outline.
-
-    None for a failure.
-    """
-    if isinstance(exhibit.found, Failure):
-        return None
-    layers = scene_layers(exhibit.photo, [exhibit.found])
-    return source_similarity(exhibit.photo, [exhibit.found], layers)
+def _caption(exhibit: Exhibit, beside: Beside) -> str:
+    """Shape, view bin and overlap with the truth from beside the photograph; empty for a failure."""
+    shares = (f"{np.mean([o.overlap for o in of]):.0%} at {angle}°" for angle, of in sorted(beside.items()))
+    return f"{exhibit.title} (overlap {', '.join(shares)})" if beside else ""
 
 
 def steps_strip(exhibit: Exhibit) -> UInt8Array | None:
@@ -315,9 +310,13 @@ def _sheet(rows: Sequence[Sequence[UInt8Array]]) -> UInt8Array:
     return out
 
 
-def _page(command: str, shown: Sequence[Shown], study: Reconstructions) -> str:
+def _page(
+    command: str,
+    shown: Sequence[Shown],
+    study: Reconstructions,
+    beside: Sequence[tuple[Exhibit, Beside]],
+) -> str:
     """Pictures with captions, the table and the failures."""
-    beside = [(e, likeness_beside(e)) for e in study.exhibits.values()]
     lines = [
         "# 3D from single photographs",
         "",
@@ -339,9 +338,8 @@ def _page(command: str, shown: Sequence[Shown], study: Reconstructions) -> str:
         "",
         "The object's pop-up beside the truth, from cameras that walked around the object by 20 and 40",
         "degrees to either side. Overlap: intersection over union of the two silhouettes. SSIM: structural",
-        "similarity where either shows the object, on plain grey. Own view: SSIM of the whole pop-up seen",
-        "from the photograph's own camera, inside the outline; it says little, since a flat copy of the",
-        "photograph has 1.",
+        "similarity where either shows the object, on plain grey. Captions give the overlap",
+        "of what they show.",
         "",
         beside_table(beside),
         "The same on photographs of the next seed, of the same shapes in other paint and surroundings. They",

@@ -145,7 +145,8 @@ def popup(
         print_json({"objects": objects, "failed": failed, "structural_similarity": likeness})
     for one in () if as_json else found:
         typer.echo(_table(one.instance))
-    tell(f"seen from the picture's camera: structural similarity {likeness:.3f} inside the outline")
+    alike = f"structural similarity {likeness:.3f} inside the outline"
+    tell(f"seen from the picture's camera, where a flat copy has 1: {alike}")
     say(f"3D scene: {out / 'scene.glb'}, turntable: {out / 'turntable.gif'}")
 
 
