@@ -27,7 +27,11 @@ Model = Annotated[
 ]
 Camera = Annotated[str | None, typer.Option(help="fx,fy,cx,cy in pixels. Default: the report's camera.")]
 Calib = Annotated[
-    Path | None, typer.Option(help="JSON with fx, fy, cx, cy and, if known, height_m, pitch_rad, roll_rad.")
+    Path | None,
+    typer.Option(
+        help="Calibration file of any form of docs/own-data.md, or JSON with fx, fy, cx, cy and, if known, "
+        "height_m, pitch_rad, roll_rad."
+    ),
 ]
 Height = Annotated[float | None, typer.Option(help="Metres of the camera above the ground. Default: 1.5.")]
 Pitch = Annotated[

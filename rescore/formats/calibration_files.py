@@ -233,7 +233,8 @@ def _of_one_matrix(path: Path, values: Values) -> Calibration:
         )
     if name is None:
         raise RescoreError(
-            f"{path}: expected a calibration (P1 and P2, Q, K1, cameraMatrix, projection_matrix, or cam0), "
+            f"{path}: expected a calibration (P1 and P2, Q, K1, cameraMatrix, projection_matrix, "
+            "cam0, or fx with fy, cx, cy), "
             f"got {', '.join(sorted(values)) or 'none of them'}; write one"
         )
     columns = 4 if values[name].size == 12 else 3

@@ -25,7 +25,9 @@ from recon.reconstruction.reconstruct import (
 )
 from recon.reconstruction.segment import SegmentConfig
 from rescore.data.pictures import decode_picture, turned_by_exif
-from rescore.files import read_json
+from rescore.formats.calibration_files import calibration_of, notes_of
+from rescore.formats.calibrations.values import calibration_values
+from rescore.speech import say
 
 _SOLID_CONFIG = ReconstructConfig(
     box_bottom_is_ground=True,
@@ -44,7 +46,6 @@ _JOINED = 0.04
 _ASTRAY = 0.04
 """An outline whose sides are farther than this from the drawn box, as shares of its extent, has lost a limb;
 a foot that is missing moves the whole object away."""
-_CALIB_KEYS = ("fx", "fy", "cx", "cy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,48 +141,34 @@ def open_photo(
     Args:
         path: the picture.
         camera: "fx,fy,cx,cy" in pixels.
-        calib: JSON file with fx, fy, cx, cy and, if known, height_m, pitch_rad and roll_rad, as in
-            annotations.json.
+        calib: calibration file of any form that is read beside own pairs; of a pair the left camera is
+            taken, and the ground where the file states it.
         height_m: height of the camera above the ground; goes before that of the file.
         pitch_deg: how far the camera looks down; goes before that of the file.
     """
-    rgb = read_photo(path)
-    height_px, width_px = rgb.shape[:2]
     if camera is not None and calib is not None:
         raise RescoreError("camera: expected --camera or --calib, got both; leave one out")
-    known: dict[str, Any] = _read_calib(calib) if calib is not None else {}
+    rgb = read_photo(path)
+    height_px, width_px = rgb.shape[:2]
+    lens, known = default_camera(width_px, height_px), None
     if camera is not None:
-        numbers = parse_numbers("--camera", camera, "fx,fy,cx,cy")
-        known = dict(zip(_CALIB_KEYS, numbers.tolist(), strict=True))
-    if known:
-        fx, fy, cx, cy = (float(known[k]) for k in _CALIB_KEYS)
+        fx, fy, cx, cy = parse_numbers("--camera", camera, "fx,fy,cx,cy").tolist()
         lens = PinholeCamera(fx, fy, cx, cy, width_px, height_px)
-    else:
-        lens = default_camera(width_px, height_px)
-    height = known.get("height_m", DEFAULT_GROUND.height_m) if height_m is None else height_m
-    pitch = (
-        known.get("pitch_rad", DEFAULT_GROUND.pitch_rad)
-        if pitch_deg is None
-        else float(np.deg2rad(pitch_deg))
-    )
-    ground = GroundPlane(float(height), float(pitch), float(known.get("roll_rad", DEFAULT_GROUND.roll_rad)))
-    return Photo(rgb, GroundedCamera(lens, ground))
+    elif calib is not None:
+        lens, known = _read_calib(calib, width_px, height_px)
+    ground = known or DEFAULT_GROUND
+    height = ground.height_m if height_m is None else height_m
+    pitch = ground.pitch_rad if pitch_deg is None else float(np.deg2rad(pitch_deg))
+    return Photo(rgb, GroundedCamera(lens, GroundPlane(height, pitch, ground.roll_rad)))
 
 
-def _read_calib(path: Path) -> dict[str, float]:
-    data = read_json(path, "a camera")
-    wanted = (*_CALIB_KEYS, "height_m", "pitch_rad", "roll_rad")
-    numbers = (
-        {k: v for k, v in data.items() if k in wanted and isinstance(v, int | float)}
-        if isinstance(data, dict)
-        else {}
-    )
-    missing = [k for k in _CALIB_KEYS if k not in numbers]
-    if missing:
-        raise RescoreError(
-            f"{path}: expected JSON with numbers {', '.join(_CALIB_KEYS)}, {missing[0]} is missing; add it"
-        )
-    return numbers
+def _read_calib(path: Path, width_px: int, height_px: int) -> tuple[PinholeCamera, GroundPlane | None]:
+    """The left camera of a calibration file, and the ground that it states; says what is not undone."""
+    values = calibration_values(path, size_px=(width_px, height_px))
+    for note in notes_of(path, values):
+        say(note)
+    calibration = calibration_of(path, values)
+    return calibration.depth_camera(path, width_px, height_px).left, calibration.ground
 
 
 def load_class(path: Path | None, class_name: str) -> ClassModel:

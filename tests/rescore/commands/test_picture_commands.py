@@ -11,6 +11,7 @@ import pytest
 from recon.camera import DEFAULT_GROUND
 from recon.errors import RescoreError
 from rescore.library.single_picture import load_class, open_photo, parse_box
+from tests.rescore import own_data as own
 from tests.rescore.spoiling import Run
 from tests.single_car import CarPicture, car_from, quick_car_model
 
@@ -212,8 +213,36 @@ def test_the_camera_comes_from_options_file_or_default(folder: Path, tmp_path: P
     assert filed.seen_from.ground.height_m == 1.5
     assert filed.seen_from.ground.pitch_rad == pytest.approx(np.deg2rad(2))
     (tmp_path / "half.json").write_text('{"fx": 300}')
-    with pytest.raises(RescoreError, match="fy is missing"):
+    with pytest.raises(RescoreError, match=r"half.json: expected .*fx with fy, cx, cy\), got fx;"):
         open_photo(picture, None, tmp_path / "half.json", None, None)
+
+
+def test_the_camera_comes_from_the_calibration_of_any_tool(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """OpenCV's YAML, KITTI's text and ROS's file of a bent lens, all of one left camera."""
+    own.write_text(tmp_path / "opencv.yaml", own.opencv_yaml({"cameraMatrix": own.K, "height_m": 1.7}))
+    own.write_text(tmp_path / "kitti.txt", own.kitti_calib())
+    ros = {
+        "image_width": 320,
+        "image_height": 240,
+        "camera_matrix": {"rows": 3, "cols": 3, "data": own.K.ravel()},
+    }
+    bent = {"rows": 1, "cols": 5, "data": [0.1, 0, 0, 0, 0]}
+    flat = json.dumps(ros | {"distortion_coefficients": bent}, default=np.ndarray.tolist)
+    own.write_text(tmp_path / "ros.yaml", flat)
+    for name, height_m in (("opencv.yaml", 1.7), ("kitti.txt", 1.5), ("ros.yaml", 1.5)):
+        seen_from = open_photo(folder / "car.png", None, tmp_path / name, None, None).seen_from
+        assert (seen_from.camera.fx_px, seen_from.camera.cx_px) == (own.FX, own.K[0, 2])
+        assert (seen_from.camera.width_px, seen_from.ground.height_m) == (320, height_m)
+        assert ("lens distortion (up to 0.1) is not undone" in capsys.readouterr().err) == (
+            name == "ros.yaml"
+        )
+    own.write_text(tmp_path / "ros.yaml", flat.replace("320", "640"))
+    with pytest.raises(
+        RescoreError, match="calibration of pictures of 320 x 240 pixels, got that of 640 x 240"
+    ):
+        open_photo(folder / "car.png", None, tmp_path / "ros.yaml", None, None)
 
 
 def test_a_box_partly_outside_is_a_box() -> None:
