@@ -122,12 +122,16 @@ def inspect(
 
 def _show_failed(table: Path, as_json: bool) -> None:
     """List the frames of a table in parts that failed."""
+    from rescore.formats.parts.candidates import refuse_kind
+    from rescore.formats.parts.forms import DETECTIONS, RESCORED
     from rescore.formats.parts.table import PartTable
 
     if not table.exists():
         raise RescoreError(f"{table}: expected a table in parts, found nothing; check the path")
     _refuse_run(table)
-    found = list(PartTable.read(table).failed_frames())
+    parts = PartTable.read(table)
+    refuse_kind(parts, (DETECTIONS, RESCORED))
+    found = list(parts.failed_frames())
     if as_json:
         print_json([{"image_id": i, "reason": reason} for i, reason in found])
         return

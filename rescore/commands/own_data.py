@@ -166,6 +166,6 @@ def doctor(
         print(shown(str(finding)))
     wrong = sum(f.level is Level.ERROR for f in findings)
     doubtful = sum(f.level is Level.WARNING for f in findings)
-    say(f"{wrong} errors, {doubtful} warnings")
+    say(f"{counted(wrong, 'error')}, {counted(doubtful, 'warning')}")
     if wrong:
         raise typer.Exit(1)

@@ -1,6 +1,7 @@
 """Data sets: what is known of each frame and its cars, before any pixel is read; and loaded frames."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -22,6 +23,21 @@ SPLITS = ("train", "calibration", "validation", "test")
 
 MAX_FRAME_NAME_BYTES = 240
 """Longest name of a frame: that of a file with an end has 255 bytes at most."""
+
+
+def refuse_split(where: Path, image_id: int, split: str) -> None:
+    """Raises RescoreError where an image is of no split of ``SPLITS``."""
+    if split not in SPLITS:
+        raise RescoreError(
+            f"{where}: image {image_id}: expected split {', '.join(SPLITS)}, got {split!r}; mend it"
+        )
+
+
+def refuse_twice(where: Path, what: str, ids: Iterable[int]) -> None:
+    """Raises RescoreError where a number stands twice among the ids of things of one kind."""
+    twice = [i for i, count in Counter(ids).items() if count > 1]
+    if twice:
+        raise RescoreError(f"{where}: expected each {what} once, got {twice[0]} twice; number them anew")
 
 
 @dataclass(frozen=True, slots=True)

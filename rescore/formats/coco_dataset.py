@@ -17,7 +17,14 @@ from recon.errors import RescoreError
 from recon.stores import beside
 from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
-from rescore.data.frames import MAX_FRAME_NAME_BYTES, SPLITS, DataSet, FrameRecord, Truth
+from rescore.data.frames import (
+    MAX_FRAME_NAME_BYTES,
+    DataSet,
+    FrameRecord,
+    Truth,
+    refuse_split,
+    refuse_twice,
+)
 from rescore.files import refuse_unsafe_name
 from rescore.formats.checked_json import Box, Box3D, Number, Rows, read_checked
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap, flat_note, has_size, refuse_other_truth
@@ -111,9 +118,9 @@ def read_dataset(path: Path, category: str = "car", classes: ClassMap | None = N
     names = {c.id: c.name for c in parsed.categories}
     counts = Counter(dict.fromkeys(names.values(), 0))
     flat = 0
-    _refuse_twice(file, "category id", [c.id for c in parsed.categories])
-    _refuse_twice(file, "image id", [i["id"] for i in parsed.images])
-    _refuse_twice(file, "annotation id", [a["id"] for a in parsed.annotations])
+    refuse_twice(file, "category id", [c.id for c in parsed.categories])
+    refuse_twice(file, "image id", [i["id"] for i in parsed.images])
+    refuse_twice(file, "annotation id", [a["id"] for a in parsed.annotations])
     cars: dict[int, list[_Annotation]] = {image["id"]: [] for image in parsed.images}
     root = file.parent
     for a in parsed.annotations:
@@ -167,19 +174,9 @@ def _class(file: Path, categories: list[_Category], classes: ClassMap) -> tuple[
     return own[0].name if own else classes.target, [c.id for c in taken]
 
 
-def _refuse_twice(file: Path, what: str, ids: list[int]) -> None:
-    twice = [i for i, count in Counter(ids).items() if count > 1]
-    if twice:
-        raise RescoreError(f"{file}: expected each {what} once, got {twice[0]} twice; number them anew")
-
-
 def _frame(file: Path, root: Path, image: _Image) -> FrameRecord:
     number, split, given = image["id"], image.get("split", "test"), image.get("camera")
-    if split not in SPLITS:
-        raise RescoreError(
-            f"{file}: image {number}: expected split {', '.join(SPLITS)}, got {split!r}; mend it"
-        )
-
+    refuse_split(file, number, split)
     name = image.get("name") or ""
     if name:
         refuse_unsafe_name(file, f"a name of image {number}", name, MAX_FRAME_NAME_BYTES)

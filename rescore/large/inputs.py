@@ -13,6 +13,7 @@ from rescore.data.frames import SPLITS, DataSet, FrameRecord
 from rescore.formats.labels import ClassMap
 from rescore.formats.open import read_dataset
 from rescore.formats.parts.frames import (
+    count_part_frames,
     data_of,
     data_parts,
     frame_of_each_camera,
@@ -52,9 +53,7 @@ def count_frames(frames: Frames, split: str) -> int:
     """Frames of a split ("all" for every frame)."""
     if isinstance(frames, DataSet):
         return len(frames.frames)
-    if split == "all":
-        return frames.rows
-    return sum(frames.columns(p, ["split"])["split"].to_pylist().count(split) for p in frames.parts)
+    return count_part_frames(frames, split)
 
 
 def data_sets(frames: Frames, split: str) -> Iterator[DataSet]:

@@ -15,8 +15,8 @@ from recon.errors import RescoreError
 from recon.stores import located, remote
 from rescore.data.frames import DataSet
 from rescore.formats.open import read_dataset
-from rescore.formats.parts.candidates import DETECTIONS, RESCORED
-from rescore.formats.parts.frames import FRAMES, frame_rows
+from rescore.formats.parts.forms import DETECTIONS, FRAMES, RESCORED
+from rescore.formats.parts.frames import frame_rows
 from rescore.formats.parts.manifest import is_parts
 from rescore.formats.parts.table import PartTable
 from rescore.metrics.curves import RECALL_LEVELS
@@ -68,12 +68,12 @@ def query(run: Path, sql: str) -> Answer:
     # one SELECT on what is registered here: no other file is read, none is written
     connection.execute("SET enable_external_access = false")
     connection.execute("SET python_enable_replacements = false")
-    for name, source in sources.items():
-        connection.register(name, source)
-    for name, view in views.items():
-        connection.execute(f"CREATE VIEW {name} AS {view}")
-    connection.execute("SET lock_configuration = true")
     with _told((*sources, *views)):
+        for name, source in sources.items():
+            connection.register(name, source)
+        for name, view in views.items():
+            connection.execute(f"CREATE VIEW {name} AS {view}")
+        connection.execute("SET lock_configuration = true")
         statements = connection.extract_statements(sql)
         if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
             raise RescoreError(

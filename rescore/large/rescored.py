@@ -15,7 +15,8 @@ from rescore.evidence.model import models_as_json
 from rescore.evidence.predicted_depth_files import PredictedFile
 from rescore.experiment.config import part_as_json
 from rescore.experiment.source_digest import source_digest
-from rescore.formats.parts.candidates import DETECTIONS, RESCORED, read_rows, refuse_kind
+from rescore.formats.parts.candidates import read_rows, refuse_kind
+from rescore.formats.parts.forms import DETECTIONS, RESCORED
 from rescore.formats.parts.table import Part, PartTable
 from rescore.fusion import rescore_frames
 from rescore.fusion.rescore_frame import Rescoring

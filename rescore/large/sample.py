@@ -20,7 +20,8 @@ from rescore.evidence.candidates import CandidateTable
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import DetectionFile
 from rescore.formats.coco_write import overwrite_dataset
-from rescore.formats.parts.candidates import RESCORED, arrays_of_table
+from rescore.formats.parts.candidates import arrays_of_table, mode_of
+from rescore.formats.parts.forms import RESCORED
 from rescore.formats.parts.table import PartTable
 from rescore.fusion.tune import Tuning
 from rescore.large.inputs import Frames, chosen_frames
@@ -63,11 +64,11 @@ def _file(table: PartTable, data: DataSet) -> DetectionFile:
     rescored = table.kind == RESCORED
     posterior = np.concatenate([np.zeros(0), *(p for _, p in known if p is not None)])
     return DetectionFile(
-        detector=str(table.about["detector"]),
+        detector=str(table.said("detector")),
         table=CandidateTable.concatenate([t for t, _ in known]),
         posterior=posterior if rescored else None,
         w=table.about.get("w") if rescored else None,
-        registration=Registration(table.about.get("registration", Registration.PAPER)),
+        registration=mode_of(table),
         n_beyond_max=0,
     )
 

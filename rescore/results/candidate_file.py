@@ -26,7 +26,8 @@ from rescore.evidence.candidates import NOT_RESCORED, NUMBERS
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import DetectionFile
-from rescore.formats.parts.candidates import CORNERS, columns_of
+from rescore.formats.parts.candidates import columns_of
+from rescore.formats.parts.forms import CORNERS
 from rescore.metrics.matching import OUTCOMES, MatchTable, ranking_of
 
 Columns = Mapping[str, NDArray[Any]]

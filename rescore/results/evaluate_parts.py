@@ -29,7 +29,8 @@ from rescore.data.frames import DataSet, FrameRecord
 from rescore.data.rendered_kinds import UNKNOWN, kinds_of_table
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import OTHER_SPLIT
-from rescore.formats.parts.candidates import CORNERS, DETECTIONS, RESCORED, SCHEMA, refuse_kind
+from rescore.formats.parts.candidates import mode_of, refuse_kind
+from rescore.formats.parts.forms import CANDIDATE_SCHEMA, CORNERS, DETECTIONS, RESCORED
 from rescore.formats.parts.frames import data_of, data_parts, has_instances, truth_of_parts
 from rescore.formats.parts.table import Part, PartTable, refuse_as_table, write_part
 from rescore.fusion.fuse import RULES, LearnedFusion, posterior_of
@@ -180,7 +181,7 @@ def evaluate_parts(
     tunings = tunings or {}
     refuse_as_table(run_dir / CANDIDATES, CANDIDATES, [t.root for t in tables])
     groups = _by_detector(tables)
-    schema = parts_schema(dict.fromkeys(str(_mode(t)) for t in tables if t.kind == RESCORED))
+    schema = parts_schema(dict.fromkeys(str(mode_of(t)) for t in tables if t.kind == RESCORED))
     drawn = BootstrapConfig.for_candidates(max(t.rows for t in tables))
     written: list[Part] = []
     found = _Found()
@@ -231,10 +232,6 @@ def _write(root: Path, name: str, rows: dict[str, Any], schema: pa.Schema) -> Pa
     return Part(name=name, rows=len(rows["image_id"]), bytes=n_bytes)
 
 
-def _mode(table: PartTable) -> Registration:
-    return Registration(table.about.get("registration", Registration.PAPER))
-
-
 def _by_detector(tables: Sequence[PartTable]) -> list[list[PartTable]]:
     """The tables of each detector, that of eq. 6 first.
 
@@ -246,10 +243,10 @@ def _by_detector(tables: Sequence[PartTable]) -> list[list[PartTable]]:
     groups: dict[str, list[PartTable]] = {}
     for table in tables:
         refuse_kind(table, (DETECTIONS, RESCORED))
-        groups.setdefault(str(table.about["detector"]), []).append(table)
+        groups.setdefault(str(table.said("detector")), []).append(table)
     for name, own in groups.items():
-        own.sort(key=lambda t: (t.kind != RESCORED, list(Registration).index(_mode(t))))
-        kinds = Counter(str(_mode(t)) if t.kind == RESCORED else "raw" for t in own)
+        own.sort(key=lambda t: (t.kind != RESCORED, list(Registration).index(mode_of(t))))
+        kinds = Counter(str(mode_of(t)) if t.kind == RESCORED else "raw" for t in own)
         twice = [kind for kind, count in kinds.items() if count > 1]
         if twice:
             raise RescoreError(
@@ -306,7 +303,7 @@ class _Detector:
         if hard:
             columns["outcome hard"] = np.zeros(n, np.int8)
         solid = None if frames.cars3d is None else next(filter(_has_boxes3d, own), None)
-        modes = [ALONE, *(str(_mode(t)) for t in own if t.kind == RESCORED)]
+        modes = [ALONE, *(str(mode_of(t)) for t in own if t.kind == RESCORED)]
         found3d = None if frames.cars3d is None or solid is None else Found3D(frames.cars3d, modes)
         made = cls(own, frames, tunings, columns, [UNKNOWN], Counter(), solid, found3d)
         for mode in made.modes:
@@ -317,15 +314,15 @@ class _Detector:
 
     @property
     def name(self) -> str:
-        return str(self.own[0].about["detector"])
+        return str(self.own[0].said("detector"))
 
     @property
     def modes(self) -> list[Registration]:
         """Modes in which it was rescored."""
-        return [_mode(t) for t in self.own if t.kind == RESCORED]
+        return [mode_of(t) for t in self.own if t.kind == RESCORED]
 
     def w(self, mode: Registration) -> float | None:
-        w = next(t.about.get("w") for t in self.own if _mode(t) is mode and t.kind == RESCORED)
+        w = next(t.about.get("w") for t in self.own if mode_of(t) is mode and t.kind == RESCORED)
         return None if w is None else float(w)
 
     def learned(self, mode: Registration) -> LearnedFusion | None:
@@ -386,7 +383,7 @@ class _Detector:
             azimuth_deg = _numbers(tables[list(self.own).index(self.solid)], "azimuth_deg")
             self.found3d.add(images, Detections3D(image, xyxy_px, solid, azimuth_deg), decided)
         given = [
-            Given(self.name, _mode(t) if t.kind == RESCORED else None, t.about.get("w"), _named(rows_of))
+            Given(self.name, mode_of(t) if t.kind == RESCORED else None, t.about.get("w"), _named(rows_of))
             for t, rows_of in zip(self.own, tables, strict=True)
         ]
         matched = {mode: decided[str(mode)] for mode in self.modes}
@@ -473,14 +470,14 @@ def _read_together(own: Sequence[PartTable]) -> Iterator[tuple[list[pa.Table], l
             tables = [_rows(t, [t.parts[k] for k in waiting], t is own[0]) for t in own]
             for table, rows in zip(own[1:], tables[1:], strict=True):
                 if any(not rows[name].equals(tables[0][name]) for name in ("image_id", *CORNERS)):
-                    raise _other_candidates(str(table.about["detector"]), table.root)
+                    raise _other_candidates(str(table.said("detector")), table.root)
             yield tables, [own[0].parts[k].rows for k in waiting]
             waiting = []
 
 
 def _rows(table: PartTable, parts: Sequence[Part], first: bool) -> pa.Table:
     """The candidates of some parts: all columns of the first mode, of others what may differ."""
-    names = SCHEMA.names if first else _OF_A_MODE
+    names = CANDIDATE_SCHEMA.names if first else _OF_A_MODE
     rows = pa.concat_tables([table.columns(part, names) for part in parts])
     texts = [f.name for f in rows.schema if pa.types.is_string(f.type) and rows[f.name].null_count]
     for name in texts:
@@ -490,7 +487,7 @@ def _rows(table: PartTable, parts: Sequence[Part], first: bool) -> pa.Table:
 
 _OF_A_MODE = [
     *("image_id", *CORNERS, "posterior", "depth_difference", "status", "azimuth_deg"),
-    *(name for name in SCHEMA.names if name.startswith("box3d_")),
+    *(name for name in CANDIDATE_SCHEMA.names if name.startswith("box3d_")),
     *("view_bin", "view_probability", "second_view"),
 ]
 

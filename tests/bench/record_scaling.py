@@ -22,7 +22,7 @@ from rescore.engines.on_dask import OnDask
 from rescore.engines.on_ray import OnRay
 from rescore.engines.shared import pickled
 from rescore.evidence.candidates import Candidates, CandidateTable, RescoredTable
-from rescore.formats.parts.candidates import CORNERS, DETECTIONS
+from rescore.formats.parts.forms import CORNERS, DETECTIONS
 from rescore.formats.parts.table import PartTable, write_part
 from rescore.fusion.rescore_frame import Rescoring, rescore_frame
 from rescore.large.rescored import PartsByImage, rescore_tasks

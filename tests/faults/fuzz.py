@@ -63,7 +63,7 @@ def _judged(code: object, text: str) -> tuple[str, str]:
         return OK, ""
     lines = [line for line in text.splitlines() if line.startswith("rescore: ")]
     # the doctor lists what is wrong and ends with their number
-    if code == 1 and (len(lines) == 1 or " errors, " in text) and "expected enough memory" not in text:
+    if code == 1 and (len(lines) == 1 or " warning" in text) and "expected enough memory" not in text:
         return REFUSED, text
     return "no line", f"exit {code!r}\n{text}"
 

@@ -17,9 +17,7 @@ import pyarrow as pa
 
 from rescore.cli import app
 from rescore.data.boxes3d import BOX_NAMES
-from rescore.formats.parts.candidates import RESCORED, SCHEMA
-from rescore.formats.parts.frames import FRAMES
-from rescore.formats.parts.frames import SCHEMA as FRAME_SCHEMA
+from rescore.formats.parts.forms import CANDIDATE_SCHEMA, FRAME_SCHEMA, FRAMES, RESCORED
 from rescore.formats.parts.table import Part, PartTable, write_part
 
 FRAMES_A_PART = 250
@@ -123,14 +121,14 @@ def _candidates(ids: Any, cars: Any, solid: Any, rng: np.random.Generator) -> tu
         "status": np.full(n, "ok", object),
         **dict.fromkeys(("reason_detail", "ground", "view_bin", "second_view"), np.full(n, "", object)),
     }
-    filled = [f.name for f in SCHEMA if f.name not in known and pa.types.is_floating(f.type)]
+    filled = [f.name for f in CANDIDATE_SCHEMA if f.name not in known and pa.types.is_floating(f.type)]
     known |= dict(zip(filled, np.abs(rng.standard_normal((len(filled), n))), strict=True))
     known |= dict(zip(BOXES3D, boxes3d.T, strict=True))
     for name in (f"box3d_sd_{name}" for name in BOX_NAMES):
         known[name] = np.where(np.isnan(boxes3d[:, 0]), np.nan, known[name])
     rows = [
         pa.array(known[f.name], f.type, from_pandas=True) if f.name in known else pa.nulls(n, f.type)
-        for f in SCHEMA
+        for f in CANDIDATE_SCHEMA
     ]
     frames = pa.table(
         [
@@ -141,11 +139,11 @@ def _candidates(ids: Any, cars: Any, solid: Any, rng: np.random.Generator) -> tu
             else pa.array([""] * len(ids))
             if f.name == "reason_detail"
             else pa.nulls(len(ids), f.type)
-            for f in SCHEMA
+            for f in CANDIDATE_SCHEMA
         ],
-        schema=SCHEMA,
+        schema=CANDIDATE_SCHEMA,
     )
-    return frames, pa.table(rows, schema=SCHEMA)
+    return frames, pa.table(rows, schema=CANDIDATE_SCHEMA)
 
 
 def _main(folder: str, n_frames: str) -> None:

@@ -78,7 +78,7 @@ class Applying:
         """Rescore into a folder with a table in parts; parts that are there are kept."""
         from rescore.evidence.settings import with_camera, with_stereo_for
         from rescore.files import write_provenance
-        from rescore.formats.parts.candidates import RESCORED
+        from rescore.formats.parts.forms import RESCORED
         from rescore.formats.parts.table import refuse_as_table
         from rescore.fusion.rescore_frame import Rescoring
         from rescore.fusion.rescore_frames import FrameShared

@@ -83,4 +83,4 @@ class Evaluating:
         metrics = evaluate_parts(known, tables, self.out, tunings=self.tunings, min_iou=self.min_iou)
         sample = write_sample(self.out, metrics, frames, tables, self.tunings, self.min_iou)
         say(f"sample of {counted(len(sample.frames), 'frame')} to look at: {self.out / 'sample'}")
-        return metrics, [str(t.about["detector"]) for t in tables], cameras_of(frames, self.split)
+        return metrics, [str(t.said("detector")) for t in tables], cameras_of(frames, self.split)

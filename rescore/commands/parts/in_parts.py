@@ -40,7 +40,7 @@ def detect_in_parts(
     """Find candidates into a folder, in parts; what is there already is kept."""
     from rescore.detectors.platt import load_scaling
     from rescore.detectors.registry import load_detector
-    from rescore.formats.parts.candidates import DETECTIONS
+    from rescore.formats.parts.forms import DETECTIONS
     from rescore.formats.parts.table import PartTable, refuse_as_table
     from rescore.large.detected import DetectWork, detect_key, detect_tasks
     from rescore.large.inputs import count_frames
@@ -84,7 +84,7 @@ def candidates_of(
 
     if is_parts(detections):
         table = PartTable.read(detections)
-        return str(table.about["detector"]), PartsByImage(table)
+        return str(table.said("detector")), PartsByImage(table)
     data = in_memory(frames, split)
     file = detections_of(detections, data)
     return file.detector, file.candidates(data)

@@ -11,41 +11,22 @@ from numpy.typing import NDArray
 
 from recon.arrays import FloatArray, IntArray, rows_by_value
 from recon.errors import RescoreError
-from rescore.data.boxes3d import BOX_NAMES, Boxes3D
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.frames import DataSet
 from rescore.evidence.candidates import NUMBERS, CandidateTable
 from rescore.evidence.cues import CUES
 from rescore.evidence.registration import Registration
 from rescore.formats.coco import OTHER_SPLIT, DetectionFile
+from rescore.formats.parts.forms import BOXES3D, CANDIDATE_SCHEMA, CORNERS, DETECTIONS, DEVIATIONS, RESCORED
 from rescore.formats.parts.table import Columns, Part, PartTable
 from rescore.speech import counted
 
-DETECTIONS = "detections"
-RESCORED = "rescored"
 FRAMES_A_PART = 250
 """Frames of a part: at a tenth of a second each, half a minute's work, and some hundred kilobytes."""
-CORNERS = ("x0", "y0", "x1", "y1")
 OK = "ok"
 
 _TEXTS = ("status", "reason_detail", "ground", "view_bin", "second_view")
 _FLOATS = ("likelihood", *NUMBERS, "azimuth_deg", "view_probability")
-_BOXES3D = tuple(f"box3d_{name}" for name in BOX_NAMES)
-_DEVIATIONS = tuple(f"box3d_sd_{name}" for name in BOX_NAMES)
-
-SCHEMA = pa.schema(
-    {
-        "image_id": pa.int64(),
-        "rank": pa.int64(),
-        **dict.fromkeys((*CORNERS, "detector_score", "likelihood", "posterior"), pa.float64()),
-        "status": pa.string(),
-        "reason_detail": pa.string(),
-        **dict.fromkeys(NUMBERS, pa.float64()),
-        **{f"cue_{name}": pa.float64() for name in CUES},
-        **dict.fromkeys((*_BOXES3D, *_DEVIATIONS, "azimuth_deg", "view_probability"), pa.float64()),
-        **dict.fromkeys(("ground", "view_bin", "second_view"), pa.string()),
-    }
-)
-"""Columns of a part of detections: the names of candidates.parquet, where that has the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +66,9 @@ def columns_of(table: CandidateTable, posterior: FloatArray | None) -> dict[str,
     if posterior is not None:
         columns["posterior"] = posterior
     if table.boxes3d is not None:
-        columns |= dict(zip(_BOXES3D, table.boxes3d.values.T, strict=True))
+        columns |= dict(zip(BOXES3D, table.boxes3d.values.T, strict=True))
         if table.boxes3d.deviations is not None:
-            columns |= dict(zip(_DEVIATIONS, table.boxes3d.deviations.T, strict=True))
+            columns |= dict(zip(DEVIATIONS, table.boxes3d.deviations.T, strict=True))
     return columns
 
 
@@ -96,8 +77,8 @@ def table_of(columns: Columns) -> CandidateTable:
     n = len(columns["image_id"])
     named = {f.name for f in fields(CandidateTable)}
     same = {name: columns[name] for name in (*_FLOATS, *_TEXTS, "rank", "image_id") if name in named}
-    solid = np.stack([columns[name] for name in _BOXES3D], axis=1)
-    sure = np.stack([columns[name] for name in _DEVIATIONS], axis=1)
+    solid = np.stack([columns[name] for name in BOXES3D], axis=1)
+    sure = np.stack([columns[name] for name in DEVIATIONS], axis=1)
     return CandidateTable(
         xyxy_px=np.stack([columns[name] for name in CORNERS], axis=1).reshape(n, 4),
         score=columns["detector_score"],
@@ -134,7 +115,7 @@ def _texts(column: pa.ChunkedArray) -> NDArray[np.object_]:
 
 def read_rows(table: PartTable, part: Part) -> tuple[CandidateTable, FloatArray | None]:
     """The candidates of a part, and their posteriors where they were rescored."""
-    columns = arrays_of_table(table.columns(part, SCHEMA.names))
+    columns = arrays_of_table(table.columns(part, CANDIDATE_SCHEMA.names))
     return table_of(columns), columns["posterior"] if table.kind == RESCORED else None
 
 
@@ -155,11 +136,11 @@ def read_part_detections(root: Path, data: DataSet, most: int | None) -> Detecti
     failed = table.n_failed
     note = f"{root}: {counted(failed, 'frame')} failed; `rescore inspect --failed` lists them"
     return DetectionFile(
-        detector=str(table.about["detector"]),
+        detector=str(table.said("detector")),
         table=whole.take(rows),
         posterior=posterior[rows] if rescored else None,
         w=table.about.get("w") if rescored else None,
-        registration=Registration(table.about.get("registration", Registration.PAPER)),
+        registration=mode_of(table),
         n_beyond_max=len(whole) - len(rows),
         notes=(note,) if failed else (),
     )
@@ -182,6 +163,21 @@ def rows_in_order(where: Path, image_id: IntArray, data: DataSet) -> IntArray:
     return np.concatenate([none, *(own.get(f.image_id, none) for f in data.frames)])
 
 
+def mode_of(table: PartTable) -> Registration:
+    """The mode that a table was rescored in.
+
+    Raises:
+        RescoreError: there is no such mode.
+    """
+    named = table.about.get("registration", Registration.PAPER)
+    if named not in list(Registration):
+        raise RescoreError(
+            f"{table.root}: expected candidates rescored by {', '.join(Registration)}, got {named!r}; "
+            "rescore them again"
+        )
+    return Registration(named)
+
+
 def refuse_kind(table: PartTable, kinds: Iterable[str]) -> None:
     """Raises RescoreError where a table holds other rows than one of some kinds."""
     if table.kind not in kinds:
@@ -194,6 +190,6 @@ def _arrow(columns: Mapping[str, Sequence[Any] | NDArray[Any]], n: int) -> pa.Ta
     # NaN is no number: queries then leave it out of their means
     filled = [
         pa.array(columns[f.name], f.type, from_pandas=True) if f.name in columns else pa.nulls(n, f.type)
-        for f in SCHEMA
+        for f in CANDIDATE_SCHEMA
     ]
-    return pa.table(filled, schema=SCHEMA)
+    return pa.table(filled, schema=CANDIDATE_SCHEMA)

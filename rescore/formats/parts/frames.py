@@ -17,50 +17,40 @@ import pyarrow.compute as pc
 from recon.arrays import FloatArray, IntArray
 from recon.camera import DepthCamera, GroundPlane, PinholeCamera, StereoCamera
 from recon.errors import RescoreError
+from recon.reading import reading
 from recon.stores import beside, name_from
-from rescore.data.boxes3d import BOX_NAMES, Boxes3D
+from rescore.data.boxes3d import Boxes3D
 from rescore.data.depth_files import MeasuredFile, Quantity
-from rescore.data.frames import MAX_FRAME_NAME_BYTES, DataSet, FrameRecord, Truth
+from rescore.data.frames import (
+    MAX_FRAME_NAME_BYTES,
+    DataSet,
+    FrameRecord,
+    Truth,
+    refuse_split,
+    refuse_twice,
+)
 from rescore.files import refuse_unsafe_name
 from rescore.formats.labels import UNKNOWN_OCCLUSION, ClassMap
-from rescore.formats.parts.candidates import CORNERS, arrays_of_table, refuse_kind
+from rescore.formats.parts.candidates import arrays_of_table, refuse_kind
+from rescore.formats.parts.forms import (
+    BOXES3D,
+    CAMERA,
+    CORNERS,
+    FILES,
+    FRAME_SCHEMA,
+    FRAMES,
+    OBJECT_SCHEMA,
+    OBJECTS,
+)
 from rescore.formats.parts.manifest import refuse_data_set
 from rescore.formats.parts.table import Part, PartTable, write_part
 from rescore.metrics.matching import TruthTable
 
-FRAMES = "frames"
 FRAMES_A_PART = 1000
 """Frames in a part of a data set: a part is some 200 kB."""
 
-_BOX = [f"box3d_{name}" for name in BOX_NAMES]
-_OBJECT = pa.struct(
-    {
-        "annotation_id": pa.int64(),
-        **dict.fromkeys(CORNERS, pa.float64()),
-        "ignore": pa.bool_(),
-        **dict.fromkeys(("visibility", "azimuth_deg", "truncated"), pa.float64()),
-        "occluded": pa.int64(),
-        "shape_id": pa.string(),
-        **dict.fromkeys(_BOX, pa.float64()),
-    }
-)
-_FILES = {"left_file": "left_path", "right_file": "right_path", "disparity_file": "disparity_path"}
-_CAMERA = ("fx", "fy", "cx", "cy", "baseline_m", "height_m", "pitch_rad", "roll_rad")
-SCHEMA = pa.schema(
-    {
-        "image_id": pa.int64(),
-        "name": pa.string(),
-        "split": pa.string(),
-        "width_px": pa.int64(),
-        "height_px": pa.int64(),
-        **dict.fromkeys(
-            (*_FILES, "instance_file", "instance_kinds", "measured_file", "quantity"), pa.string()
-        ),
-        **dict.fromkeys(("factor", *_CAMERA, "disparity_offset_px"), pa.float64()),
-        "objects": pa.list_(_OBJECT),
-    }
-)
-"""Columns of a part of frames."""
+_FIELDS = ("left_path", "right_path", "disparity_path")
+"""Fields of ``FrameRecord`` of the columns ``FILES``."""
 
 
 def write_frame_parts(root: Path, data: DataSet) -> PartTable:
@@ -84,12 +74,12 @@ def write_frame_parts(root: Path, data: DataSet) -> PartTable:
 
 def frame_rows(root: Path, frames: Sequence[FrameRecord], data: DataSet) -> pa.Table:
     """The rows of frames with their objects; files are named as seen from a folder."""
-    return pa.Table.from_pylist([_row(root, f, data.truth[f.image_id]) for f in frames], schema=SCHEMA)
+    return pa.Table.from_pylist([_row(root, f, data.truth[f.image_id]) for f in frames], schema=FRAME_SCHEMA)
 
 
 def _row(root: Path, f: FrameRecord, truth: Truth) -> dict[str, Any]:
     row: dict[str, Any] = {name: getattr(f, name) for name in ("image_id", "split", "width_px", "height_px")}
-    row |= {name: _name(root, getattr(f, field)) for name, field in _FILES.items()}
+    row |= {name: _name(root, getattr(f, field)) for name, field in zip(FILES, _FIELDS, strict=True)}
     row |= {
         "name": f.name or None,
         "instance_file": _name(root, f.instance_path),
@@ -120,7 +110,7 @@ def _objects(truth: Truth) -> list[dict[str, Any]]:
         "azimuth_deg": truth.azimuth_deg,
         "truncated": truth.truncated,
         "occluded": truth.occluded,
-        **dict(zip(_BOX, solid.T, strict=True)),
+        **dict(zip(BOXES3D, solid.T, strict=True)),
     }
     known = {name: column.tolist() for name, column in columns.items() if column is not None}
     rows = [dict(zip(known, values, strict=True)) for values in zip(*known.values(), strict=True)]
@@ -146,9 +136,20 @@ def read_frame_parts(root: Path, classes: ClassMap) -> DataSet:
     """
     table = frame_table(root, classes.target)
     parts = list(data_parts(table))
-    return data_of(
-        table, [f for p in parts for f in p.frames], {i: t for p in parts for i, t in p.truth.items()}
-    )
+    frames = [f for p in parts for f in p.frames]
+    refuse_twice(root, "image id", [f.image_id for f in frames])
+    return data_of(table, frames, {i: t for p in parts for i, t in p.truth.items()})
+
+
+def count_part_frames(table: PartTable, split: str) -> int:
+    """Frames of a split of a data set in parts ("all" for every frame).
+
+    Raises:
+        RescoreError: two frames have one image id.
+    """
+    rows = [table.columns(part, ["image_id", "split"]) for part in table.parts]
+    refuse_twice(table.root, "image id", (i for r in rows for i in r["image_id"].to_pylist()))
+    return sum(len(r) if split == "all" else r["split"].to_pylist().count(split) for r in rows)
 
 
 def frame_table(root: Path, class_name: str) -> PartTable:
@@ -159,7 +160,7 @@ def frame_table(root: Path, class_name: str) -> PartTable:
     """
     table = PartTable.read(root)
     refuse_kind(table, (FRAMES,))
-    if str(table.about["class"]).casefold() != class_name.casefold():
+    if str(table.said("class")).casefold() != class_name.casefold():
         raise RescoreError(
             f"{root}: expected objects of the class {class_name!r}, got {table.about['class']!r}; name that "
             "class, or import the data set again"
@@ -169,9 +170,13 @@ def frame_table(root: Path, class_name: str) -> PartTable:
 
 def data_of(table: PartTable, frames: Sequence[FrameRecord], truth: dict[int, Truth]) -> DataSet:
     """A data set of some frames of a table."""
-    about = table.about
     return DataSet(
-        table.root, about["category_id"], about["class"], tuple(frames), truth, renamed=about["renamed"]
+        table.root,
+        table.said("category_id"),
+        table.said("class"),
+        tuple(frames),
+        truth,
+        renamed=table.said("renamed"),
     )
 
 
@@ -187,24 +192,40 @@ def data_parts(table: PartTable, image_id: IntArray | None = None) -> Iterator[D
             wanted = np.isin(table.columns(part, ["image_id"])["image_id"].to_numpy(), image_id)
             if not wanted.any():
                 continue
-        rows = table.columns(part)
+        rows = table.columns(part, _frame_columns(table))
         rows = rows if image_id is None else rows.filter(pa.array(wanted))
-        records = [_record(table.root, row) for row in rows.drop_columns(["objects"]).to_pylist()]
-        truths = _truths(rows["objects"].combine_chunks())
+        records = _records(table, part, rows.drop_columns(["objects"]))
+        with reading(table.file(part), *_OBJECTS_READ):
+            truths = _truths(rows["objects"].combine_chunks())
         found = {f.image_id: t for f, t in zip(records, truths, strict=True)}
         yield data_of(table, records, found)
 
 
 def records_of_part(table: PartTable, part: Part) -> list[FrameRecord]:
     """The records of the frames of a part, read without their objects."""
-    names = [name for name in table.schema.names if name != "objects"]
-    return [_record(table.root, row) for row in table.columns(part, names).to_pylist()]
+    names = _frame_columns(table)
+    names.remove("objects")
+    return _records(table, part, table.columns(part, names))
+
+
+def _frame_columns(table: PartTable) -> list[str]:
+    """Columns of the frames of a table; those of earlier versions have no names."""
+    return [name for name in FRAME_SCHEMA.names if name != "name" or name in table.schema.names]
+
+
+_AGAIN = "import the data set again"
+_OBJECTS_READ = ("the objects of frames", _AGAIN)
+
+
+def _records(table: PartTable, part: Part, rows: pa.Table) -> list[FrameRecord]:
+    with reading(table.file(part), "the frames of a data set", _AGAIN):
+        return [_record(table.root, row) for row in rows.to_pylist()]
 
 
 def frame_of_each_camera(table: PartTable, split: str) -> IntArray:
     """Image id of the first frame of each camera in a split ("all" for every frame), shape (k,)."""
     first: dict[tuple[Any, ...], int] = {}
-    names = ["width_px", "height_px", *_CAMERA, "disparity_offset_px"]
+    names = ["width_px", "height_px", *CAMERA, "disparity_offset_px"]
     for part in table.parts:
         rows = table.columns(part, ["image_id", "split", *names])
         if split != "all":
@@ -242,7 +263,8 @@ def truth_of_parts(table: PartTable, split: str) -> tuple[TruthTable, ObjectColu
         listed = rows["objects"].combine_chunks()
         ids.append(rows["image_id"].to_numpy())
         counts.append(np.diff(listed.offsets.to_numpy()))
-        objects.append(_object_columns(listed, _JUDGED))
+        with reading(table.file(part), *_OBJECTS_READ):
+            objects.append(_object_columns(listed, _JUDGED))
 
     def joined(name: str) -> FloatArray:
         return np.concatenate([np.zeros(0), *(o.pop(name) for o in objects)])
@@ -261,14 +283,14 @@ def truth_of_parts(table: PartTable, split: str) -> tuple[TruthTable, ObjectColu
         azimuth_deg=joined("azimuth_deg"),
         truncated=joined("truncated"),
         occluded=np.where(np.isnan(occluded), UNKNOWN_OCCLUSION, occluded).astype(np.int64),
-        boxes3d=Boxes3D.of_values(np.stack([joined(name) for name in _BOX], axis=1)),
+        boxes3d=Boxes3D.of_values(np.stack([joined(name) for name in BOXES3D], axis=1)),
     )
     return truth, known
 
 
 _JUDGED = (
     *("annotation_id", *CORNERS, "ignore"),
-    *("visibility", "azimuth_deg", "truncated", "occluded", *_BOX),
+    *("visibility", "azimuth_deg", "truncated", "occluded", *BOXES3D),
 )
 
 
@@ -279,15 +301,16 @@ def has_instances(table: PartTable) -> bool:
 
 def _object_columns(listed: pa.ListArray, names: Sequence[str]) -> dict[str, Any]:
     rows = listed.flatten()
-    return arrays_of_table(pa.table([rows.field(name) for name in names], names=list(names)))
+    known = pa.table([rows.field(name) for name in names], names=list(names))
+    return arrays_of_table(OBJECTS.shaped(known))
 
 
 def _truths(listed: pa.ListArray) -> list[Truth]:
     """The objects of each frame, cut from those of all."""
-    c = _object_columns(listed, [_OBJECT.field(i).name for i in range(_OBJECT.num_fields)])
+    c = _object_columns(listed, OBJECT_SCHEMA.names)
     offsets: IntArray = listed.offsets.to_numpy().astype(np.int64) - listed.offsets[0].as_py()
     corners = np.stack([c[name] for name in CORNERS], axis=1)
-    solid = np.stack([c[name] for name in _BOX], axis=1)
+    solid = np.stack([c[name] for name in BOXES3D], axis=1)
     occluded = np.where(np.isnan(c["occluded"].astype(float)), UNKNOWN_OCCLUSION, c["occluded"].astype(float))
     known = ~np.isnan(c["occluded"].astype(float))
     found = []
@@ -315,14 +338,16 @@ def _or_none(column: Any) -> Any:
 
 def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
     def place(name: str) -> Path | None:
+        if row[name] is not None and "\0" in row[name]:
+            raise ValueError(f"{name!r} without a zero byte, got {row[name]!r}")
         return None if row[name] is None else beside(root, row[name])
 
-    # tables of earlier versions have no names
     name = row.get("name") or ""
     if name:
         refuse_unsafe_name(root, f"a name of image {row['image_id']}", name, MAX_FRAME_NAME_BYTES)
+    refuse_split(root, row["image_id"], row["split"])
     left = place("left_file")
-    assert left is not None, "every frame has a left picture"
+    assert left is not None, "the form of a table of frames has it filled"
     measured = place("measured_file")
     kinds = json.loads(row["instance_kinds"] or "{}")
     return FrameRecord(
@@ -334,7 +359,7 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
         width_px=row["width_px"],
         height_px=row["height_px"],
         camera=_camera(row),
-        ground=None if row["height_m"] is None else GroundPlane(*(row[name] for name in _CAMERA[5:])),
+        ground=None if row["height_m"] is None else GroundPlane(*(row[name] for name in CAMERA[5:])),
         instance_path=place("instance_file"),
         instance_kinds={int(i): kind for i, kind in kinds.items()},
         measured=None
@@ -348,6 +373,6 @@ def _record(root: Path, row: dict[str, Any]) -> FrameRecord:
 def _camera(row: dict[str, Any]) -> StereoCamera | DepthCamera | None:
     if row["fx"] is None:
         return None
-    fx, fy, cx, cy = (row[name] for name in _CAMERA[:4])
+    fx, fy, cx, cy = (row[name] for name in CAMERA[:4])
     left = PinholeCamera(fx, fy, cx, cy, row["width_px"], row["height_px"])
     return DepthCamera(left) if row["baseline_m"] is None else StereoCamera(left, row["baseline_m"])

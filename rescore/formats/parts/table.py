@@ -27,6 +27,7 @@ from recon.reading import reading
 from recon.stores import RemotePath, remote
 from rescore.files import write_json
 from rescore.formats.checked_json import read_checked
+from rescore.formats.parts.forms import FORMS, FRAME_STATES, Form
 from rescore.formats.parts.manifest import MANIFEST
 
 PARTS = "parts"
@@ -100,6 +101,18 @@ class PartTable:
         about = {"version": VERSION, "kind": self.kind, "about": dict(self.about)}
         write_json(self.root / MANIFEST, about | {"parts": parts})
 
+    def said(self, name: str) -> Any:
+        """What ``about`` says under a name.
+
+        Raises:
+            RescoreError: it says nothing.
+        """
+        if name not in self.about:
+            raise RescoreError(
+                f"{self.root / MANIFEST}: expected {name!r} in 'about', got none; write the table again"
+            )
+        return self.about[name]
+
     @property
     def rows(self) -> int:
         """Rows of all parts, without those of frames."""
@@ -122,22 +135,26 @@ class PartTable:
         """Where a part lies."""
         return part_file(self.root, part.name)
 
-    def columns(self, part: Part, names: Sequence[str] | None = None, group: int = -1) -> pa.Table:
-        """Columns of a group of rows of a part, the last by default; of the file no more is read.
+    def columns(self, part: Part, names: Sequence[str] | None = None) -> pa.Table:
+        """Columns of the last group of rows of a part, in the form of its kind; of the file no more is read.
 
         Raises:
-            RescoreError: the part is not there, is damaged, or lacks a column.
+            RescoreError: the part is not there, is damaged, lacks a column, or has one that is not allowed.
         """
+        return self._group(part, names, -1, FORMS.get(self.kind))
+
+    def frame_rows(self, part: Part, names: Sequence[str]) -> pa.Table:
+        """Columns of the rows of the frames of a part of detections."""
+        return self._group(part, names, 0, FRAME_STATES)
+
+    def _group(self, part: Part, names: Sequence[str] | None, group: int, form: Form | None) -> pa.Table:
         with reading(self.file(part), "a part of a table", "make it again: remove it, run the command"):
             file = self._open(part)
             lacks = set(names or ()) - set(file.schema_arrow.names)
             if lacks:
                 raise ValueError(f"no column {sorted(lacks)[0]!r}")
-            return file.read_row_group(group % file.num_row_groups, columns=names)
-
-    def frame_rows(self, part: Part, names: Sequence[str]) -> pa.Table:
-        """Columns of the rows of the frames of a part of detections."""
-        return self.columns(part, names, group=0)
+            rows = file.read_row_group(group % file.num_row_groups, columns=names)
+            return rows if form is None else form.shaped(rows)
 
     def failed_frames(self) -> Iterator[tuple[int, str]]:
         """Image id of each frame that failed, and why."""

@@ -15,7 +15,8 @@ from recon.stores import StoreError, located
 from rescore.data.frames import DataSet, FrameRecord, Truth
 from rescore.engines import map_frames
 from rescore.evidence.candidates import Candidates, CandidateTable
-from rescore.formats.parts.candidates import DETECTIONS, arrays_of_table, read_part_detections
+from rescore.formats.parts.candidates import arrays_of_table, read_part_detections
+from rescore.formats.parts.forms import DETECTIONS
 from rescore.formats.parts.table import PARTS, Part, PartTable
 from rescore.large import run as run_module
 from rescore.large.detected import DetectTask
