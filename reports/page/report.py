@@ -66,6 +66,8 @@ class Section:
     weight: ChartGroup | None
     reliability: ChartGroup | None
     sweep: ChartGroup | None
+    can_sweep: bool
+    """Whether `rescore sweep` takes such a run."""
     facts: Sequence[tuple[str, str]]
     config_text: str
 
@@ -153,6 +155,7 @@ def _section(one: Evaluated, key: str, max_cards: int) -> Section:
         weight=weight_group(f"{key}-weight", run.metrics.tuning),
         reliability=reliability_group(f"{key}-reliability", run.metrics.reliability),
         sweep=sweep_group(f"{key}-sweep", read_sweep(sweep)) if sweep.is_file() else None,
+        can_sweep=run.config.config.preset is not None,
         facts=made_from(run),
         config_text=json.dumps(run.config.as_json(), indent=1, ensure_ascii=False),
     )
@@ -205,7 +208,7 @@ def _overlay(runs: Sequence[Evaluated]) -> ChartGroup:
 def _tables(run: Run) -> dict[str, Table | None]:
     ids, _ = _or_note(lambda: id_table(run), None, "")
     return {
-        "results": result_table(run.metrics),
+        "results": result_table(run.metrics, run.split),
         "comparison": comparison_table(run.metrics),
         "fusion": fusion_table(run.metrics),
         "weights": weight_table(run.metrics),

@@ -95,7 +95,9 @@ def made_from(run: Run) -> list[tuple[str, str]]:
 def differing_settings(runs: Mapping[str, Run]) -> Table | None:
     """Table of the settings, seeds and versions that differ between runs, a row each; None where none
     does."""
-    flat = [_comparable(run) for run in runs.values()]
+    # where each has one detector alone these are compared, whatever they are called
+    alone = all(len(run.detectors) == 1 for run in runs.values())
+    flat = [_comparable(run, alone) for run in runs.values()]
     # what only one kind of command has cannot differ
     keys = [key for key in flat[0] if all(key in values for values in flat)]
     told: dict[tuple[str, ...], list[str]] = {}
@@ -110,16 +112,21 @@ def differing_settings(runs: Mapping[str, Run]) -> Table | None:
     )
 
 
-def _comparable(run: Run) -> dict[tuple[str, str], str]:
-    """Settings as text, by detector ("" for all) and name; what rescored first, names of files left out."""
+def _comparable(run: Run, alone: bool) -> dict[tuple[str, str], str]:
+    """Settings as text, by detector ("" for all) and name; what rescored first, names of files left out.
+
+    ``alone`` has those of the only detector under "".
+    """
     value, made = run.config.as_json(), run.config.config
     rest = {name: v for name, v in made.everything.items() if name not in _TOLD_BY_DETECTOR}
     general = _flat(
-        {name: value.get(name) for name in ("command", "seed", "stereo")}
+        {"detectors": [detector_name(d, short=True) for d in run.detectors]}
+        | {name: value.get(name) for name in ("command", "seed", "stereo", "data")}
         | rest
         | {"versions": run.config.versions}
     )
-    return _rescored(run) | {("", name): text for name, text in general.items()}
+    own = {("" if alone else who, name): text for (who, name), text in _rescored(run).items()}
+    return own | {("", name): text for name, text in general.items()}
 
 
 def _rescored(run: Run) -> dict[tuple[str, str], str]:

@@ -72,7 +72,7 @@ class Table:
         return table
 
 
-def result_table(metrics: Metrics) -> Table:
+def result_table(metrics: Metrics, split: str = "test") -> Table:
     """A row a detector and mode: w, areas, average precision, false positives per image, ceiling."""
     levels = (f"FP/image at {float(r):.0%}" for r in RECALLS)
     head = ("detector", "scores", "w", "area (ROC)", "average precision", *levels, "recall ceiling")
@@ -88,10 +88,10 @@ def result_table(metrics: Metrics) -> Table:
         )
         for row in metrics.rows
     )
-    return Table("Results on the test set", head, rows, text_columns=2)
+    return Table(_title(split), head, rows, text_columns=2)
 
 
-def short_table(metrics: Metrics, levels: Sequence[str] = RECALLS) -> Table:
+def short_table(metrics: Metrics, levels: Sequence[str] = RECALLS, split: str = "test") -> Table:
     """The results with short names and fewer columns; ``levels`` picks the recalls."""
     rows = tuple(
         (
@@ -105,12 +105,16 @@ def short_table(metrics: Metrics, levels: Sequence[str] = RECALLS) -> Table:
         for row in metrics.rows
     )
     head = ("detector, scores", "w", "area", "AP", *(f"{float(r):.0%}" for r in levels), "ceiling")
-    return Table("Results on the test set", head, rows)
+    return Table(_title(split), head, rows)
 
 
-def terminal_table(metrics: Metrics) -> RichTable:
+def _title(split: str) -> str:
+    return "Results on all splits" if split == "all" else f"Results on the {split} set"
+
+
+def terminal_table(metrics: Metrics, split: str = "test") -> RichTable:
     """The result table for a terminal of 80 columns."""
-    return short_table(metrics).rich(
+    return short_table(metrics, split=split).rich(
         f"{metrics.n_cars} cars in {metrics.n_images} images. area: under the candidate ROC. "
         "AP: average precision. 50% to 80%: false positives per image where this share of all cars is found "
         "(– never). ceiling: share of the cars found by all candidates."

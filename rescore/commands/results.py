@@ -85,7 +85,7 @@ def evaluate(
             _keep_evidence_models(run, detector_of)
         page = _report_of(out / SAMPLE if large else out) if report else None
     shown = {"report": page} if page else {"figures": RunFolder(out).metrics}
-    print_results(metrics, shown, as_json)
+    print_results(metrics, shown, as_json, split)
 
 
 def _report_of(run: Path) -> Path:
@@ -184,7 +184,7 @@ def log(
     say(f"recording: {file} (open it with: rerun {file})")
 
 
-def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> None:
+def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool, split: str = "test") -> None:
     """Print the table of results, what rescoring changed, and where the files are."""
     if as_json:
         print_json(metrics.as_json() | {"files": {name: str(path) for name, path in paths.items()}})
@@ -200,7 +200,7 @@ def print_results(metrics: "Metrics", paths: dict[str, Path], as_json: bool) -> 
         why = none_counts(metrics.n_ignored) if metrics.n_ignored else "no car is annotated in these frames"
         say(f"{why}: nothing is counted as right or wrong")
     else:
-        console.print(terminal_table(metrics))
+        console.print(terminal_table(metrics, split))
     for note in tie_notes(metrics):
         say(f"note: {note}")
     comparison = terminal_comparison(metrics) if metrics.n_cars else None

@@ -4,10 +4,11 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from recon.errors import RescoreError
 from rescore.commands.base import (
     ALL_PROCESSORS,
     DETECTION_FORMS,
@@ -86,8 +87,8 @@ def fit_evidence(
     settings, left_out = config_of(preset, config), cues_of_groups(without or ())
     asked = source_of(model, predicted, LEARNED)
     data = read_data(dataset, settings.class_name, maps, of_several=True)
-    splits = Splits.of(data)
-    fitting = splits.fitting_set.data
+    fitting_set = Splits.of(data).fitting_set
+    fitting = _with_frames(dataset, fitting_set.data, "the splits 'train' and 'calibration'")
     rescoring = Rescoring(with_stereo_for(settings.rescore, fitting, None))
     files = [detections_of(path, fitting) for path in detections]
     given = [(file.detector, file.candidates(fitting)) for file in files]
@@ -101,12 +102,44 @@ def fit_evidence(
         ]
     )
     tell_doubts(source, table)
-    models = fit_modes(table, splits.fitting_set, settings.evidence, without=left_out)
+    models = fit_modes(table, fitting_set, settings.evidence, without=left_out)
     save_models(out, {mode: replace(m, depth_of=asked.depth_of) for mode, m in models.items()})
     parts = {n: part_as_json(getattr(settings, n)) for n in ("rescore", "evidence")}
     parts |= {"without": list(left_out)} if left_out else {}
     write_provenance(out, "fit-evidence", parts | source_as_json(source), None)
-    say(f"depth evidence for {' and '.join(models)}: {out}")
+    _tell_fitted(source, set(models), out)
+
+
+def _with_frames(where: Path, data: "DataSet", of: str) -> "DataSet":
+    """The part of a data set that is worked on; raises RescoreError where it has no frames."""
+    if not data.frames:
+        raise RescoreError(
+            f"{where}: expected frames of {of}, got none; name splits in annotations.json, which "
+            "`rescore import` writes"
+        )
+    return data
+
+
+def _tell_fitted(source: "ClassModel | Predictions", fitted: "set[Registration]", out: Path) -> None:
+    """Say which modes no candidate had evidence for, and why; and where the models of the others are."""
+    from recon.class_model import ClassModel
+    from rescore.evidence.registration import LEARNED, Registration
+
+    for mode in (mode for mode in LEARNED if mode not in fitted):
+        why = "no candidate has what it looks at, or all of it is left out"
+        if mode.needs_calibration:
+            why = "it takes calibrated cameras, and a ground plane for instance"
+        if mode is Registration.INSTANCE and isinstance(source, ClassModel) and source.shape_space is None:
+            why = "the class model has no shape space; `rescore learn --instances 7` or more gives it one"
+        say(f"note: no depth evidence for {mode}: {why}")
+    say(f"depth evidence for {' and '.join(mode for mode in LEARNED if mode in fitted)}: {out}")
+
+
+if TYPE_CHECKING:
+    from recon.class_model import ClassModel
+    from rescore.data.frames import DataSet
+    from rescore.evidence.predicted_depth_files import Predictions
+    from rescore.evidence.registration import Registration
 
 
 @app.command()
@@ -149,7 +182,7 @@ def tune(
         check_depth_of(str(evidence_model), learned.depth_of, asked.depth_of)
     settings = config_of(preset, config)
     data = read_data(dataset, settings.class_name, maps, of_several=True)
-    validation = Splits.of(data).validation
+    validation = _with_frames(dataset, Splits.of(data).validation, "the split 'validation'")
     looked = with_stereo_for(settings.rescore, validation, None)
     finding = Rescoring(looked, predict=mode.predicts)
     source, table, detector = evidence_of(validation, detections, asked, finding, workers)

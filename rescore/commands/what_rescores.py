@@ -56,7 +56,8 @@ class Named:
         from rescore.fusion.tuning_file import tuned_weight
 
         if (self.tuned is None) == (self.w is None):
-            raise RescoreError("apply: expected either --tuned or --w, got both or neither; give one of them")
+            came = "neither" if self.w is None else "both"
+            raise RescoreError(f"apply: expected either --tuned or --w, got {came}; give one of them")
         mode, learned = mode_of(self.registration or "paper", self.evidence_model)
         source = source_of(self.model, self.predicted, (mode,))
         w = self.w if self.tuned is None else tuned_weight(self.tuned, mode, source.depth_of)

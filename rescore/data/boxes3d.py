@@ -62,8 +62,9 @@ class Boxes3D:
     def __len__(self) -> int:
         return len(self.rotation_y_rad)
 
-    def __getitem__(self, rows: NDArray[Any] | Sequence[int] | slice) -> "Boxes3D":
-        """The rows of a mask, an index or a slice."""
+    def __getitem__(self, rows: NDArray[Any] | Sequence[int] | slice | int) -> "Boxes3D":
+        """The rows of a mask, of indices or a slice; the row of one index as the only one."""
+        rows = [int(rows)] if isinstance(rows, int | np.integer) else rows
         deviations = None if self.deviations is None else self.deviations[rows]
         if deviations is not None and np.isnan(deviations).all():
             deviations = None

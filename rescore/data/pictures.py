@@ -73,7 +73,9 @@ def is_whole_png_file(path: Path) -> bool:
 def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
     """The picture as (h, w, 3) uint8 RGB; an error where it is missing, unreadable or of another size."""
     if not path.is_file():
-        raise RescoreError(f"{path}: expected a picture, found no file; check file_name in annotations.json")
+        raise RescoreError(
+            f"{path}: expected a picture, found no file; check the path that the data set names"
+        )
     # read once, since a store takes a while to answer; a small file may claim any size: compared before it is
     # unpacked
     with reading(path, "a picture", "write it again as PNG"):
@@ -81,14 +83,31 @@ def read_rgb(path: Path, width_px: int, height_px: int) -> UInt8Array:
     if (width, height) != (width_px, height_px):
         raise RescoreError(
             f"{path}: expected {width_px} x {height_px} pixels, got {width} x {height}"
-            f"{turned_by_exif(path)}; mend width and height in annotations.json or the picture"
+            f"{turned_by_exif(path)}; mend the picture, or the width and height that the data set states"
         )
     bgr = _decoded(path, data, cv2.IMREAD_COLOR)
     if bgr is None:
         raise RescoreError(
             f"{path}: expected a picture that OpenCV reads, could not decode it; write it again as PNG"
         )
+    _refuse_few_bits(path, data, int(bgr.max()))
     return np.asarray(cv2.cvtColor(np.asarray(bgr, np.uint8), cv2.COLOR_BGR2RGB), np.uint8)
+
+
+_FEW_BITS = 12
+"""Cameras of 10 or 12 bits; of 16 bits, of which 8 are kept, their values would leave 4 or less."""
+
+
+def _refuse_few_bits(path: Path, data: bytes, most: int) -> None:
+    """Raises RescoreError where values of few bits stand in 16; ``most`` is the largest of the 8 kept."""
+    if not most < 1 << (_FEW_BITS - 8):
+        return
+    stored = _decoded(path, data, cv2.IMREAD_UNCHANGED)
+    if stored is not None and stored.dtype == np.uint16 and (top := int(stored.max())) > 0:
+        raise RescoreError(
+            f"{path}: expected values that fill the 16 bits they have, got none above {top}; multiply those "
+            f"of {_FEW_BITS} bits by {1 << (16 - _FEW_BITS)}, or write 8 bits"
+        )
 
 
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")

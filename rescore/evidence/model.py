@@ -243,7 +243,7 @@ def load_model(path: Path, mode: Registration) -> EvidenceModel:
     if mode not in models:
         raise RescoreError(
             f"{path}: expected a model for {mode}, got {', '.join(models)}; fit it on frames with calibrated "
-            "cameras"
+            "cameras, and for instance with a class model that has a shape space"
         )
     return models[mode]
 

@@ -108,8 +108,8 @@ class DetectionFile:
             low, high = self.table.score.min(), self.table.score.max()
             raise RescoreError(
                 f"detections of {self.detector}: expected likelihoods, or scores in [0, 1] to be taken as "
-                f"such, got scores from {low:g} to {high:g}; calibrate them (`rescore train` fits Platt "
-                "scaling) or write a 'likelihood' for each"
+                f"such, got scores from {low:g} to {high:g}; map them to likelihoods, "
+                "as by Platt scaling on labelled frames, or write a 'likelihood' for each"
             )
         rows: dict[int, list[int]] = {f.image_id: [] for f in data.frames}
         for row, image_id in enumerate(self.table.image_id.tolist()):
@@ -307,7 +307,7 @@ def _another_class(path: Path, category_id: int | None, data: DataSet) -> Rescor
     )
 
 
-OTHER_SPLIT = "name the split that they were made on, as by --split all"
+OTHER_SPLIT = "give those of this split, or name theirs by --split where the command has it"
 """What helps where detections have images that the data set, cut to a split, lacks."""
 _CHECKED = {"bbox3d_sd", "likelihood"}
 """Keys whose values ``_check_detection`` looks at."""

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from datasets_synth.meshes.filled import filled
 from datasets_synth.meshes.mesh import Mesh
-from recon.arrays import BoolArray, FloatArray, IntArray
+from recon.arrays import FloatArray, IntArray
 
 CLOSED_WITHIN = 0.1
 """Largest difference between the volumes of a mesh along the three axes, as a share of the largest."""
@@ -183,21 +183,23 @@ def _below(corners: FloatArray, axis: int, level: float, sign: float) -> FloatAr
 
 
 def _clipped(corners: FloatArray, side: FloatArray) -> FloatArray:
-    """Degenerate triangles (k, 3, 3) on the corners of what is left of triangles where ``side`` is negative.
+    """Triangles (k, 3, 3) of what is left of triangles (m, 3, 3), one or two corners of which are above 0.
 
-    Only their points matter, since hulls are made of them.
+    Args:
+        corners: the triangles.
+        side: how far each corner is above the plane that cuts, shape (m, 3).
     """
-    if not len(corners):
-        return corners
-    points = [corners[side <= 0]]
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        crosses: BoolArray = side[:, i] * side[:, j] < 0
-        a, b = side[crosses, i], side[crosses, j]
-        points.append(
-            corners[crosses, i] + (corners[crosses, j] - corners[crosses, i]) * (a / (a - b))[:, None]
-        )
-    every = np.concatenate(points)
-    return np.repeat(every[:, None], 3, axis=1)
+    above = side > 0
+    lone = above.sum(axis=1) == 1
+    # the corner that is alone on its side comes first
+    first = np.where(lone, above.argmax(axis=1), (~above).argmax(axis=1))
+    turn = (first[:, None] + np.arange(3)) % 3
+    (a, b, c), (sa, sb, sc) = (np.moveaxis(np.take_along_axis(v, t, axis=1), 1, 0)
+                               for v, t in ((corners, turn[..., None]), (side, turn)))  # fmt: skip
+    ab, ac = (a + (q - a) * (sa / (sa - s))[:, None] for q, s in ((b, sb), (c, sc)))
+    tips = np.stack([a, ab, ac], axis=1)[~lone]
+    rests = [np.stack(t, axis=1)[lone] for t in ((ab, b, c), (ab, c, ac))]
+    return np.concatenate([tips, *rests])
 
 
 def _hull_corners(points: FloatArray) -> FloatArray | None:

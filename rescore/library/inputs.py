@@ -106,6 +106,8 @@ class StereoFrame:
             raise RescoreError(
                 f"ground: expected finite height and angles, got {ground}; leave unknown ground out"
             )
+        if ground is not None:
+            GroundPlane.stated(ground.height_m, ground.pitch_rad, ground.roll_rad)
 
     @property
     def quantity(self) -> Quantity:

@@ -23,7 +23,7 @@ from rescore.formats.calibrations.values import UNITS, USUAL_DEPTH, ZERO, calibr
 from rescore.formats.pairs.places import folders_in, has_pictures
 
 _NAMED = re.compile(
-    r"((left|right|vehicle)[_-]?)?(calib|cam_?info|camera|intrinsic|extrinsic|camchain|stereo|sensor|sn\d+|orb)",
+    r"((left|right|vehicle)[_-]?)?(calib|cam_?info|camera|intr|extr|realsense|camchain|stereo|sensor|sn\d+|orb)",
     re.IGNORECASE,
 )
 """Beginnings of names by which text, XML and JSON are taken for a calibration."""

@@ -177,7 +177,12 @@ def test_reconstructions_that_were_not_kept_are_told_once(run_dir: Path, tmp_pat
 
 
 def test_a_sweep_in_the_run_folder_is_drawn_else_its_command_is_named(run_dir: Path, tmp_path: Path):
-    assert "rescore sweep run --out run/sweep" in Page(text_of(load_run(run_dir))).text
+    run = load_run(run_dir)
+    assert "rescore sweep RUN --out RUN/sweep" in Page(text_of(run)).text
+    # detections of one's own have nothing to spoil
+    settings = run.config.config.model_copy(update={"preset": None})
+    own = replace(run, config=run.config.model_copy(update={"config": settings}))
+    assert "rescore sweep" not in Page(text_of(own)).text
     shutil.copytree(run_dir, tmp_path / "run")
     figure = SweptInterval(value=2.0, low=1.0, high=math.inf, n_undefined=0, n_infinite=1)
     figures = {

@@ -82,6 +82,21 @@ def test_mode_weight_share_and_view_are_told_and_file_names_are_not(run: Run):
     assert differing_settings({"a": one, "b": one}) is None
 
 
+def test_runs_of_one_detector_each_are_compared_by_whatever_name(run: Run):
+    def of(name: str, w: float) -> Run:
+        rows = tuple(
+            row.model_copy(update={"detector": name})
+            for row in run.metrics.rows
+            if row.detector == run.detectors[0]
+        )
+        one = replace(run, metrics=run.metrics.model_copy(update={"rows": rows}))
+        return rescored(one, "paper", w, 0.0, 3)
+
+    table = differing_settings({"a": of("mine", 0.5), "b": of("yours", 0.9)})
+    assert table is not None
+    assert table.rows == (("w", "0.50", "0.90"), ("detectors", "mine", "yours"))
+
+
 def test_a_run_of_reproduce_is_compared_with_one_of_evaluate(run: Run):
     made = RunSettings.model_validate({"preset": "demo", "rescore": {"view_bin": 3}})
     whole = replace(run, config=run.config.model_copy(update={"config": made}))

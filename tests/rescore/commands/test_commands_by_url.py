@@ -65,9 +65,7 @@ def test_a_frame_that_fails_is_a_row(street: tuple[Path, Path], tmp_path: Path, 
     other = shutil.copytree(data, tmp_path / "other")
     (other / "annotations.json").write_text(json.dumps(content))
     for each in (found, out):
-        refused(
-            run("evaluate", other, each, "--out", tmp_path / "none"), "they were made on, as by --split all"
-        )
+        refused(run("evaluate", other, each, "--out", tmp_path / "none"), "name theirs by --split")
     # the sample is a run of its own, which all that shows runs takes; its page says what its figures are
     assert run("report", made)[0] == 0
     page = (made / "sample" / "report.html").read_text()

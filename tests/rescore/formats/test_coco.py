@@ -181,7 +181,7 @@ def test_bad_detections_are_one_line(tmp_path: Path, data: DataSet, value: objec
 def test_scores_of_another_range_want_calibration(tmp_path: Path, data: DataSet) -> None:
     file = read_detections(write(tmp_path / "svm.json", [detection(score=-1.5), detection(score=2)]), data)
     with pytest.raises(
-        RescoreError, match=r"detections of svm: .*got scores from -1\.5 to 2; calibrate them"
+        RescoreError, match=r"detections of svm: .*got scores from -1\.5 to 2; map them to likelihoods"
     ):
         file.candidates(data)
 

@@ -112,7 +112,7 @@ def test_scores_that_are_no_likelihoods(tmp_path: Path, run: Run) -> None:
     file = own.write_text(tmp_path / "svm.json", json.dumps([detection(score=-1.5), detection(score=2)]))
     arguments = ("--model", tmp_path / "none.json", "--w", 0.5, "--out", tmp_path / "out.json")
     done = run("apply", tmp_path, file, *arguments)
-    refused(done, r"detections of svm: .*got scores from -1.5 to 2; calibrate them")
+    refused(done, r"detections of svm: .*got scores from -1.5 to 2; map them to likelihoods")
 
 
 @pytest.mark.parametrize("name", PIXELS)

@@ -40,6 +40,29 @@ def test_a_box_without_a_face_and_a_tube_are_not_closed() -> None:
     assert not is_closed(box_without("+x", "-x"))
 
 
+def test_pieces_fill_a_body_of_large_triangles_as_one_of_small_ones() -> None:
+    draft = MeshDraft()
+    draft.box((0.0, 0.0, 0.6), (4.2, 1.7, 0.9), GREY)
+    coarse = draft.mesh()
+    for mesh in (coarse, split(split(split(coarse)))):
+        pieces = convex_pieces(mesh, 1.0)
+        volumes = [ConvexHull(p).volume for p in pieces]
+        assert len(pieces) == 18
+        assert sum(volumes) == pytest.approx(4.2 * 1.7 * 0.9, rel=1e-4)
+
+
+def split(mesh: Mesh) -> Mesh:
+    """The surface with four triangles for each."""
+    corners = mesh.vertices_m[mesh.faces]
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    four = [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    fine = np.concatenate(four).reshape(-1, 3)
+    faces = np.arange(len(fine), dtype=np.int32).reshape(-1, 3)
+    # nothing but the shape is looked at
+    return replace(mesh, vertices_m=fine, faces=faces)
+
+
 def test_a_car_without_its_upper_half_is_refused_with_its_reason() -> None:
     car, mesh = sedan()
     above = mesh.vertices_m[mesh.faces][:, :, 2].min(axis=1) > 0.5 * car.size_m[2]

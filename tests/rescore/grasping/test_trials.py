@@ -200,8 +200,8 @@ def standing(ahead_m: float, *size_m: float) -> Estimate:
     return Estimate(StandingBox(np.add(MOUNT.xy_m, (0.0, -ahead_m)), -np.pi / 2, np.array(size_m)))
 
 
-def lower(estimate: Estimate) -> Estimate:
-    return replace(estimate, box=replace(estimate.box, size_m=estimate.box.size_m * np.array([1, 1, 0.8])))
+def turned(estimate: Estimate, by_rad: float) -> Estimate:
+    return replace(estimate, box=replace(estimate.box, yaw_rad=estimate.box.yaw_rad + by_rad))
 
 
 LED_TO: dict[Cause, Callable[[], tuple[Estimate | Failure, Solid | Refusal]]] = {
@@ -212,7 +212,7 @@ LED_TO: dict[Cause, Callable[[], tuple[Estimate | Failure, Solid | Refusal]]] = 
     Cause.OUT_OF_REACH: lambda: (standing(1.05, 0.25, 0.1, 0.08), car()),
     Cause.NO_PATH: lambda: (standing(0.4, 0.9, 0.02, 0.3), car()),
     Cause.CRUSHED: lambda: (off(), replace(car(), breaks_at_n=5.0)),
-    Cause.PUSHED_AWAY: lambda: (lower(off(0.055, 0.12)), car()),
+    Cause.PUSHED_AWAY: lambda: (turned(off(0.02, 0.08), 1.2), car()),
     Cause.MISSED: lambda: (off(along_m=0.2), car()),
     Cause.SLIPPED: lambda: (off(), replace(car(), mass_kg=15 * car().mass_kg)),
 }
